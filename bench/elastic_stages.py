@@ -32,7 +32,7 @@ from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.identification.elastic_problem import fit_percent, Problem, records_of
 from tudor_dynamics.identification.elastic_search import (
     descend, identify, knowledge_of, SearchPhase)
-from tudor_dynamics.models.elastic.arm import INNER_STEP
+from tudor_dynamics.models.settings import INNER_STEP
 from tudor_dynamics.typing import FloatArray
 
 BANDWIDTHS = (0.3, 0.0)

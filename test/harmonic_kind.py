@@ -23,10 +23,9 @@ import pytest
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError
-from tudor_dynamics.models.base import Blocks
+from tudor_dynamics.models.base import Blocks, MemorylessModel, ModelSettings
 from tudor_dynamics.models.elm import channels_of
 from tudor_dynamics.models.kinds import Kind, KINDS
-from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
 from tudor_dynamics.typing import FloatArray
 
 NAME = 'harmonic'

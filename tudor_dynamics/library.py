@@ -137,7 +137,7 @@ def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> Fi
         msg = ('--random-split is for models of one payload, and these bags have several; leave '
                'it out, or add --ignore-payload')
         raise UsageError(msg)
-    kinds = tuple(kind for kind in settings.kinds if KINDS[kind].of_loads is not None)
+    kinds = tuple(kind for kind in settings.kinds if KINDS[kind].of_loads)
     left_out = [kind for kind in settings.kinds if kind not in kinds]
     if left_out and kinds:
         msg = f'{", ".join(left_out)}: not fitted to several payloads at once, and left out'

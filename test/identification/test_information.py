@@ -25,7 +25,7 @@ from tudor_dynamics.identification.excitation import (
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import block_of
 from tudor_dynamics.models.estimation import expected
-from tudor_dynamics.models.regressor import plain_regressor
+from tudor_dynamics.models.regressor import regressor_of
 
 
 def subjects(arm, noise):
@@ -33,7 +33,7 @@ def subjects(arm, noise):
     n = len(arm.active_joints)
     result = []
     for output in ('effort', 'strain') if arm.gauges else ('effort',):
-        model = AnalyticalModel(plain_regressor(arm, output, 'exact'), n)
+        model = AnalyticalModel(regressor_of(arm, output, 'exact'), n)
         result.append(Subject(model, noise * (1.0 + np.arange(len(model.channels)))))
     return result
 

@@ -29,11 +29,11 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.load.bending import (
     bends, bent_links, BentLinks, FACT, find_bending, relearned, smoothed, Watched)
-from tudor_dynamics.load.observer import BentSense
+from tudor_dynamics.load.live import BentSense
 from tudor_dynamics.load.offline import estimate_payload, PayloadEstimate
 from tudor_dynamics.load.rows import LoadWorth
-from tudor_dynamics.models.analytical import PayloadModel
-from tudor_dynamics.models.regressor import payload_regressor, StrainRegressor
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.regressor import PayloadRegressor, StrainRegressor
 from tudor_dynamics.signals.preprocessing import prepare, Stretch
 
 DT, BENDING = 0.01, np.array([[-2e-4, 0.0], [-3e-4, -5e-4]])
@@ -49,10 +49,10 @@ def bent_motion(seconds: float, payload: float, seed: int, *, rigid: bool = Fals
     return Watched(np.full(len(t), DT), motors, strain + (20.0 if rigid else 0.5) * noise, payload)
 
 
-def model() -> PayloadModel:
+def model() -> AnalyticalModel:
     """Give a model that is not fitted yet."""
     arm = two_gauge_arm()
-    return PayloadModel(payload_regressor(StrainRegressor(arm, 'paper'), arm), 2, (0.0, 0.4))
+    return AnalyticalModel(PayloadRegressor(StrainRegressor(arm, 'paper'), arm, (0.0, 0.4)), 2)
 
 
 @lru_cache
@@ -113,8 +113,8 @@ def test_sensed(every: int) -> None:
               for row, reading in zip(q, strain, strict=True)]
     assert sensed[0] is None and sensed[-1] is not None
     kept = [item for item in sensed if item is not None]
-    left = np.array([item.left for item in kept]).ravel()
-    worth = np.array([item.worth for item in kept]).ravel()
+    left = np.array([item[0] for item in kept]).ravel()
+    worth = np.array([item[1] for item in kept]).ravel()
     assert left @ worth / (worth @ worth) == pytest.approx(0.2, abs=0.005)
     assert sense.step(0.0, np.zeros(6), strain[0]) is None
 
@@ -125,7 +125,7 @@ def stretches(watched: Watched) -> list[Stretch]:
 
 
 @lru_cache
-def rigid() -> PayloadModel:
+def rigid() -> AnalyticalModel:
     """Fit rigid links to the motors of those that bend, with 0 and 400 g."""
     motion, strain = [], []
     for k, mass in enumerate((0.0, 0.4)):

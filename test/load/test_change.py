@@ -20,7 +20,8 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from tudor_dynamics.load.observer import BLOCK, LoadObserver, ramp, RecentPast
+from tudor_dynamics.load.observer import LoadObserver, ramp, RecentPast
+from tudor_dynamics.load.settings import BLOCK
 from tudor_dynamics.typing import FloatArray
 
 DT = 0.01
@@ -55,7 +56,7 @@ def test_best_change(mass: float, carried: float, block: int, seed: int) -> None
     seen = ramp(0.03, 40)
     step = np.where(since >= 0, seen[np.maximum(since, 0)], 0.0)
     left = worth * (carried + mass * step)[:, None] + x[1:]
-    past = RecentPast(2, 2.0, seen)
+    past = RecentPast(2, 2.0, 0.03)
     weight = worths(1.0, seed + 1)
     for sample, kilogram, still in zip(left, worth, weight, strict=True):
         past.add(DT, sample, kilogram, still)

@@ -16,7 +16,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
+import json
 
 import numpy as np
 from payload_making import true_outputs, two_gauge_arm
@@ -24,10 +26,11 @@ import pytest
 from sample_arms import gauge, LENGTH_2, multisine, planar_arm
 
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.load.offline import estimate_payload, Verdict
 from tudor_dynamics.load.rows import Source
-from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.signals.filters import FilteredStates
 from tudor_dynamics.signals.preprocessing import Decimation, Stretch
@@ -69,7 +72,7 @@ def models(of_all: bool, arm: Arm | None = None) -> tuple[Arm, dict[str, Model]]
     found: dict[str, Model] = {}
     for output in ('effort', 'strain'):
         if of_all:
-            model = PayloadModel.new(arm, output, FitSettings(
+            model = AnalyticalModel.new(arm, output, FitSettings(
                 estimator='wls', payloads=(0.0, 0.4)))
             x = np.vstack([np.column_stack([moved, np.full(len(moved), m)]) for m in (0.0, 0.4)])
             y = np.vstack([true_outputs(arm, moved, m)[output] for m in (0.0, 0.4)])
@@ -166,3 +169,32 @@ def test_plain_values() -> None:
     content = told.as_dict()
     assert content['com'] == [None] * 3 and content['scale'] == 'payloads'
     assert content['mass'] == pytest.approx(told.mass, rel=1e-5)
+    assert content['outputs']['strain']['channels'].keys() == {'g1', 'g2'}
+    assert json.loads(json.dumps(content)) == content
+
+
+def test_outputs_agree_and_count_by_what_they_know() -> None:
+    """The mass lies between those of the outputs, nearer to the surer one, and is surer."""
+    arm, known = models(of_all=True)
+    told = estimate_payload(arm, known, [stretch(arm, motion(30.0, 4), 0.25, 4)])
+    one, other = told.outputs
+    assert min(one.mass, other.mass) <= told.mass <= max(one.mass, other.mass)
+    surer, less = sorted((one, other), key=lambda item: item.std)
+    assert abs(told.mass - surer.mass) <= abs(told.mass - less.mass)
+    assert told.mass_std < surer.std
+    for item in told.outputs:
+        before, after = item.leftover.sizes()
+        assert (after < before).any() and item.after < item.before
+        assert (item.leftover.shares() >= 0.0).all() and item.leftover.shares().max() > 0.5
+        assert len(item.leftover.t) == len(item.leftover.before)
+
+
+def test_recordings_without_what_the_model_predicts() -> None:
+    """They are refused, with what to record; outputs that are missing in one count in none."""
+    arm, known = models(of_all=True)
+    recording = stretch(arm, motion(30.0, 6), 0.25, 6)
+    bare = replace(recording, strain=None)
+    assert [item.output for item in estimate_payload(arm, known, [bare, recording]).outputs] == [
+        'effort']
+    with pytest.raises(FitError, match='none of the outputs .*; record joint efforts or strains'):
+        estimate_payload(arm, {'strain': known['strain']}, [bare])

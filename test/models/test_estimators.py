@@ -24,17 +24,15 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import TrainingBlock
 from tudor_dynamics.models.estimation import (
     ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, Products, solve, squared_residuals)
+from tudor_dynamics.models.regressor import Regressor
 from tudor_dynamics.signals.preprocessing import Decimation
 from tudor_dynamics.typing import FloatArray
 
 
-class Linear:
+class Linear(Regressor):
     """Rows that are the motion of one joint itself: parameters can be seen directly."""
 
     columns = ('q', 'dq', 'ddq')
-    unknown = ()
-    loaded = False
-    states = None
     scaled = np.zeros(3, dtype=bool)
 
     def __init__(self, n_channels: int = 1) -> None:
@@ -48,9 +46,6 @@ class Linear:
             return rows
         out[:] = rows
         return out
-
-    def assume(self, parameters: FloatArray | None) -> None:
-        """Take no notice."""
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
         """Give rows times parameters."""

@@ -25,7 +25,7 @@ from tudor_dynamics.errors import FitError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.friction import (
     DAMPING, FIRST_STATE, FRICTION, friction_columns, friction_names, has_constant, TERMS)
-from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
+from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor
 from tudor_dynamics.typing import FloatArray
 
 ALL = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')
@@ -111,7 +111,7 @@ def test_rows_are_linear_for_given_loads() -> None:
 def test_load_and_several_payloads() -> None:
     """A load that hangs on the payload makes no model that is affine in it."""
     with pytest.raises(FitError, match='fit each payload apart'):
-        payload_regressor(EffortRegressor(LOADED), LOADED)
+        PayloadRegressor(EffortRegressor(LOADED), LOADED, (0.0, 0.4))
 
 
 def test_every_term_of_the_description_is_in_the_table() -> None:

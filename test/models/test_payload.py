@@ -23,11 +23,11 @@ from sample_arms import random_states
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
-from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
-from tudor_dynamics.models.elm import PayloadELM
-from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor, StrainRegressor
+from tudor_dynamics.models.elm import ExtremeLearningMachine
+from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor, StrainRegressor
 
 ARM = two_gauge_arm()
 RANGE = (0.0, 0.4)
@@ -48,9 +48,9 @@ def training(output: str) -> tuple[np.ndarray, np.ndarray]:
     return np.vstack(inputs), np.vstack(values)
 
 
-def fitted(output: str) -> PayloadModel:
+def fitted(output: str) -> AnalyticalModel:
     """Fit to two payloads."""
-    return PayloadModel(payload_regressor(regressor(output), ARM), 2, RANGE).fit(
+    return AnalyticalModel(PayloadRegressor(regressor(output), ARM, RANGE), 2).fit(
         *training(output))
 
 
@@ -73,7 +73,7 @@ def test_two_payloads_determine_all_others(output: str) -> None:
 def test_no_parameter_too_many() -> None:
     """A payload adds four parameters to the five of a planar arm's motion, and no friction."""
     base = fitted('effort').base_[0]
-    columns = [payload_regressor(EffortRegressor(ARM), ARM).columns[i] for i in base.kept]
+    columns = [PayloadRegressor(EffortRegressor(ARM), ARM, RANGE).columns[i] for i in base.kept]
     carried = [name for name in columns if name.startswith('payload*')]
     assert {name.removeprefix('payload*') for name in carried} == {
         'Izz(j2)', 'mx(j2)', 'my(j2)', 'm(j2)'}
@@ -82,7 +82,8 @@ def test_no_parameter_too_many() -> None:
 
 def test_elm_with_a_payload_put_in() -> None:
     """The payload as a constant in the biases gives what it gives as an input, clipped too."""
-    model = PayloadELM(ARM.active_joints, RANGE, hidden=30).fit(*training('effort'))
+    model = ExtremeLearningMachine(ARM.active_joints, payload_range=RANGE, hidden=30)
+    model.fit(*training('effort'))
     motion = random_states(50, 2, 9)
     for payload in (0.0, 0.3):
         both = np.column_stack([motion, np.full(50, payload)])
@@ -94,7 +95,8 @@ def test_elm_with_a_payload_put_in() -> None:
 
 def test_a_bundle_keeps_the_payload(tmp_path: Path) -> None:
     """Saved, read and put in, a model says the same; the range is known."""
-    elm = PayloadELM(ARM.gauge_names, RANGE, hidden=20).fit(*training('strain'))
+    elm = ExtremeLearningMachine(ARM.gauge_names, payload_range=RANGE, hidden=20)
+    elm.fit(*training('strain'))
     bundle = ModelBundle(ARM, PreprocessingSpec(), {
         'effort': {'analytical': fitted('effort')},
         'strain': {'analytical': fitted('strain'), 'elm': elm}})
@@ -156,6 +158,6 @@ def test_what_cannot_be() -> None:
     with pytest.raises(FitError, match='impossible'):
         fitted('effort').at(-0.1)
     with pytest.raises(NotFittedError):
-        PayloadELM(ARM.active_joints, RANGE).at(0.1)
+        ExtremeLearningMachine(ARM.active_joints, payload_range=RANGE).at(0.1)
     with pytest.raises(NotFittedError):
-        PayloadModel(payload_regressor(EffortRegressor(ARM), ARM), 2, RANGE).at(0.1)
+        AnalyticalModel(PayloadRegressor(EffortRegressor(ARM), ARM, RANGE), 2).at(0.1)

@@ -29,7 +29,7 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, train
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.friction import (
     friction_columns, friction_names, FrictionStates, LiveFriction)
-from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
+from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor
 from tudor_dynamics.online.monitor import MomentumObserver
 from tudor_dynamics.signals.preprocessing import prepare, Stretch
 from tudor_dynamics.typing import FloatArray
@@ -172,7 +172,7 @@ def test_names_columns_and_payload() -> None:
     assert np.allclose(friction_columns(joint, np.array([0.5])), [[0.5, 1.0, 1.0, 1.0]])
     single = arm_of(SIX_ROWS[:1], [{'name': 'a', 'friction': ['presliding']}])
     plain = EffortRegressor(single)
-    both = payload_regressor(plain, single)
+    both = PayloadRegressor(plain, single, (0.0, 0.4))
     inputs = np.array([[0.3, 0.1, 0.2, 0.7, 0.4]])
     assert np.allclose(both.rows(inputs)[:, :, :len(plain.columns)], plain.rows(inputs[:, :-1]))
 

@@ -26,10 +26,10 @@ from sample_arms import arm_of, planar_arm, random_states, SIX_ROWS
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
-from tudor_dynamics.models.regressor import column_unit, EffortRegressor, payload_regressor
+from tudor_dynamics.models.regressor import column_unit, EffortRegressor, PayloadRegressor
 from tudor_dynamics.typing import FloatArray
 
 CONSTANTS = np.array([9.0, 11.0, 8.0, 6.0])
@@ -120,10 +120,10 @@ def test_bundle_and_payload(tmp_path: Path) -> None:
     carried = np.column_stack([motion, np.random.default_rng(9).choice([0.0, 0.4], 400)])
     plain = EffortRegressor(UNKNOWN, shared=True)
     truth = np.random.default_rng(5).uniform(0.5, 1.5, len(plain.columns) + 10)
-    rows = payload_regressor(plain, UNKNOWN).rows(carried)
+    rows = PayloadRegressor(plain, UNKNOWN, (0.0, 0.4)).rows(carried)
     clean = (rows[:, :, plain.scaled.nonzero()[0]] @ truth[plain.scaled.nonzero()[0]]
              + rows[:, :, -10:] @ truth[-10:]) / CONSTANTS
-    several = PayloadModel(payload_regressor(plain, UNKNOWN), 4, (0.0, 0.4)).fit(carried, clean)
+    several = AnalyticalModel(PayloadRegressor(plain, UNKNOWN, (0.0, 0.4)), 4).fit(carried, clean)
     for payload in (0.0, 0.4):
         own = carried[:, -1] == payload
         assert np.allclose(several.at(payload).predict(motion[own]), clean[own],

@@ -29,11 +29,11 @@ from sample_arms import random_states
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.models.analytical import PayloadModel
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
+from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.feedforward import FeedforwardNode
 from tudor_dynamics.online.feedforward import Feedforward
@@ -49,7 +49,7 @@ def model(tmp_path: Path) -> Path:
     arm, motion = two_gauge_arm(), random_states(300, 2, 0)
     inputs = np.vstack([np.column_stack([motion, np.full(300, m)]) for m in (0.0, 0.4)])
     values = np.vstack([true_outputs(arm, motion, m)['effort'] for m in (0.0, 0.4)])
-    fitted = PayloadModel(payload_regressor(EffortRegressor(arm), arm), 2, (0.0, 0.4)).fit(
+    fitted = AnalyticalModel(PayloadRegressor(EffortRegressor(arm), arm, (0.0, 0.4)), 2).fit(
         inputs, values)
     save_bundle(ModelBundle(arm, PreprocessingSpec(), {'effort': {'analytical': fitted}}),
                 tmp_path / 'model')

@@ -23,10 +23,10 @@ from rclpy.parameter import Parameter
 from ros_world import World
 from sample_arms import random_states
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import save_bundle
-from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
+from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 
@@ -37,7 +37,7 @@ def all_payloads(tmp_path: Path) -> Path:
     arm, motion = two_gauge_arm(), random_states(300, 2, 0)
     inputs = np.vstack([np.column_stack([motion, np.full(300, m)]) for m in (0.0, 0.4)])
     values = np.vstack([true_outputs(arm, motion, m)['effort'] for m in (0.0, 0.4)])
-    model = PayloadModel(payload_regressor(EffortRegressor(arm), arm), 2, (0.0, 0.4)).fit(
+    model = AnalyticalModel(PayloadRegressor(EffortRegressor(arm), arm, (0.0, 0.4)), 2).fit(
         inputs, values)
     save_bundle(ModelBundle(arm, PreprocessingSpec(), {'effort': {'analytical': model}}),
                 tmp_path / 'model')

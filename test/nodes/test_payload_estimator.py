@@ -32,10 +32,10 @@ from std_srvs.srv import Trigger
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.models.analytical import PayloadModel
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
-from tudor_dynamics.models.regressor import payload_regressor, StrainRegressor
+from tudor_dynamics.models.regressor import PayloadRegressor, StrainRegressor
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
@@ -58,8 +58,8 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     moved = multisine(t, 2, 1)
     inputs = np.vstack([np.column_stack([moved, np.full(len(t), m)]) for m in (0.0, 0.4)])
     values = np.vstack([true_outputs(arm, moved, m)['strain'] for m in (0.0, 0.4)])
-    model = PayloadModel(payload_regressor(StrainRegressor(arm, 'paper'), arm), 2,
-                         (0.0, 0.4)).fit(inputs, values)
+    rows = PayloadRegressor(StrainRegressor(arm, 'paper'), arm, (0.0, 0.4))
+    model = AnalyticalModel(rows, 2).fit(inputs, values)
     out = tmp_path_factory.mktemp('payload') / 'model'
     taps = np.zeros((LAGS + WINDOW, 2, 2))
     taps[0] = np.eye(2)

@@ -26,10 +26,10 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import ModelError, SignalError
-from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import SLIDING
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
+from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor
 from tudor_dynamics.online.feedforward import Feedforward, kept_speeds
 from tudor_dynamics.signals.motion_profile import states
 
@@ -100,7 +100,7 @@ def test_payload_of_a_model_of_all(payload: float) -> None:
     arm, motion = two_gauge_arm(), random_states(300, 2, 0)
     inputs = np.vstack([np.column_stack([motion, np.full(300, m)]) for m in (0.0, 0.4)])
     values = np.vstack([true_outputs(arm, motion, m)['effort'] for m in (0.0, 0.4)])
-    model = PayloadModel(payload_regressor(EffortRegressor(arm), arm), 2, (0.0, 0.4)).fit(
+    model = AnalyticalModel(PayloadRegressor(EffortRegressor(arm), arm, (0.0, 0.4)), 2).fit(
         inputs, values)
     whole = ModelBundle(arm, PreprocessingSpec(), {'effort': {'analytical': model}})
     ahead = Feedforward(whole, payload=0.3)

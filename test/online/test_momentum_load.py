@@ -22,9 +22,9 @@ import pytest
 from sample_arms import multisine
 
 from tudor_dynamics.load.live import CarriedLoad
-from tudor_dynamics.models.analytical import PayloadModel
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
+from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor
 from tudor_dynamics.online.monitor import MomentumObserver
 from tudor_dynamics.online.streams import Motion, PairedSample
 
@@ -35,7 +35,7 @@ def test_load_is_no_external_effort() -> None:
     """With the load it stays quiet from before to behind its coming; without it does not."""
     arm = two_gauge_arm()
     moved = multisine(np.arange(0.0, 60.0, 0.05), 2, 1)
-    model = PayloadModel(payload_regressor(EffortRegressor(arm), arm), 2, (0.0, 0.4)).fit(
+    model = AnalyticalModel(PayloadRegressor(EffortRegressor(arm), arm, (0.0, 0.4)), 2).fit(
         np.vstack([np.column_stack([moved, np.full(len(moved), m)]) for m in (0.0, 0.4)]),
         np.vstack([true_outputs(arm, moved, m)['effort'] for m in (0.0, 0.4)]))
     bundle = ModelBundle(arm, arm.spec.preprocessing, {'effort': {'analytical': model}})

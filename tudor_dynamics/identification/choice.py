@@ -30,12 +30,13 @@ from tudor_dynamics.arm.schema import JointSpec, PreprocessingSpec, STATE_KEYS
 from tudor_dynamics.errors import FitError, SignalError
 from tudor_dynamics.identification.dataset import BagData, common_outputs, filtered
 from tudor_dynamics.identification.fit import Choice, FitSettings
+from tudor_dynamics.models.base import Range
 from tudor_dynamics.models.estimation import (
     find_constants, Products, rescaled, solve, squared_residuals)
 from tudor_dynamics.models.friction import (
     BY_LOAD, Coupling, friction_columns, friction_names, states_along, term_of, TERMS)
 from tudor_dynamics.models.kinds import KINDS
-from tudor_dynamics.models.regressor import base_sets, payload_regressor, plain_regressor
+from tudor_dynamics.models.regressor import base_sets, regressor_of
 from tudor_dynamics.typing import FloatArray, Progress
 
 
@@ -97,7 +98,7 @@ class WideRows:
 
     def __init__(
         self, arm: Arm, output: str, candidates: Sequence[JointSpec], bags: Sequence[BagData],
-        strain_form: str, *, with_payload: bool = False,
+        strain_form: str, *, payloads: Range | None = None,
     ) -> None:
         self.output = output
         bare = arm.with_joints({joint.name: {'friction': ()} for joint in arm.joints})
@@ -114,8 +115,7 @@ class WideRows:
         self.groupings = {}
         kept: set[int] = set()
         for shared in (False, True):
-            regressor = plain_regressor(bare, output, strain_form, shared=shared)
-            rows = payload_regressor(regressor, bare) if with_payload else regressor
+            rows = regressor_of(bare, output, strain_form, shared=shared, payloads=payloads)
             if shared and not rows.unknown:
                 continue
             self.groupings[shared] = [(base.channels, base.kept) for base in base_sets(
@@ -125,7 +125,8 @@ class WideRows:
         self._regressor = rows
         self.columns = np.array(sorted(kept), dtype=np.intp)
         self.scaled = self.scaled[self.columns]
-        self.parts = [part for bag in bags for part in self._parts(bag, len(bags), with_payload)]
+        self.parts = [part for bag in bags
+                      for part in self._parts(bag, len(bags), payloads is not None)]
         self._loads: FloatArray | None = None
         self.power = np.sum([np.sum(part.output ** 2, axis=0) for part in self.parts], axis=0)
 
@@ -495,7 +496,7 @@ class _Chooser:
 
     def _rows(self, output: str, bags: Sequence[BagData], joints: Sequence[JointSpec]) -> WideRows:
         return WideRows(self.arm, output, joints, bags, self.settings.strain_form,
-                        with_payload=self.settings.payloads is not None)
+                        payloads=self.settings.payloads)
 
     def _grouped(self, left_out: LeftOut) -> tuple[FloatArray, bool]:
         """Give the errors of parameters shared or not, whichever is open and pays."""

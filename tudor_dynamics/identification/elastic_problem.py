@@ -27,9 +27,10 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError, SimulationError
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.lanes import LANES
-from tudor_dynamics.models.elastic.arm import CorrectedArm, follow_together, INNER_STEP, NO_GAINS
+from tudor_dynamics.models.elastic.arm import DrivenArm, follow_together, NO_GAINS
 from tudor_dynamics.models.elastic.model import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import kind_of, physical_unit
+from tudor_dynamics.models.settings import INNER_STEP
 from tudor_dynamics.parallel import in_threads
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
@@ -214,7 +215,7 @@ class Simulations:
         self.inner, self.runs = inner, 0
         self._arm, self._records, self._names, self._fixed = arm, records, names, fixed
         self._threads = max(1, min(8, len(os.sched_getaffinity(0))))
-        self._idle: list[list[CorrectedArm]] = []
+        self._idle: list[list[DrivenArm]] = []
         self._towards: list[tuple[FloatArray, FloatArray]] | None = None
 
     def several(self, vectors: Sequence[FloatArray]) -> list[FloatArray | None]:
@@ -260,13 +261,13 @@ class Simulations:
         self._towards = None
 
     @contextmanager
-    def _borrowed(self, count: int) -> Iterator[list[CorrectedArm]]:
+    def _borrowed(self, count: int) -> Iterator[list[DrivenArm]]:
         """Lend arms that nobody else has; what there is not yet is built."""
         try:
             arms = self._idle.pop()
         except IndexError:
             arms = []
-        arms += [CorrectedArm(self._arm) for _ in range(count - len(arms))]
+        arms += [DrivenArm(self._arm) for _ in range(count - len(arms))]
         for arm in arms:
             arm.inner = self.inner
         try:
@@ -282,7 +283,7 @@ class Simulations:
                 for part in zip(*parts, strict=True)]
 
     def _follow(
-        self, k: int, arms: Sequence[CorrectedArm], vectors: Sequence[FloatArray],
+        self, k: int, arms: Sequence[DrivenArm], vectors: Sequence[FloatArray],
     ) -> list[FloatArray | None]:
         """Simulate one record, with an arm for each vector."""
         record, n = self._records[k], len(self._names)

@@ -27,8 +27,9 @@ from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.elastic_problem import (
     Identified, Knowledge, Problem, Record, result_of, reweight, Start, Straight)
 from tudor_dynamics.mechanics import chain as at
-from tudor_dynamics.models.elastic.arm import DrivenArm, INNER_STEP, reduced_mechanism
+from tudor_dynamics.models.elastic.arm import DrivenArm, reduced_mechanism
 from tudor_dynamics.models.elastic.parameters import kind_of
+from tudor_dynamics.models.settings import INNER_STEP
 from tudor_dynamics.parallel import shared_out
 from tudor_dynamics.typing import FloatArray, Progress
 

@@ -40,7 +40,7 @@ from tudor_dynamics.identification.excitation import (
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import (
-    base_sets, EffortRegressor, plain_regressor, StrainRegressor)
+    base_sets, EffortRegressor, regressor_of, StrainRegressor)
 from tudor_dynamics.signals.excitation import aprbs, joint_range, JointRange, Targets
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits, Reference
 from tudor_dynamics.typing import FloatArray
@@ -359,7 +359,7 @@ def _planned(arm: Arm, output: str) -> AnalyticalModel:
     """Give the model that a motion is planned for: any reversal shows friction with a state."""
     sliding = arm.with_joints({joint.name: {'friction': tuple(
         term for term in joint.friction if term not in STATE_KEYS)} for joint in arm.joints})
-    return AnalyticalModel(plain_regressor(sliding, output, 'exact'), len(arm.active_joints))
+    return AnalyticalModel(regressor_of(sliding, output, 'exact'), len(arm.active_joints))
 
 
 def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:

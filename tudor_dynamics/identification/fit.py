@@ -35,10 +35,9 @@ from tudor_dynamics.identification.elastic_trainer import ElasticTrainer, Search
 from tudor_dynamics.identification.ringdowns import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
     judge_model, noise_floor, random_split, validate, validate_unseen, Validation, Verdict)
-from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings
 from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
-from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.typing import FloatArray, Progress
 
@@ -177,8 +176,8 @@ class Trainer(Protocol):
 
 def blank(kind: str, arm: Arm, output: str, settings: ModelSettings) -> MemorylessModel:
     """Build a model that is not fitted yet."""
-    made = KINDS[kind].model if settings.payloads is None else KINDS[kind].of_loads
-    assert made is not None and issubclass(made, MemorylessModel)
+    made = KINDS[kind].model
+    assert issubclass(made, MemorylessModel)
     return made.new(arm, output, settings)
 
 

@@ -30,10 +30,11 @@ from tudor_dynamics.identification.next_steps import assess, Assessment, spread
 from tudor_dynamics.identification.uses import as_plain
 from tudor_dynamics.identification.validation import rounded
 from tudor_dynamics.load.bending import (
-    bent_links, BentLinks, CUTOFF, FACT, find_bending, KIND, relearned, Watched)
+    bent_links, BentLinks, FACT, find_bending, KIND, relearned, Watched)
 from tudor_dynamics.load.offline import estimate_payload, PayloadEstimate, Verdict
 from tudor_dynamics.load.rows import LoadWorth, Source
-from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
+from tudor_dynamics.load.settings import CUTOFF
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
 from tudor_dynamics.signals.filters import SmoothStates
@@ -52,7 +53,7 @@ def bent_links_of(result: FitResult) -> BentLinks | None:
     if not isinstance(model, AnalyticalModel):
         return None
     try:
-        if (not isinstance(model, PayloadModel)
+        if (model.payload_range is None
                 and LoadWorth(result.arm, 'strain', model).source is Source.NOTHING):
             return None
         return find_bending(result.arm, model, [

@@ -18,25 +18,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import ModelError
+from tudor_dynamics.load.settings import (
+    CUTOFF, EXPLAINED, FINE, LONG, SEARCHED, SETTLED, SMALLEST, STEPS, TURN)
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_parts import BentPart, read
-from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.base import BundlePart, Coefficient, read
 from tudor_dynamics.signals.filters import SmoothStates
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Recordings of arms that bend: positions and strains behind the same filter
-
-CUTOFF = 5.0
-"""Of the filter: first modes pass, second ones, in which links bend otherwise, do not [Hz]."""
-FINE = 0.02
-"""Time between samples that are kept [s]: aliases of noise would add to it."""
+# -- Recordings of arms that bend: positions and strains after the same filter
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +49,11 @@ class Watched:
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """A stretch behind the filter, thinned out."""
+    """A stretch after the filter, decimated."""
 
     # (3, samples, joints + gauges): positions and strains with their first and second derivatives.
     states: FloatArray
-    strain: FloatArray  # readings behind the filter, in their units, (samples, gauges)
+    strain: FloatArray  # readings after the filter, in their units, (samples, gauges)
     payload: float  # what is carried [kg]
     step: float  # time between samples [s]
     t: FloatArray  # since the beginning of the recording, (samples,) [s]
@@ -78,21 +75,30 @@ def smoothed(items: Iterable[Watched], cutoff: float, step: float = FINE) -> lis
     return found
 
 
-# -- Links that bend: where they really are, told by their own strain.
+# -- Links that bend: where they really are, by their own strain.
 #
-# A model of rigid bodies takes the motors' motion for that of the links. Behind each move links
+# A model of rigid bodies takes the motors' motion for that of the links. After each move links
 # ring about it by angles that are proportional to their strains, so ``q + A e`` is nearer to where
 # they are, and its acceleration has the ringing in it, at whatever frequency the load lets it be.
 # Rows of rigid bodies, evaluated there, explain strain with and without a load several times as
 # well.
 #
-# It tells loads only. A touch makes links ring as well, so it would hide half of what a detector
+# It shows loads only. A touch makes links ring as well, so it would hide half of what a detector
 # looks for.
 
 FACT = 'bent_links'
 """Where facts of a bundle have it."""
 KIND = 'analytical'
-"""Kind of model that tells loads."""
+"""Kind of model that shows loads."""
+
+
+class BentPart(BundlePart):
+    """Links that bend, with a model of the strain by where they are."""
+
+    cutoff: Annotated[float, Field(gt=0.0, le=1e5)]
+    bending: tuple[tuple[Coefficient, ...], ...]
+    density: tuple[tuple[Coefficient, ...], ...]
+    model: dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +110,7 @@ class BentLinks:
     # [rad or m per unit of the gauge].
     bending: FloatArray
     model: AnalyticalModel  # strain by where links are; of all payloads or of one
-    # (gauges, gauges): what the model leaves over, as the mean square of its mean over a long
+    # (gauges, gauges): residual of the model, as the mean square of its mean over a long
     # time, times that time: in the product of the gauges' units times seconds.
     density: FloatArray
 
@@ -140,8 +146,7 @@ def bent_links(facts: Mapping[str, Any], arm: Arm) -> BentLinks | None:
     if content is None:
         return None
     part = read(BentPart, content)
-    made = KINDS[KIND].from_content(part.model).from_dict(part.model, arm, 'strain')
-    assert isinstance(made, AnalyticalModel)
+    made = AnalyticalModel.from_dict(part.model, arm, 'strain')
     bending, density = np.array(part.bending), np.array(part.density)
     joints, gauges = len(arm.active_joints), len(arm.gauge_names)
     if bending.shape != (joints, gauges) or density.shape != (gauges, gauges):
@@ -156,25 +161,11 @@ def bent_links(facts: Mapping[str, Any], arm: Arm) -> BentLinks | None:
     return BentLinks(part.cutoff, bending, made, density)
 
 
-# -- How links bend, from motion with known loads: by what their strain then leaves unexplained.
+# -- How links bend, from motion with known loads: by the residual of their strain.
 #
 # Parameters of the rows are linear and are taken out of the search (variable projection in the
 # form of Kaufman, "A variable projection method for solving separable nonlinear least squares
 # problems", BIT 15, 1975); angles per strain are what it moves.
-
-TURN = 1e-3
-"""Angle by which a gauge's usual strain is tried [rad or m]."""
-STEPS = 12
-SETTLED = 1e-3
-"""Part of the error by which a step has to lessen it."""
-SEARCHED = 6000
-"""Samples that the search needs."""
-EXPLAINED = 0.9
-"""Part of what rigid links leave over that bent ones may leave at most, in some gauge."""
-LONG = 0.5
-"""Time over which means of what is left over do not depend on each other [s]."""
-SMALLEST = 1e-7
-"""Share of the largest eigenvalue below which rows tell nothing."""
 
 
 def bends(arm: Arm) -> FloatArray:
@@ -200,15 +191,11 @@ def find_bending(
 
     Returns None where links hardly bend, or there is too little motion.
     """
-    stretches = _searched(watched)
-    allowed = bends(arm)
-    strains = np.vstack([item.strain for item in stretches]) if stretches else np.zeros(
-        (0, len(arm.gauges)))
-    columns = model.n_inputs + int(allowed.sum())
-    if len(strains) < 10 * columns or not allowed.any():
+    stretches, allowed = _searched(watched), bends(arm)
+    least = 10 * (model.n_inputs + int(allowed.sum()))
+    if sum(len(item.strain) for item in stretches) < least or not allowed.any():
         return None
-    usual = np.maximum(strains.std(axis=0), 1e-300)
-    search = _Search(model, stretches, allowed, usual)
+    search = _Search(model, stretches, allowed)
     nothing = np.zeros(int(allowed.sum()))
     rigid = search.size(nothing)
     turns = search.run(nothing)
@@ -239,15 +226,14 @@ def _motion(stretch: Smoothed, model: AnalyticalModel, bending: FloatArray) -> F
 
 
 class _Search:
-    """Least squares of all gauges, each by what it leaves over."""
+    """Least squares of all gauges, each by its residual."""
 
     def __init__(
         self, model: AnalyticalModel, stretches: Sequence[Smoothed], allowed: FloatArray,
-        usual: FloatArray,
     ) -> None:
-        self._model, self._stretches = model, stretches
-        self._allowed, self._usual = allowed, usual
+        self._model, self._stretches, self._allowed = model, stretches, allowed
         self._measured = np.vstack([item.strain for item in stretches])
+        self._usual = np.maximum(self._measured.std(axis=0), 1e-300)
 
     def bending(self, turns: FloatArray) -> FloatArray:
         """Give angles per strain from angles at the usual strain."""
@@ -256,7 +242,7 @@ class _Search:
         return found / self._usual
 
     def size(self, turns: FloatArray) -> FloatArray:
-        """Give what each gauge leaves over, as a root mean square."""
+        """Give the residual of each gauge, as a root mean square."""
         return np.asarray(np.sqrt(np.mean(self._solve(turns)[1] ** 2, axis=0)))
 
     def run(self, turns: FloatArray) -> FloatArray:
@@ -284,7 +270,7 @@ class _Search:
         return np.vstack([_motion(item, self._model, bending) for item in self._stretches])
 
     def _solve(self, turns: FloatArray) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
-        """Give parameters of the rows, what they leave over, and what spans them by gauge."""
+        """Give parameters of the rows, residuals, and what spans the rows by gauge."""
         rows = self._model.regressor.rows(self._inputs(turns))
         parameters = np.zeros((rows.shape[1], rows.shape[2]))
         left, spans = self._measured.copy(), []
@@ -294,11 +280,11 @@ class _Search:
             used = np.flatnonzero(size > 0.0)
             scaled = own[:, used] / size[used]
             values, vectors = np.linalg.eigh(scaled.T @ scaled)
-            told = values > SMALLEST * values[-1]
-            span = scaled @ (vectors[:, told] / np.sqrt(values[told]))
+            shown = values > SMALLEST * values[-1]
+            span = scaled @ (vectors[:, shown] / np.sqrt(values[shown]))
             along = span.T @ self._measured[:, gauge]
             parameters[gauge, used] = (
-                vectors[:, told] @ (along / np.sqrt(values[told])) / size[used])
+                vectors[:, shown] @ (along / np.sqrt(values[shown])) / size[used])
             left[:, gauge] -= span @ along
             spans.append(span)
         return parameters, left, spans

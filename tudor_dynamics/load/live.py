@@ -16,27 +16,122 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+import math
+from typing import Any
 
 import numpy as np
 
 from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.load.bending import bent_links
-from tudor_dynamics.load.observer import (
-    BEGUN, BentSense, LIGHTEST, LoadObserver, rigid_noise, RigidSense, Sense)
+from tudor_dynamics.load.bending import bent_links, BentLinks
+from tudor_dynamics.load.observer import LoadObserver
 from tudor_dynamics.load.rows import carrier_frame, load_worth, LoadWorth, tip
+from tudor_dynamics.load.settings import (
+    APART, BEGUN, BENT_EXPLAINED, DEPENDENT, EXPECTED, LARGEST_STEP, LIGHTEST, QUIET,
+    RIGID_EXPLAINED, RINGS, ROUGHLY, USUAL)
 from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.signals.filters import SmoothStates
 from tudor_dynamics.typing import FloatArray
 
-EXPECTED = 3.0
-"""Time for which a load that was announced may come [s]."""
-APART = 0.4
-"""Time between two samples after which all starts again [s]."""
-WARMED_UP = 0.1
-"""Time between samples that compile what runs with the robot [s]."""
 
+# -- Samples in units of the noise of a model, whose density is then 1
+
+Sensed = tuple[FloatArray, FloatArray, FloatArray]
+"""Residual of a model without the load, what a kilogram adds, and what its weight adds without its
+inertia (a force that is held at the tip), (channels,)."""
+
+
+class RigidSense:
+    """
+    Residuals of a model of rigid bodies, each channel by itself.
+
+    Its error is no white noise. It counts by what it has over a second: its mean square times the
+    time for which it depends on itself, more so where the arm accelerates, which is when links
+    ring.
+
+    noise (channels,).
+    """
+
+    lag = 0.0
+    explained = RIGID_EXPLAINED
+
+    def __init__(self, model: Model, worth: LoadWorth, noise: FloatArray) -> None:
+        self._model, self._worth, self._noise = model, worth, noise
+        self._now = self._usual = self._seconds = 0.0
+
+    def step(self, dt: float, row: FloatArray, measured: FloatArray) -> Sensed:
+        """
+        Take a sample.
+
+        dt [s]: 0 at a beginning; row (3 joints,): ``[q, dq, ddq]``
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; measured (channels,) in units of the output.
+        """
+        acceleration = row[2 * (len(row) // 3):]
+        size = float(acceleration @ acceleration)
+        if dt > 0.0:
+            self._now += min(dt / RINGS, 1.0) * (size - self._now)
+            self._seconds = min(self._seconds + dt, USUAL)
+            self._usual += min(dt / self._seconds, 1.0) * (size - self._usual)
+        lively = QUIET + (self._now / self._usual if self._usual > 0.0 else 0.0)
+        unit = self._noise * math.sqrt(DEPENDENT * lively)
+        left = measured - self._model.predict(row[None, :])[0]
+        added, weight = self._worth.along(_and_still(row[None, :])) / unit
+        return left / unit, added, weight
+
+
+class BentSense:
+    """Residuals by where links are that bend, all gauges together: known [kg]."""
+
+    explained = BENT_EXPLAINED
+
+    def __init__(self, bent: BentLinks, worth: LoadWorth, known: float) -> None:
+        self._bent, self._worth, self._model = bent, worth, bent.model.at(known)
+        self._white = np.linalg.inv(np.linalg.cholesky(bent.density))
+        self._joints = bent.model.n_joints
+        self._states = SmoothStates(bent.cutoff)
+        self.lag = 1.0 / (2.0 * math.pi * bent.cutoff)
+        self._elapsed = 0.0
+
+    def step(self, dt: float, row: FloatArray, measured: FloatArray) -> Sensed | None:
+        """Take a sample as `RigidSense` does; None while filters settle."""
+        self._elapsed = self._elapsed + dt if dt > 0.0 else 0.0
+        states = self._states.step(dt, np.concatenate([row[:self._joints], measured]))
+        if self._elapsed < self._states.settle:
+            return None
+        motion = self._bent.motion(states[:, None])
+        left = states[0, self._joints:] - self._model.predict(motion)[0]
+        added, weight = self._worth.along(_and_still(motion)) @ self._white.T
+        return self._white @ left, added, weight
+
+
+def _and_still(motion: FloatArray) -> FloatArray:
+    """Put the same pose at rest after a row of motion."""
+    both = np.repeat(motion, 2, axis=0)
+    both[1, both.shape[1] // 3:] = 0.0
+    return both
+
+
+def rigid_noise(
+    facts: Mapping[str, Any], output: str, model: AnalyticalModel, worth: LoadWorth,
+) -> FloatArray:
+    """Give the residual of a model of the robot in its training; returns (channels,)."""
+    found = np.maximum(ROUGHLY * worth.reference * worth.typical, 1e-300)
+    for key in ('validation', 'causal_validation'):
+        try:
+            known = facts[key][output]['analytical']['training']['channels']
+            values = np.array([float(known[name]['rmse']) for name in model.channels])
+        except (KeyError, TypeError, ValueError):
+            continue
+        if np.isfinite(values).all() and (values > 0.0).all():
+            found = values
+    return found
+
+
+# -- What is carried, for predictions and detectors
 
 @dataclass(frozen=True)
 class LoadFound:
@@ -60,7 +155,7 @@ class CarriedLoad:
         self.known = known
         self.frame, self.place = carrier_frame(bundle.arm), tip(bundle.arm)
         self.output = 'strain' if 'strain' in self.worth else 'effort'
-        self._mass, self._told = known, known
+        self._mass = self._reported = known
         self._expected = self._last = 0
 
     @property
@@ -91,7 +186,7 @@ class CarriedLoad:
         measured (channels,); touched: whether anything touches the arm, or may.
         """
         self._advance(stamp)
-        change, self._told = self._mass - self._told, self._mass
+        change, self._reported = self._mass - self._reported, self._mass
         if abs(change) < LIGHTEST * self.worth[self.output].reference:
             return None
         return LoadFound(self._last, self._mass, change)
@@ -112,7 +207,7 @@ class CarriedLoad:
         [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (channels,).
         """
         more = self.mass - self.known
-        return {output: values + more * self.worth[output].at(row)
+        return {output: values + more * self.worth[output].along(row[None])[0]
                 if output in self.worth else values for output, values in predicted.items()}
 
 
@@ -127,23 +222,22 @@ class PayloadStage(CarriedLoad):
             channels, reference, self._sense.lag, self._sense.explained)
         # compiled now, and not while the robot runs
         nothing = np.zeros(3 * len(bundle.arm.joints))
-        for _ in range(round(2.0 * BEGUN / WARMED_UP)):
-            sensed = self._sense.step(WARMED_UP, nothing, np.zeros(channels))
+        for _ in range(round(2.0 * BEGUN / LARGEST_STEP)):
+            sensed = self._sense.step(LARGEST_STEP, nothing, np.zeros(channels))
             if sensed is not None:
-                self.observer.step(WARMED_UP, sensed.left, sensed.worth, sensed.weight,
-                                   held=False)
+                self.observer.step(LARGEST_STEP, *sensed, held=False)
         self.observer.reset()
         self._sense, _ = self._sensed(bundle)
 
-    def _sensed(self, bundle: ModelBundle) -> tuple[Sense, float]:
-        """Choose what tells the load; give what loads are compared with as well [kg]."""
+    def _sensed(self, bundle: ModelBundle) -> tuple[RigidSense | BentSense, float]:
+        """Choose what shows the load; give what loads are compared with as well [kg]."""
         bent = bent_links(bundle.facts, bundle.arm) if self.output == 'strain' else None
         self.bent = bent is not None
         if bent is not None:
             own = LoadWorth(bundle.arm, self.output, bent.model)
             return BentSense(bent, own, self.known), own.reference
         model, own = bundle.models[self.output]['analytical'], self.worth[self.output]
-        assert isinstance(model, AnalyticalModel)  # that of which there is a worth
+        assert isinstance(model, AnalyticalModel)  # an output with kilograms has one
         noise = rigid_noise(bundle.facts, self.output, model, own)
         return RigidSense(model.at(self.known), own, noise), own.reference
 
@@ -173,6 +267,5 @@ class PayloadStage(CarriedLoad):
         if sensed is None:
             return None
         change = self.observer.step(
-            since, sensed.left, sensed.worth, sensed.weight,
-            held=touched and not self.expecting, expected=self.expecting)
+            since, *sensed, held=touched and not self.expecting, expected=self.expecting)
         return LoadFound(stamp, self.mass, change) if change else None

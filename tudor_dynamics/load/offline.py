@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 import math
 from typing import Any
@@ -26,15 +26,17 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.load.bending import BentLinks, Smoothed, smoothed, Watched
+from tudor_dynamics.load.bending import BentLinks, smoothed, Watched
 from tudor_dynamics.load.rows import (
     carrier_frame, consistent, COUNT, find_scale, friction_terms, LoadRows, Scale, Source, tip)
+from tudor_dynamics.load.settings import (
+    LARGEST_ARM, PASSES, POSES, STEP, SURE, TURNS, UNKNOWN_STD, WIDER, WINDOW)
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Least squares of a load on what a model leaves over, with errors for residuals that are
+# -- Least squares of a load on the residual of a model, with errors for residuals that are
 #    coloured.
 #
 # Each channel has terms to itself (zero, another day's friction), which are projected out.
@@ -42,22 +44,18 @@ from tudor_dynamics.typing import FloatArray
 # simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
 # matrix", Econometrica 55(3), 1987) over a window that is longer than an oscillation.
 
-WINDOW = 2.0
-"""Time over which residuals are taken to depend on each other [s]."""
-PASSES = 4
-"""Turns of weights of the channels and parameters."""
 FLAT = 1e-9
 """Part of a row's size below which it is nothing but rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Parameters of a load as one output tells them."""
+    """Parameters of a load as one output shows them."""
 
     parameters: FloatArray  # (parameters,): least squares; directions that are not shown are zero
     # (parameters, parameters): inverse of the covariance; singular where directions are not shown.
     information: FloatArray
-    # (samples, channels): what is left over without and with the load, each channel's own terms
+    # (samples, channels): residual without and with the load, each channel's own terms
     # left out, in its unit.
     before: FloatArray
     after: FloatArray
@@ -84,11 +82,11 @@ def solve_load(
     scale = np.where(size > 0.0, size, 1.0)
     free = free / scale
     before = left.std(axis=0)
-    told = before > 0.0
+    alive = before > 0.0
     deviation = before.copy()
     parameters: FloatArray = np.zeros(rows.shape[2])
     for _ in range(PASSES):
-        weight = np.where(told, 1.0 / np.where(told, deviation, 1.0), 0.0)
+        weight = np.where(alive, 1.0 / np.where(alive, deviation, 1.0), 0.0)
         x = (free * weight[:, None]).reshape(-1, rows.shape[2])
         parameters = np.asarray(
             np.linalg.lstsq(x, (left * weight).reshape(-1), rcond=1e-8)[0])
@@ -134,7 +132,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """What an output leaves over, each channel's own zero and friction left out."""
+    """Residual of an output, each channel's own zero and friction left out."""
 
     channels: tuple[str, ...]  # joints or gauges; without those of unknown scale
     t: FloatArray  # since the beginning of the recording, (samples,) [s]
@@ -155,41 +153,42 @@ class Leftover:
 
 @dataclass(frozen=True, eq=False)
 class OutputMass:
-    """Mass at the tip as one output tells it."""
+    """Mass at the tip as one output shows it."""
 
     output: str  # output that was read
-    # Beside what the model knows, with its standard deviation without that of the scale [kg];
-    # without a scale as a part of the arm's own moment.
+    # In addition to what the model knows, with its standard deviation without that of the scale
+    # [kg]; without a scale as a part of the arm's own moment.
     mass: float
     std: float
     # Relative residual without and with the load.
     before: float
     after: float
-    bent: bool  # whether it is told by where links are that bend
+    bent: bool  # whether it is estimated by where links are that bend
     # The same sample by sample, with the load that the estimate takes: at the tip, or as a body.
     leftover: Leftover
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PayloadEstimate:
     """What the arm carries."""
 
     verdict: Verdict  # whether there is a load; `UNKNOWN` where the recording does not show
     # In all, with what the model knows of [kg]; NaN without a scale.
-    mass: float
-    mass_std: float
+    mass: float = math.nan
+    mass_std: float = math.nan
     known: float  # part of it that the model knows of [kg]
     # (3,): centre of the mass in `frame` [m]; NaN where it is not shown.
-    com: FloatArray
-    com_std: FloatArray
+    com: FloatArray = field(default_factory=lambda: np.full(3, math.nan))
+    com_std: FloatArray = field(default_factory=lambda: np.full(3, math.nan))
     # (6,): xx, xy, yy, xz, yz, zz about the origin of `frame` [kg m^2]; NaN where it is not shown.
-    inertia: FloatArray
-    inertia_std: FloatArray
+    inertia: FloatArray = field(default_factory=lambda: np.full(6, math.nan))
+    inertia_std: FloatArray = field(default_factory=lambda: np.full(6, math.nan))
     frame: str  # frame that turns with the last joint
     # Whether the load is taken to sit at the tip, for want of motion that shows its place.
-    at_tip: bool
+    at_tip: bool = True
     source: Source  # where kilograms come from
-    scale_std: float  # relative standard deviation of the scale, which `mass_std` has in it
+    # Relative standard deviation of the scale, which `mass_std` has in it.
+    scale_std: float = math.nan
     # Moment of the load over that of the arm itself, both held out horizontally by its last
     # joints; for loads without a scale.
     relative: float
@@ -198,22 +197,22 @@ class PayloadEstimate:
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values; None for what is not known."""
-        def plain(value: float) -> float | None:
+        def plain(value: Any) -> Any:
+            if isinstance(value, np.ndarray):
+                return [plain(item) for item in value.tolist()]
             return float(f'{value:.6g}') if math.isfinite(value) else None
 
-        def plains(values: FloatArray) -> list[float | None]:
-            return [plain(float(value)) for value in values]
+        def plains(item: Any, *names: str) -> dict[str, Any]:
+            return {name: plain(getattr(item, name)) for name in names}
         return {
-            'verdict': self.verdict.value, 'mass': plain(self.mass),
-            'mass_std': plain(self.mass_std), 'known': plain(self.known),
-            'com': plains(self.com), 'com_std': plains(self.com_std),
-            'inertia': plains(self.inertia), 'inertia_std': plains(self.inertia_std),
+            'verdict': self.verdict.value,
+            **plains(self, 'mass', 'mass_std', 'known', 'com', 'com_std', 'inertia',
+                     'inertia_std'),
             'frame': self.frame, 'at_tip': self.at_tip, 'scale': self.source.name.lower(),
-            'scale_std': plain(self.scale_std), 'relative': plain(self.relative),
-            'relative_std': plain(self.relative_std),
+            **plains(self, 'scale_std', 'relative', 'relative_std'),
             'outputs': {item.output: {
-                'mass': plain(item.mass), 'std': plain(item.std), 'before': plain(item.before),
-                'after': plain(item.after), 'bent_links': item.bent, 'channels': {
+                **plains(item, 'mass', 'std', 'before', 'after'), 'bent_links': item.bent,
+                'channels': {
                     name: {'before': plain(before), 'after': plain(after), 'share': plain(share)}
                     for name, before, after, share in zip(
                         item.leftover.channels, *item.leftover.sizes(), item.leftover.shares(),
@@ -226,8 +225,8 @@ class PayloadEstimate:
             return ('no information: in these poses and motions a load hardly changes what is '
                     'measured; move the links away from the vertical')
         if self.source is Source.NOTHING:
-            told = f'{100 * self.relative:.1f} +- {100 * self.relative_std:.1f} % of the moment'
-            return (f'{self.verdict.value}: {told} that the arm itself makes; kilograms need '
+            share = f'{100 * self.relative:.1f} +- {100 * self.relative_std:.1f} % of the moment'
+            return (f'{self.verdict.value}: {share} that the arm itself makes; kilograms need '
                     'torque constants, the gain of a gauge, or a model of two known payloads')
         place = ''
         if self.verdict is Verdict.LOAD:
@@ -242,11 +241,11 @@ class PayloadEstimate:
                 f'{self.source.value}')
 
 
-# -- Recordings beside a model
+# -- A recording next to a model
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """An output of a recording beside a model."""
+    """An output of a recording next to what a model predicts."""
 
     # `[q, dq, ddq]`, (samples, 3 joints) [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     motion: FloatArray
@@ -256,43 +255,59 @@ class Readings:
     predicted: FloatArray
     rate: float  # samples a second [Hz]
     t: FloatArray  # since the beginning of the recording, (samples,) [s]
+    # Per channel: what it may be off by on another day, its zero and a joint's friction.
+    own: list[FloatArray]
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured minus predicted, (samples, channels)."""
+        return self.measured - self.predicted
 
 
-def readings(model: Model, stretches: Sequence[Stretch], output: str) -> Readings:
-    """Put an output of a recording beside a model."""
-    pieces = [(s.t[s.decimation.keep], s.motion[s.decimation.keep],
-               s.decimation(getattr(s, output)), model.follow_kept(s)) for s in stretches]
-    t, motion, measured, predicted = (
-        np.concatenate(column) for column in zip(*pieces, strict=True))
-    seconds = sum(float(s.t[-1] - s.t[0]) for s in stretches)
-    return Readings(motion, measured, predicted, len(motion) / max(seconds, 1e-9), t)
+class RecordedOutput:
+    """
+    An output of a recording, and the model that explains it.
 
+    Strain is explained by where links are that bend, where it is known how they do.
+    """
 
-def bent_readings(bent: BentLinks, model: Model, stretches: Sequence[Smoothed]) -> Readings:
-    """Put the strain of links that bend beside a model of it."""
-    motion = np.vstack([bent.motion(item.states) for item in stretches])
-    return Readings(motion, np.vstack([item.strain for item in stretches]), model.predict(motion),
-                    1.0 / float(np.median([item.step for item in stretches])),
-                    np.concatenate([item.t for item in stretches]))
+    def __init__(
+        self, arm: Arm, output: str, model: Model, stretches: Sequence[Stretch],
+        bent: BentLinks | None, watched: Sequence[Watched],
+    ) -> None:
+        self.arm, self.output, self._stretches = arm, output, stretches
+        self._smooth = [] if bent is None or output != 'strain' else smoothed(
+            watched, bent.cutoff)
+        self.links = bent if self._smooth else None
+        self.model = model if self.links is None else self.links.model
+
+    def readings(self, model: Model) -> Readings:
+        """Put the recording next to the model, or the model with a payload put in."""
+        if self.links is not None:
+            smooth = self._smooth
+            motion = np.vstack([self.links.motion(item.states) for item in smooth])
+            t = np.concatenate([item.t for item in smooth])
+            measured = np.vstack([item.strain for item in smooth])
+            predicted = model.predict(motion)
+            rate = 1.0 / float(np.median([item.step for item in smooth]))
+        else:
+            pieces = [(s.t[s.decimation.keep], s.motion[s.decimation.keep],
+                       s.decimation(getattr(s, self.output)), model.follow_kept(s))
+                      for s in self._stretches]
+            t, motion, measured, predicted = (
+                np.concatenate(column) for column in zip(*pieces, strict=True))
+            seconds = sum(float(s.t[-1] - s.t[0]) for s in self._stretches)
+            rate = len(motion) / max(seconds, 1e-9)
+        n = len(self.arm.joints)
+        own = ([np.ones((len(motion), 1))] * measured.shape[1] if self.output == 'strain' else
+               [friction_terms(motion[:, n + i], joint.friction_velocity)
+                for i, joint in enumerate(self.arm.joints)])
+        return Readings(motion, measured, predicted, rate, t, own)
 
 
 # -- From models and filtered recordings to what the arm carries
 
-TURNS = 4
-"""Steps of Gauss and Newton of a model whose outputs are no straight line of the payload."""
-STEP = 0.05
-"""Difference of payloads by which such a model tells what a little more would do [kg]."""
-UNTOLD = 0.25
-"""Standard deviation of a mass, as a part of what weighs like the arm itself (or of the payloads
-of the model), from which on a recording tells nothing of a load."""
 LEAST = 1e-300
-SURE = 2.0
-"""Standard deviations from which on a load is one."""
-WIDER = 2.0
-"""A mass with a free place may be as many times as uncertain as one at the tip."""
-LARGEST_ARM = 0.1
-"""Standard deviation of a place along an axis from which on it is not told [m]."""
-POSES = 200
 
 
 def estimate_payload(
@@ -308,43 +323,46 @@ def estimate_payload(
 ) -> PayloadEstimate:
     """Estimate what the arm carries: known, errors [kg]."""
     of_all = any(model.payload_range is not None or model.has_memory for model in models.values())
-    told = []
+    found = []
     for output in models:
         if any(getattr(stretch, output) is None for stretch in stretches) or not stretches:
             continue
-        seen = _seen(output, models[output], stretches, bent, watched)
-        found = (_by_model(arm, output, seen, known) if of_all else
-                 _by_rows(arm, output, seen, whole=whole))
+        source = RecordedOutput(arm, output, models[output], stretches, bent, watched)
         error = (errors or {}).get(output, 0.0)
-        told.append(replace(found, error=error * (
-            1.0 if found.scale.factor.any() else found.reference)))
-    if not told:
+        found.append(_by_model(source, known, error) if of_all else
+                     _by_rows(source, error, whole=whole))
+    if not found:
         msg = f'the recording has none of the outputs that the model predicts: {list(models)}'
         raise FitError(msg, remedy='record joint efforts or strains as for the fit')
-    scaled = [item for item in told if item.scale.factor.any()]
-    if not scaled:
-        return _relative(arm, told, known)
-    return _combined(arm, scaled, known)
+    scaled = [item for item in found if item.scaled]
+    return _combined(arm, scaled, known) if scaled else _relative(arm, found, known)
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
-    """What an output says: at the tip, and as a body where its rows are worth N m."""
+class _OutputLoad:
+    """What an output says: at the tip, and as a body where its rows have a scale."""
 
-    output: str
+    source: RecordedOutput
     scale: Scale
     point: Solution
-    body: Solution | None
     reference: float
-    error: float
+    model_error: float  # standard deviation by the model's own error [kg]
     size: float
-    bent: bool
     channels: tuple[str, ...]
     t: FloatArray
+    body: Solution | None = None
+
+    @property
+    def scaled(self) -> bool:
+        return bool(self.scale.factor.any())
+
+    @property
+    def error(self) -> float:
+        return self.model_error * (1.0 if self.scaled else self.reference)
 
     @property
     def mass(self) -> float:
-        """Mass at the tip beside what the model knows [kg]."""
+        """Mass at the tip in addition to what the model knows [kg]."""
         return float(self.point.parameters[0])
 
     @property
@@ -353,134 +371,101 @@ class _Told:
         information = float(self.point.information[0, 0])
         return (1.0 / information if information > 0.0 else math.inf) + self.error ** 2
 
-    def summary(self, worth: float = 1.0, *, at_tip: bool = True) -> OutputMass:
+    def summary(self, unit: float = 1.0, *, at_tip: bool = True) -> OutputMass:
         size = max(self.size, 1e-300)
         taken = self.point if at_tip or self.body is None else self.body
-        felt = np.flatnonzero(self.scale.factor) if len(self.channels) > 1 else np.arange(1)
+        shown = np.flatnonzero(self.scale.factor) if len(self.channels) > 1 else np.arange(1)
         return OutputMass(
-            self.output, worth * self.mass, worth * math.sqrt(self.variance),
+            self.source.output, unit * self.mass, unit * math.sqrt(self.variance),
             float(np.sqrt(np.mean(self.point.before ** 2))) / size,
-            float(np.sqrt(np.mean(self.point.after ** 2))) / size, self.bent,
-            Leftover(tuple(self.channels[place] for place in felt), self.t, taken.before[:, felt],
-                     taken.after[:, felt]))
-
-
-def _own(arm: Arm, output: str, motion: FloatArray, channels: int) -> list[FloatArray]:
-    """Give what each channel may be off by on another day: its zero, and a joint's friction."""
-    if output == 'strain':
-        return [np.ones((len(motion), 1))] * channels
-    n = len(arm.joints)
-    return [friction_terms(motion[:, n + i], joint.friction_velocity)
-            for i, joint in enumerate(arm.joints)]
+            float(np.sqrt(np.mean(self.point.after ** 2))) / size, self.source.links is not None,
+            Leftover(tuple(self.channels[place] for place in shown), self.t,
+                     taken.before[:, shown], taken.after[:, shown]))
 
 
 def _size(measured: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.var(measured, axis=0))))
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """A model of an output, and the recording beside it with a payload put in."""
-
-    model: Model
-    beside: Callable[[Model], Readings]
-    bent: bool
-
-
-def _seen(
-    output: str, model: Model, stretches: Sequence[Stretch], bent: BentLinks | None,
-    watched: Sequence[Watched],
-) -> _Seen:
-    """Choose the model that leaves the least over: that of links that bend."""
-    if bent is not None and output == 'strain':
-        smooth = smoothed(watched, bent.cutoff)
-        if smooth:
-            return _Seen(bent.model, lambda plain: bent_readings(bent, plain, smooth), True)
-    return _Seen(model, lambda plain: readings(plain, stretches, output), False)
-
-
-def _by_model(arm: Arm, output: str, seen: _Seen, known: float) -> _Told:
+def _by_model(source: RecordedOutput, known: float, error: float) -> _OutputLoad:
     """Let a model say what more payload would do: a line, or its tangent where it bends."""
-    model = seen.model
+    model = source.model
     low, high = model.payload_range or (known, known + STEP)
     mass, step = low, high - low
     for _ in range(TURNS if model.has_memory else 1):
-        here, more = seen.beside(model.at(mass)), seen.beside(model.at(mass + step))
+        here, more = source.readings(model.at(mass)), source.readings(model.at(mass + step))
         rows = (more.predicted - here.predicted) / step
-        found = solve_load(here.measured - here.predicted, rows[:, :, None],
-                           _own(arm, output, here.motion, rows.shape[1]), here.rate)
+        found = solve_load(here.residual, rows[:, :, None], here.own, here.rate)
         total = mass + float(found.parameters[0])
         mass, step = max(total, 0.0), STEP  # where it is asked next; none is negative
     solution = Solution(np.array([total - known]), found.information, found.before, found.after)
-    source = Source.ELASTIC if model.has_memory else Source.PAYLOADS
     reference = high - low if model.payload_range is not None else math.inf
-    scale = Scale(np.ones(rows.shape[1]), 0.0, source)
-    return _Told(output, scale, solution, None, reference, 0.0, _size(here.measured), seen.bent,
-                 model.channels, here.t)
+    scale = Scale(np.ones(rows.shape[1]), 0.0,
+                  Source.ELASTIC if model.has_memory else Source.PAYLOADS)
+    return _OutputLoad(source, scale, solution, reference, error, _size(here.measured),
+                       model.channels, here.t)
 
 
-def _by_rows(arm: Arm, output: str, seen: _Seen, *, whole: bool) -> _Told:
-    """Explain what a model of one payload leaves over by the rows of the last body."""
-    model = seen.model
-    here = seen.beside(model)
-    scale = find_scale(arm, output, here.motion, here.predicted)
-    rows = LoadRows(arm, output)
-    left, own = here.measured - here.predicted, _own(arm, output, here.motion,
-                                                     here.measured.shape[1])
+def _by_rows(source: RecordedOutput, error: float, *, whole: bool) -> _OutputLoad:
+    """Explain the residual of a model of one payload by the rows of the last body."""
+    arm, model = source.arm, source.model
+    here = source.readings(model)
+    scale = find_scale(arm, source.output, here.motion, here.predicted)
+    rows = LoadRows(arm, source.output)
     # what weighs as much as the arm itself, over all poses
     rng = np.random.default_rng(0)
     n = len(arm.joints)
     poses = np.hstack([rng.uniform(-math.pi, math.pi, (POSES, n)), np.zeros((POSES, 2 * n))])
     own_weight, load_weight = model.predict(poses).std(axis=0), rows.point(poses).std(axis=0)
     most = int(np.argmax(load_weight))
-    worth = scale.factor[most] if scale.factor[most] else 1.0
-    reference = float(own_weight[most] / max(float(load_weight[most] * abs(worth)), 1e-300))
-    point, body, size = rows.point(here.motion), None, _size(here.measured)
-    channels = model.channels
+    unit = scale.factor[most] if scale.factor[most] else 1.0
+    reference = float(own_weight[most] / max(float(load_weight[most] * abs(unit)), LEAST))
+    point, body = rows.point(here.motion), None
+    used = slice(None)
     if scale.factor.any():
-        solution = solve_load(left, (point * scale.factor)[:, :, None], own, here.rate)
-        if whole:
-            body = solve_load(left, rows.rows(here.motion) * scale.factor[:, None], own,
+        solution = solve_load(here.residual, (point * scale.factor)[:, :, None], here.own,
                               here.rate)
-    else:  # each channel is in a unit of its own: that which feels most
-        one = slice(most, most + 1)
-        solution = solve_load(left[:, one], point[:, one, None], own[one], here.rate)
-        size, channels = _size(here.measured[:, one]), channels[one]
-    return _Told(output, scale, solution, body, reference, 0.0, size, seen.bent, channels, here.t)
+        if whole:
+            body = solve_load(here.residual, rows.rows(here.motion) * scale.factor[:, None],
+                              here.own, here.rate)
+    else:  # each channel is in a unit of its own: that on which a load acts most
+        used = slice(most, most + 1)
+        solution = solve_load(here.residual[:, used], point[:, used, None], here.own[used],
+                              here.rate)
+    return _OutputLoad(source, scale, solution, reference, error, _size(here.measured[:, used]),
+                       model.channels[used], here.t, body)
 
 
-def _relative(arm: Arm, told: Sequence[_Told], known: float) -> PayloadEstimate:
-    """Tell a load without a scale: each output in its own unit, as a part of the arm's moment."""
-    weighty = [item for item in told if item.reference > 0.0] or list(told)
+def _relative(arm: Arm, loads: Sequence[_OutputLoad], known: float) -> PayloadEstimate:
+    """Estimate a load without a scale, as a part of the arm's moment."""
+    weighty = [item for item in loads if item.reference > 0.0] or list(loads)
     best = min(weighty, key=lambda item: math.sqrt(item.variance) / max(item.reference, LEAST))
     value = _over(best.mass, best.reference)
     std = _over(math.sqrt(best.variance), best.reference)
-    nothing = np.full(3, math.nan)
     return PayloadEstimate(
-        _verdict(value, std, std, 1.0), math.nan, math.nan, known, nothing, nothing,
-        np.full(6, math.nan), np.full(6, math.nan), carrier_frame(arm), True, Source.NOTHING,
-        math.nan, value, std, tuple(item.summary(_over(1.0, item.reference)) for item in told))
+        verdict=_verdict(value, std, std, 1.0), known=known, frame=carrier_frame(arm),
+        source=Source.NOTHING, relative=value, relative_std=std,
+        outputs=tuple(item.summary(_over(1.0, item.reference)) for item in loads))
 
 
 def _verdict(value: float, std: float, plain_std: float, reference: float) -> Verdict:
-    if not plain_std < UNTOLD * reference:
+    if not plain_std < UNKNOWN_STD * reference:
         return Verdict.UNKNOWN
     return Verdict.LOAD if abs(value) > SURE * std else Verdict.NONE
 
 
-def _combined(arm: Arm, told: Sequence[_Told], known: float) -> PayloadEstimate:
+def _combined(arm: Arm, loads: Sequence[_OutputLoad], known: float) -> PayloadEstimate:
     """Put the outputs together, each by its information; then the scale's own error."""
-    weights = np.array([1.0 / item.variance for item in told])
-    share = weights / weights.sum() if weights.any() else np.full(len(told), 1.0 / len(told))
-    mass = float(sum(w * item.mass for w, item in zip(share, told, strict=True)))
+    weights = np.array([1.0 / item.variance for item in loads])
+    share = weights / weights.sum() if weights.any() else np.full(len(loads), 1.0 / len(loads))
+    mass = float(sum(w * item.mass for w, item in zip(share, loads, strict=True)))
     plain = math.sqrt(1.0 / weights.sum()) if weights.any() else math.inf
-    best = told[int(np.argmax(weights))]
+    best = loads[int(np.argmax(weights))]
     relative = math.sqrt(float(sum((w * item.scale.relative) ** 2
-                                   for w, item in zip(share, told, strict=True))))
-    reference = min(item.reference for item in told)
-    bodies = [item for item in told if item.body is not None]
-    com, com_std = np.full(3, math.nan), np.full(3, math.nan)
-    inertia, inertia_std = np.full(6, math.nan), np.full(6, math.nan)
+                                   for w, item in zip(share, loads, strict=True))))
+    reference = min(item.reference for item in loads)
+    bodies = [item for item in loads if item.body is not None]
+    places: dict[str, FloatArray] = {}
     at_tip = True
     if bodies:
         length = max(float(np.linalg.norm(tip(arm))), 0.1)
@@ -489,13 +474,13 @@ def _combined(arm: Arm, told: Sequence[_Told], known: float) -> PayloadEstimate:
         if body.mass_std < max(WIDER * plain, 0.05 * abs(body.mass)):
             mass, plain, at_tip = body.mass, max(body.mass_std, plain), False
             if mass > SURE * math.hypot(plain, relative * mass):
-                com, com_std, inertia, inertia_std = body.places()
+                places = body.places()
     std = math.hypot(plain, relative * mass)
     return PayloadEstimate(
-        _verdict(mass, std, plain, reference), known + mass, std, known, com, com_std, inertia,
-        inertia_std, carrier_frame(arm), at_tip, best.scale.source, relative,
-        _over(mass, reference), _over(plain, reference),
-        tuple(item.summary(at_tip=at_tip) for item in told))
+        verdict=_verdict(mass, std, plain, reference), mass=known + mass, mass_std=std,
+        known=known, frame=carrier_frame(arm), at_tip=at_tip, source=best.scale.source,
+        scale_std=relative, relative=_over(mass, reference), relative_std=_over(plain, reference),
+        outputs=tuple(item.summary(at_tip=at_tip) for item in loads), **places)
 
 
 def _over(value: float, reference: float) -> float:
@@ -518,7 +503,7 @@ class _Body:
     def mass_std(self) -> float:
         return math.sqrt(max(float(self.covariance[0, 0]), 0.0))
 
-    def places(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def places(self) -> dict[str, FloatArray]:
         """Give centre and inertia with their standard deviations, NaN where they are not shown."""
         com = self.parameters[1:4] / self.mass
         slope = np.zeros((3, COUNT))
@@ -527,14 +512,16 @@ class _Body:
         unknown = std > LARGEST_ARM
         inertia, spread = self.parameters[4:], np.sqrt(np.diag(self.covariance)[4:])
         dark = SURE * spread > np.abs(inertia)
-        return (np.where(unknown, math.nan, com), np.where(unknown, math.nan, std),
-                np.where(dark, math.nan, inertia), np.where(dark, math.nan, spread))
+        return {'com': np.where(unknown, math.nan, com),
+                'com_std': np.where(unknown, math.nan, std),
+                'inertia': np.where(dark, math.nan, inertia),
+                'inertia_std': np.where(dark, math.nan, spread)}
 
 
-def _body(told: Sequence[_Told], mass: float, reference: float, length: float) -> _Body:
+def _body(loads: Sequence[_OutputLoad], mass: float, reference: float, length: float) -> _Body:
     """Combine the bodies of outputs, and find the one that can exist."""
     information, right = np.zeros((COUNT, COUNT)), np.zeros(COUNT)
-    for item in told:
+    for item in loads:
         assert item.body is not None
         own = float(item.point.information[0, 0])
         # a model that is wrong by as much as it was before knows so much less

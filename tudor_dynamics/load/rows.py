@@ -20,17 +20,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 import math
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
+from tudor_dynamics.load.settings import (
+    BELIEVED, CONSTANT_STD, GAIN_STD, SAMPLES, SLOW, TORQUE_STD)
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.consistent import parameters_from, pseudo_inertia
 from tudor_dynamics.models.regressor import (
-    EffortRegressor, last_body, plain_regressor, random_inputs)
+    EffortRegressor, last_body, PayloadRegressor, random_inputs, regressor_of)
 from tudor_dynamics.models.rigid_bodies import BODY_PARAMETERS
 from tudor_dynamics.typing import FloatArray
 
@@ -83,7 +84,7 @@ def consistent(parameters: FloatArray, information: FloatArray, size: float) -> 
         lower[_LOWER] = x
         return parameters_from(lower @ lower.T)
 
-    def left(x: FloatArray) -> FloatArray:
+    def error(x: FloatArray) -> FloatArray:
         found = body(x)
         return np.concatenate([root @ (found - parameters), shy * found])
 
@@ -103,7 +104,7 @@ def consistent(parameters: FloatArray, information: FloatArray, size: float) -> 
     start = (v * np.maximum(w, 0.0)) @ v.T + 1e-6 * mass * np.diag(scale ** 2)
     from scipy.optimize import least_squares  # slow to import, and few loads need it
 
-    found = least_squares(left, np.linalg.cholesky(start)[_LOWER], slope, method='lm',
+    found = least_squares(error, np.linalg.cholesky(start)[_LOWER], slope, method='lm',
                           x_scale='jac', ftol=1e-14, xtol=1e-14, gtol=1e-14, max_nfev=500)
     return body(found.x)
 
@@ -151,7 +152,7 @@ class LoadRows:
 
     def __init__(self, arm: Arm, output: str) -> None:
         model = arm.gauge_model if output == 'strain' else arm.model
-        self.regressor = plain_regressor(arm, output, 'exact')
+        self.regressor = regressor_of(arm, output, 'exact')
         self.channels = self.regressor.channels
         body = last_body(model)
         columns = self.regressor.columns
@@ -183,18 +184,10 @@ class LoadRows:
         return self.regressor.outputs(motion, self.point_parameters)
 
 
-# -- What a reading is worth: from the unit of an output to newton metres, and so to kilograms.
+# -- From the unit of an output to newton metres, and so to kilograms.
 #
 # Strains of unknown gain and currents of unknown torque constants show a load in their own unit
 # only. Kilograms need torque constants, the gain of a gauge, or the masses of the description.
-
-BELIEVED = 0.6
-"""Part of an effort that the masses of the description explain before they are believed."""
-MEASURED, PUBLISHED, GAUGE = 0.03, 0.10, 0.05
-"""Relative standard deviations where nothing else is known: of measured torques, of published
-torque constants (with the losses of the gear in them), of the gain of a gauge. Assumed."""
-SLOW = 0.03
-"""Part of a joint's usual speed over which the sign of its friction is taken to change."""
 
 
 class Source(Enum):
@@ -211,7 +204,7 @@ class Source(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """What a row of a load is worth in an output."""
+    """From rows of a load to an output."""
 
     # (channels,): unit of the channel per unit of `LoadRows.rows`; 0 where it is not known.
     factor: FloatArray
@@ -277,7 +270,7 @@ def find_scale(
     arm: Arm, output: str, motion: FloatArray, predicted: FloatArray,
 ) -> Scale:
     """
-    Find out what the readings of an output are worth.
+    Find the scale from newton metres to the readings of an output.
 
     predicted (samples, channels); motion (samples, 3 joints): ``[q, dq, ddq]`` of the active
     joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
@@ -285,71 +278,54 @@ def find_scale(
     if output == 'strain':
         gains = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
         factor = np.array([gains.get(name, 0.0) for name in arm.gauge_names])
-        return Scale(factor, GAUGE, Source.GAIN if factor.any() else Source.NOTHING)
+        return Scale(factor, GAIN_STD, Source.GAIN if factor.any() else Source.NOTHING)
     known = np.array([joint.effort.unit != 'A' or joint.effort.torque_constant is not None
                       for joint in arm.joints])
     masses = described_masses(arm, motion, predicted)
     if known.any():
         measured = all(joint.effort.unit != 'A' for joint in arm.joints if joint.effort.unit != 'A'
                        or joint.effort.torque_constant is not None)
-        relative = MEASURED if measured else PUBLISHED
+        relative = TORQUE_STD if measured else CONSTANT_STD
         if masses is not None:
-            # how far the two tell different weights of the arm is how far either may be off
-            told = known & (masses.share > BELIEVED)
-            if told.any():
-                off = np.average((masses.ratio[told] - 1.0) ** 2, weights=masses.size[told])
+            # how much the weights of the arm by the two differ is how far either may be off
+            both = known & (masses.share > BELIEVED)
+            if both.any():
+                off = np.average((masses.ratio[both] - 1.0) ** 2, weights=masses.size[both])
                 relative = max(relative, min(math.sqrt(float(off)), 1.0))
         return Scale(known.astype(float), relative,
                      Source.TORQUE if measured else Source.CONSTANTS)
     if masses is not None and len(masses.believed):
         factor = np.where(masses.share > BELIEVED, masses.ratio, 0.0)
-        return Scale(factor, PUBLISHED, Source.MASSES)
+        return Scale(factor, CONSTANT_STD, Source.MASSES)
     return Scale(np.zeros(len(known)), 0.0, Source.NOTHING)
 
 
 # -- What a kilogram at the tip adds to an output, sample by sample
 
-SAMPLES = 200
-"""Random motion by which masses of the description are compared with torques."""
-
-
 class LoadWorth:
     """Outputs per kilogram: reference [kg], typical (channels,)."""
 
     def __init__(self, arm: Arm, output: str, model: AnalyticalModel) -> None:
-        self._factor: FloatArray | None = None
-        if isinstance(model, PayloadModel):
-            low, high = model.payload_range
+        rows = model.regressor
+        plain = rows.plain if isinstance(rows, PayloadRegressor) else rows
+        motion = random_inputs(plain, len(arm.joints), SAMPLES, 1)
+        if isinstance(rows, PayloadRegressor):
+            low, high = rows.payload_range
             self.source, self.reference = Source.PAYLOADS, high - low
-            full = model.coefficients()
-            both: Any = model.regressor  # a PayloadRegressor: rows, and those for a kilogram
-            self._regressor = both.plain
-            count = len(both.plain.columns)
-            self._parameters = np.zeros((len(full), count))
-            self._parameters[:, both.carried] = full[:, count:]
-            motion = random_inputs(both.plain, len(arm.joints), SAMPLES, 1)
-            self.typical = both.plain.outputs(motion, self._parameters).std(axis=0)
+            self._regressor, count = plain, len(plain.columns)
+            self._parameters = np.zeros((len(rows.channels), count))
+            self._parameters[:, rows.carried] = model.coefficients()[:, count:]
+            self._factor = np.ones(len(rows.channels))
+            self.typical = self.along(motion).std(axis=0)
             return
-        rows = LoadRows(arm, output)
-        motion = random_inputs(model.regressor, len(arm.joints), SAMPLES, 1)
-        predicted = model.predict(motion)
+        load, predicted = LoadRows(arm, output), model.predict(motion)
         scale = find_scale(arm, output, motion, predicted)
-        self.source = scale.source
-        self._regressor, self._parameters = rows.regressor, rows.point_parameters
-        self._factor = scale.factor
-        self.typical = (rows.point(motion) * np.abs(scale.factor)).std(axis=0)
+        self.source, self._factor = scale.source, scale.factor
+        self._regressor, self._parameters = load.regressor, load.point_parameters
+        self.typical = self.along(motion).std(axis=0)
         most = int(np.argmax(self.typical))
         self.reference = float(predicted.std(axis=0)[most] /
                                max(float(self.typical[most]), 1e-300))
-
-    def at(self, row: FloatArray) -> FloatArray:
-        """
-        Evaluate one sample.
-
-        row (3 joints,): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns
-        (channels,).
-        """
-        return self.along(row[None, :])[0]
 
     def along(self, motion: FloatArray) -> FloatArray:
         """
@@ -358,12 +334,11 @@ class LoadWorth:
         motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
         returns (samples, channels).
         """
-        found = self._regressor.outputs(motion, self._parameters)
-        return found if self._factor is None else found * self._factor
+        return self._regressor.outputs(motion, self._parameters) * self._factor
 
 
 def load_worth(arm: Arm, models: Mapping[str, Mapping[str, Model]]) -> dict[str, LoadWorth]:
-    """Find the outputs of a bundle that tell kilograms."""
+    """Find the outputs of a bundle that show kilograms."""
     found = {}
     for output, kinds in models.items():
         model = kinds.get('analytical')

@@ -22,26 +22,28 @@ scikit-learn's: ``fit`` returns self, learned attributes end in an underscore, a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, TypeVar
 import warnings
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.errors import FitError, NotFittedError, TudorWarning
+from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
 from tudor_dynamics.models.base import (
-    Blocks, check_block, check_motion, check_payload, Conditioning, Range)
-from tudor_dynamics.models.bundle_parts import (
-    AnalyticalPart, Group, groups_of, groups_to_list, on_all_columns, PayloadPart, read)
+    Blocks, BundlePart, check_block, check_motion, check_payload, CoefficientPart,
+    Conditioning, Flag, MAX_COEFFICIENT, MemorylessModel, ModelSettings, Noise, Payloads, read,
+    Text)
 from tudor_dynamics.models.estimation import (
-    Estimate, ESTIMATORS, find_constants, LARGEST_GRAM_CONDITION, Products, rescaled, solve,
-    summed)
-from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
+    Constants, Estimate, ESTIMATORS, find_constants, Products, rescaled, solve, summed)
 from tudor_dynamics.models.regressor import (
-    base_sets, BaseSet, output_units, payload_regressor, PayloadRegressor, plain_regressor,
-    random_inputs, Regressor)
+    base_sets, BaseSet, column_unit, output_units, PayloadRegressor, random_inputs, Regressor,
+    regressor_of)
+from tudor_dynamics.models.settings import (
+    LARGEST_GRAM_CONDITION, LOAD_CHANGE, LOAD_PASSES, WEIGHT_PASSES)
 from tudor_dynamics.signals.preprocessing import Decimation
 from tudor_dynamics.typing import FloatArray
 
@@ -49,15 +51,104 @@ ROWS_AT_A_TIME = 1024
 """Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""
 WHOLE = 'all'
 """Name of data that are one part."""
-WEIGHT_PASSES = 20  # source: none known; a fit that needs more of them warns
-LOAD_PASSES, LOAD_CHANGE = 10, 1e-3
-"""Turns of loads and parameters, and the relative change at which they have settled."""
 
 Analytical = TypeVar('Analytical', bound='AnalyticalModel')
 
 
+class BasePart(CoefficientPart):
+    """A base parameter."""
+
+    name: Text
+    excited: Flag
+
+
+class ConstantPart(BundlePart):
+    """Torque constant of a joint, relative to that of others."""
+
+    channel: str
+    value: Annotated[float, Field(ge=1.0 / MAX_COEFFICIENT, le=MAX_COEFFICIENT)]
+    relative_error: Annotated[float, Field(ge=0.0)]
+
+
+class GroupPart(BundlePart):
+    """Base parameters of channels that share them."""
+
+    channels: tuple[str, ...]
+    condition: float
+    residual_std: tuple[Noise, ...]
+    coefficients: tuple[BasePart, ...]
+    torque_constants: tuple[ConstantPart, ...] | None = None
+
+    @model_validator(mode='after')
+    def _each(self) -> GroupPart:
+        if len(self.residual_std) != len(self.channels):
+            raise ValueError(f'residual_std of {len(self.residual_std)} channels; expected 0 or '
+                             f'more for each of {list(self.channels)}')
+        constants = self.torque_constants
+        if constants is not None and tuple(item.channel for item in constants) != self.channels:
+            raise ValueError(f'torque_constants; expected one for each of {list(self.channels)}')
+        return self
+
+
+class AnalyticalPart(BundlePart):
+    """Analytical model."""
+
+    estimator: Text
+    form: Text | None = None
+    payload_range: Payloads | None = None
+    groups: tuple[GroupPart, ...]
+
+    @property
+    def shared(self) -> bool:
+        """Whether channels share their parameters up to torque constants."""
+        return any(group.torque_constants is not None for group in self.groups)
+
+
+# -- Base parameters with their estimates to plain values and back, checked on the way in
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Base parameters of a group of channels with their estimate."""
+
+    base: BaseSet  # base parameters of the channels
+    estimate: Estimate  # their values with standard errors
+    # Torque constants that were found with them, where the channels share parameters up to these.
+    constants: Constants | None = None
+
+
+def groups_of(
+    parts: tuple[GroupPart, ...], regressor: Regressor, arm: Arm, output: str,
+) -> tuple[Group, ...]:
+    """Make base parameters of what was read."""
+    index = {name: i for i, name in enumerate(regressor.columns)}
+    channels = {name: i for i, name in enumerate(regressor.channels)}
+    listed = [name for part in parts for name in part.channels]
+    if sorted(listed) != sorted(channels):
+        msg = f'{output} channels {listed} where {list(channels)} were expected'
+        raise ModelError(msg)
+    groups = []
+    for part in parts:
+        rows = part.coefficients
+        unknown = [row.column for row in rows if row.column not in index]
+        if unknown:
+            msg = f'parameter {unknown[0]!r} does not exist in the arm {arm.name!r}'
+            raise ModelError(msg)
+        constants = part.torque_constants and Constants(
+            np.array([item.value for item in part.torque_constants]),
+            np.array([item.relative_error for item in part.torque_constants]))
+        groups.append(Group(
+            BaseSet(tuple(channels[name] for name in part.channels),
+                    np.array([index[row.column] for row in rows], dtype=np.intp),
+                    tuple(row.name for row in rows)),
+            Estimate(np.array([row.value for row in rows]),
+                     np.array([row.standard_error for row in rows]), part.condition,
+                     tuple(k for k, row in enumerate(rows) if not row.excited),
+                     np.array(part.residual_std) ** 2), constants or None))
+    return tuple(groups)
+
+
 class AnalyticalModel(MemorylessModel):
-    """Outputs as base regressor times base parameters."""
+    """Outputs as base regressor times base parameters; of all payloads where its rows are."""
 
     def __init__(
         self,
@@ -68,11 +159,13 @@ class AnalyticalModel(MemorylessModel):
         base: tuple[BaseSet, ...] | None = None,
     ) -> None:
         self.regressor = regressor
+        self.payload_range = regressor.payload_range
         self.channels = regressor.channels
         self.n_joints = n_joints
         self.states = regressor.states
         self._n_states = 0 if self.states is None else self.states.count
-        self.n_inputs = 3 * n_joints + self._n_states + getattr(regressor, 'extra_inputs', 0)
+        self.n_inputs = 3 * n_joints + self._n_states + (
+            regressor.payload_range is not None)
         self.estimator = estimator
         self.base_: tuple[BaseSet, ...] = (
             base_sets(regressor, n_joints) if base is None else base)
@@ -92,7 +185,8 @@ class AnalyticalModel(MemorylessModel):
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> AnalyticalModel:
         """Build one that is not fitted yet; see ``MemorylessModel``."""
         return cls(
-            plain_regressor(arm, output, settings.strain_form, shared=bool(settings.shared)),
+            regressor_of(arm, output, settings.strain_form, shared=bool(settings.shared),
+                         payloads=settings.payloads),
             len(arm.active_joints), estimator=settings.estimator)
 
     def like(self: Analytical) -> Analytical:
@@ -207,11 +301,47 @@ class AnalyticalModel(MemorylessModel):
             raise NotFittedError(msg)
         if self._full is not None and self._full_of is self.groups_:
             return self._full
-        full = on_all_columns(self.groups_, self.regressor)
+        full = np.zeros((len(self.channels), len(self.regressor.columns)))
+        for group in self.groups_:
+            for i, channel in enumerate(group.base.channels):
+                full[channel, group.base.kept] = group.estimate.parameters
+                if group.constants is not None:
+                    full[channel, self.regressor.scaled] /= group.constants.values[i]
         # kept: beside a running robot this is asked for at every sample
         full.flags.writeable = False
         self._full, self._full_of = full, self.groups_
         return full
+
+    def at(self, payload: float) -> AnalyticalModel:
+        """Put a payload in; see ``Model``."""
+        if not isinstance(self.regressor, PayloadRegressor):
+            return self
+        full = self.coefficients()
+        check_payload(payload, self.regressor.payload_range)
+        plain, n = self.regressor.plain, len(self.regressor.plain.columns)
+        merged = full[:, :n].copy()
+        merged[:, self.regressor.carried] += payload * full[:, n:]
+        groups = []
+        for group in self.groups_:
+            channels = group.base.channels
+            shared = merged[channels[0]].copy()
+            if group.constants is not None:
+                shared[plain.scaled] *= group.constants.values[0]
+            kept = np.flatnonzero(shared)
+            # what two parameters' errors come to together is in no single number
+            unknown = np.full(len(kept), np.nan)
+            base = BaseSet(channels, kept, tuple(plain.columns[i] for i in kept))
+            groups.append(Group(base, replace(
+                group.estimate, parameters=shared[kept], standard_errors=unknown, unexcited=()),
+                group.constants))
+        return self.of_groups(plain, groups)
+
+    def of_groups(self, regressor: Regressor, groups: Sequence[Group]) -> AnalyticalModel:
+        """Give a model of one payload with parameters that are known."""
+        model = AnalyticalModel(regressor, self.n_joints, estimator=self.estimator,
+                                base=tuple(group.base for group in groups))
+        model.groups_ = tuple(groups)
+        return model
 
     def conditioning(self) -> Conditioning:
         """Give the largest condition number of its groups, and what they do not show."""
@@ -222,12 +352,31 @@ class AnalyticalModel(MemorylessModel):
 
     def estimated(self, arm: Arm, output: str) -> list[dict[str, Any]]:
         """List its base parameters; see ``Model``."""
-        return groups_to_list(self.groups_, self.regressor, arm, output)
+        found = []
+        for group in self.groups_:
+            names = tuple(self.regressor.channels[i] for i in group.base.channels)
+            found.append({
+                'channels': list(names),
+                'condition': float(group.estimate.condition),
+                'residual_std': [float(np.sqrt(v)) for v in group.estimate.variances],
+                **({} if group.constants is None else {'torque_constants': [
+                    {'channel': name, 'value': float(value), 'relative_error': float(error)}
+                    for name, value, error in zip(names, group.constants.values,
+                                                  group.constants.relative_errors, strict=True)]}),
+                'coefficients': [
+                    {'name': name, 'column': self.regressor.columns[column],
+                     'value': float(value), 'standard_error': float(error),
+                     'unit': column_unit(arm, output, names, self.regressor.columns[column]),
+                     'excited': k not in group.estimate.unexcited}
+                    for k, (name, column, value, error) in enumerate(zip(
+                        group.base.names, group.base.kept, group.estimate.parameters,
+                        group.estimate.standard_errors, strict=True))]})
+        return found
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
         """Give estimator, form, and the coefficients of each group; see ``Model``."""
         self.coefficients()  # raises if there are none
-        form = getattr(self.regressor, 'form', None)
+        form = self.regressor.form
         return {'estimator': self.estimator, 'units': output_units(arm, output),
                 **({} if form is None else {'form': form}),
                 **({} if self.payload_range is None else
@@ -238,7 +387,8 @@ class AnalyticalModel(MemorylessModel):
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> AnalyticalModel:
         """Build it from its coefficients; see ``Model``."""
         part = read(AnalyticalPart, content)
-        regressor = plain_regressor(arm, output, str(part.form), shared=part.shared)
+        regressor = regressor_of(arm, output, str(part.form), shared=part.shared,
+                                 payloads=part.payload_range)
         groups = groups_of(part.groups, regressor, arm, output)
         model = cls(regressor, len(arm.active_joints), estimator=part.estimator,
                     base=tuple(group.base for group in groups))
@@ -295,78 +445,3 @@ class AnalyticalModel(MemorylessModel):
         msg = (f'{estimator.words} has not settled after {WEIGHT_PASSES} passes '
                f'(last change {change:.1e}); its result is used as it is')
         warnings.warn(msg, TudorWarning, stacklevel=3)
-
-
-class PayloadModel(AnalyticalModel):
-    """
-    Analytical model of all payloads; its input is ``[q, dq, ddq, payload]``.
-
-    payload_range [kg].
-    """
-
-    def __init__(
-        self,
-        regressor: PayloadRegressor,
-        n_joints: int,
-        payload_range: Range,
-        *,
-        estimator: str = 'wls',
-        base: tuple[BaseSet, ...] | None = None,
-    ) -> None:
-        super().__init__(regressor, n_joints, estimator=estimator, base=base)
-        self.payload_range: Range = payload_range
-        self._plain: Regressor = regressor.plain
-        self._carried = regressor.carried
-
-    def like(self) -> PayloadModel:
-        """Give one of the same rows, base parameters and payloads that is not fitted yet."""
-        regressor = self.regressor
-        assert isinstance(regressor, PayloadRegressor)
-        return PayloadModel(regressor, self.n_joints, self.payload_range,
-                            estimator=self.estimator, base=self.base_)
-
-    @classmethod
-    def new(cls, arm: Arm, output: str, settings: ModelSettings) -> PayloadModel:
-        """Build one for the payloads of the fit; see ``MemorylessModel``."""
-        assert settings.payloads is not None
-        plain = plain_regressor(arm, output, settings.strain_form, shared=bool(settings.shared))
-        return cls(payload_regressor(plain, arm), len(arm.active_joints), settings.payloads,
-                   estimator=settings.estimator)
-
-    @classmethod
-    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadModel:
-        """Build it from its coefficients; see ``Model``."""
-        part = read(PayloadPart, content)
-        regressor = payload_regressor(
-            plain_regressor(arm, output, str(part.form), shared=part.shared), arm)
-        groups = groups_of(part.groups, regressor, arm, output)
-        model = cls(regressor, len(arm.active_joints), part.payload_range,
-                    estimator=part.estimator,
-                    base=tuple(group.base for group in groups))
-        model.groups_ = groups
-        return model
-
-    def at(self, payload: float) -> AnalyticalModel:
-        """Put a payload in; see ``Model``."""
-        full = self.coefficients()
-        check_payload(payload, self.payload_range)
-        n = len(self._plain.columns)
-        merged = full[:, :n].copy()
-        merged[:, self._carried] += payload * full[:, n:]
-        groups = []
-        for group in self.groups_:
-            channels = group.base.channels
-            shared = merged[channels[0]].copy()
-            if group.constants is not None:
-                shared[self._plain.scaled] *= group.constants.values[0]
-            kept = np.flatnonzero(shared)
-            values = shared[kept]
-            # what two parameters' errors come to together is in no single number
-            unknown = np.full(len(kept), np.nan)
-            base = BaseSet(channels, kept, tuple(self._plain.columns[i] for i in kept))
-            groups.append(Group(base, Estimate(values, unknown, group.estimate.condition, (),
-                                               group.estimate.variances), group.constants))
-        model = AnalyticalModel(self._plain, self.n_joints, estimator=self.estimator,
-                                base=tuple(group.base for group in groups))
-        model.groups_ = tuple(groups)
-        return model

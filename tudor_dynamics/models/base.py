@@ -12,21 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The contract of models, and the blocks of motion that they learn from."""
+"""The contract of models: what they learn from, offer, and keep in a bundle."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeVar
+import math
+from typing import Annotated, Any, ClassVar, Protocol, TypeVar
 import warnings
 
 import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.errors import FitError, TudorWarning
-from tudor_dynamics.models.friction import LiveFriction
+from tudor_dynamics.arm.schema import validation_message
+from tudor_dynamics.errors import FitError, ModelError, TudorWarning
+from tudor_dynamics.models.friction import FrictionStates, LiveFriction
 from tudor_dynamics.signals.preprocessing import Decimation, Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -97,6 +100,69 @@ def check_motion(motion: FloatArray, n_inputs: int, fewer: int | None = None) ->
         raise FitError(msg)
 
 
+# -- Parts of a bundle's head: what stands where, and which values a fit can have written there
+
+MAX_COEFFICIENT = 1e15
+"""Beyond it, one rad or A stands above all digits of a double: no fit gives that."""
+
+
+def _within(value: float) -> float:
+    if not abs(value) <= MAX_COEFFICIENT:  # NaN is not
+        msg = f'{value:g}, which no fit gives: not finite, or beyond {MAX_COEFFICIENT:g}'
+        raise ValueError(msg)
+    return value
+
+
+def _known(value: float) -> float:
+    if math.isnan(value):
+        raise ValueError('not finite, nor unknown')
+    return value
+
+
+def _size(value: float) -> float:
+    if not 0.0 <= value <= MAX_COEFFICIENT:
+        raise ValueError('expected 0 or more')
+    return value
+
+
+def _masses(value: tuple[float, float]) -> tuple[float, float]:
+    if not 0.0 <= value[0] < value[1] <= MAX_COEFFICIENT:
+        raise ValueError(f'payload range {value[0]} to {value[1]} kg; expected two masses')
+    return value
+
+
+Coefficient = Annotated[float, AfterValidator(_within)]
+Deviation = Annotated[float, AfterValidator(_known)]
+Noise = Annotated[float, AfterValidator(_size)]
+Payloads = Annotated[tuple[float, float], AfterValidator(_masses)]
+Text = Annotated[str, BeforeValidator(str)]
+Flag = Annotated[bool, BeforeValidator(bool)]
+Whole = Annotated[int, BeforeValidator(int)]
+Part = TypeVar('Part', bound='BundlePart')
+
+
+class BundlePart(BaseModel):
+    """Base of all parts: immutable; keys that only people read are passed over."""
+
+    model_config = ConfigDict(frozen=True, extra='ignore')
+
+
+class CoefficientPart(BundlePart):
+    """A coefficient on one column, with its standard error: infinite where it is not shown."""
+
+    column: Text
+    value: Coefficient
+    standard_error: Deviation
+
+
+def read(part: type[Part], content: Any, context: dict[str, Any] | None = None) -> Part:
+    """Read a part from plain values."""
+    try:
+        return part.model_validate(content, context=context)
+    except ValidationError as err:
+        raise ModelError(validation_message(err), remedy='fit the model again') from None
+
+
 # -- The contract of models: what each of them offers, whatever is inside
 
 Range = tuple[float, float]
@@ -150,7 +216,7 @@ class Live(Protocol):
         Parameters
         ----------
         dt : float
-            Time since the sample before [s]; 0 to begin anew, at rest.
+            Time since the sample before [s]; 0 to restart, at rest.
         row : ndarray of shape (3 n_joints,)
             ``[q, dq, ddq]`` of one sample [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
         wanted : collection of str, optional
@@ -317,7 +383,7 @@ class Model(ABC):
         Say how far an effort may lie off its prediction while the joint stands.
 
         A joint that stands keeps whatever friction it has come to rest with, which no motion
-        tells: anything up to what friction jumps by where it begins to slide either way.
+        shows: anything up to what friction jumps by where it begins to slide either way.
 
         Parameters
         ----------
@@ -436,3 +502,149 @@ def check_payload(payload: float, known: Range) -> None:
         msg = (f'the payload {payload:g} kg is outside the {low:g} to {high:g} kg that the model '
                'was fitted to: it extrapolates')
         warnings.warn(msg, TudorWarning, stacklevel=3)
+
+
+# -- Models without a memory: what they learn from rows of motion, and how they follow it
+
+Learner = TypeVar('Learner', bound='MemorylessModel')
+
+
+class ModelSettings(Protocol):
+    """What `identification.fit.FitSettings` says of models that are to be fitted."""
+
+    @property
+    def estimator(self) -> str:
+        """Estimator of an analytical model."""
+
+    @property
+    def strain_form(self) -> str:
+        """Where an analytical model takes the bending moment."""
+
+    @property
+    def elm_hidden(self) -> int:
+        """How many neurons are hidden."""
+
+    @property
+    def elm_ridge(self) -> float:
+        """Ridge of the output weights."""
+
+    @property
+    def elm_seed(self) -> int:
+        """Seed of the hidden layer."""
+
+    @property
+    def shared(self) -> bool | None:
+        """Whether currents of unknown torque constants share the inertial parameters."""
+
+    @property
+    def payloads(self) -> Range | None:
+        """Least and largest payload of the training bags, where they differ [kg]."""
+
+
+class MemorylessModel(Model):
+    """
+    A model that learns from rows: its outputs depend on the motion at their sample.
+
+    What friction makes of the motion before, where it gives way, is another input.
+    """
+
+    has_memory = False
+    states: FrictionStates | None = None  # of friction that has some
+
+    @classmethod
+    @abstractmethod
+    def new(cls: type[Learner], arm: Arm, output: str, settings: ModelSettings) -> Learner:
+        """Build a model that is not fitted yet."""
+
+    @abstractmethod
+    def fit_blocks(self: Learner, blocks: Blocks) -> Learner:
+        """Learn from data that come in blocks."""
+
+    def fit_parts(
+        self: Learner, parts: Mapping[str, Blocks], known: dict[tuple[str, bool], Any],
+    ) -> Learner:
+        """
+        Learn from several parts, such as bags, of which other models may learn too.
+
+        known: empty before the first.
+        """
+        def blocks() -> Iterator[TrainingBlock]:
+            for part in parts.values():
+                yield from part()
+
+        return self.fit_blocks(blocks)
+
+    def fit(self: Learner, motion: FloatArray, output: FloatArray) -> Learner:
+        """
+        Learn from motion and outputs.
+
+        output (samples, channels) [its unit]; motion (samples, inputs): ``[q, dq, ddq]`` of the
+        active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2], and the payload [kg]
+        where the model is of all payloads.
+        """
+        return self.fit_blocks(block_of(motion, output))
+
+    @abstractmethod
+    def predict(self, motion: FloatArray) -> FloatArray:
+        """Predict the outputs, each sample by itself; see ``Model``."""
+
+    def inputs(self, stretch: Stretch) -> FloatArray:
+        """Give the motion, and what friction makes of the past; see ``Model``."""
+        return stretch.motion if self.states is None else self.states.follow(stretch)
+
+    def trail(self) -> LiveFriction | None:
+        """Follow what friction makes of the past; see ``Model``."""
+        return None if self.states is None else LiveFriction(self.states)
+
+    def follow(self, stretch: Stretch) -> FloatArray:
+        """Predict each sample of a stretch by itself; see ``Model``."""
+        return self.predict(self.inputs(stretch))
+
+    def follow_kept(self, stretch: Stretch) -> FloatArray:
+        """Predict the samples that are kept, without those between where no filter needs them."""
+        if stretch.decimation.sections is None:
+            return self.predict(stretch.decimation(self.inputs(stretch)))
+        return super().follow_kept(stretch)
+
+    def stiction(self, q: FloatArray) -> FloatArray:
+        """Turn each joint the one way and the other, slowly; see ``Model``."""
+        n = q.shape[1]
+        if len(self.channels) != n:
+            return super().stiction(q)
+        motion = np.zeros((2, n, len(q), 3 * n))
+        motion[..., :n] = q
+        for joint in range(n):
+            motion[:, joint, :, n + joint] = np.array([SLIDING, -SLIDING])[:, None]
+        y = self.predict(motion.reshape(-1, 3 * n)).reshape(2, n, len(q), n)
+        own = np.abs(np.einsum('jkj->kj', y[0] - y[1]))
+        return np.asarray(0.5 * np.median(own, axis=0))
+
+    @classmethod
+    def live(
+        cls: type[Learner], models: Mapping[str, Learner], observer: str = 'off',
+    ) -> Live:
+        """Predict row by row; there is no state that an observer could correct."""
+        return RowByRow(models)
+
+
+class RowByRow:
+    """Models without a memory, sample by sample; see ``Live``."""
+
+    observing = False
+
+    def __init__(self, models: Mapping[str, MemorylessModel]) -> None:
+        self._models = models
+        self._trails = {output: trail for output, model in models.items()
+                        if (trail := model.trail()) is not None}
+
+    def measure(self, strain: FloatArray) -> None:
+        """Take a strain that corrects nothing."""
+
+    def step(
+        self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
+    ) -> dict[str, FloatArray]:
+        """Predict one sample; see ``Live``."""
+        followed = ({output: trail.step(dt, row) for output, trail in self._trails.items()}
+                    if self._trails else {})
+        return {output: model.predict(followed.get(output, row)[None])[0]
+                for output, model in self._models.items() if wanted is None or output in wanted}

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The model bundle: models of one arm, and all that is known of their worth."""
+"""The model bundle: models of one arm, and all that is known of them."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import hashlib
 import io
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 import zipfile
 import zlib
 
@@ -29,12 +29,11 @@ import numpy as np
 from tudor_dynamics import files
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm, arm_from_dict
-from tudor_dynamics.arm.schema import FRICTION_KEYS
+from tudor_dynamics.arm.schema import FRICTION_KEYS, PreprocessingSpec
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.base import BundlePart, Model, read
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
-from tudor_dynamics.models.bundle_parts import HeadPart, ModelsPart, read
 from tudor_dynamics.models.estimation import Products, summed, triangular
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.typing import FloatArray
@@ -43,7 +42,10 @@ import yaml
 
 # -- Files of a model bundle: bytes in, checked values out, and back.
 #
-# Bundles are untrusted: reads are bounded and of regular files only, nothing is unpickled.
+# ``model.yaml`` can be read and compared by a person; ``arm.yaml`` (and ``arm.urdf``) is the arm;
+# ``elm.npz`` holds the ELM's arrays, ``data.npz`` what training bags come to. Bundles are
+# untrusted: sizes are bounded, nothing is unpickled, every byte is covered by a checksum. A bundle
+# is written under a temporary name and renamed, so that a reader never sees half of one.
 
 MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
              'elm.npz': 200_000_000, 'data.npz': 200_000_000}
@@ -51,6 +53,9 @@ FORMAT = 'tudor_dynamics/model'
 VERSION = 1
 MARK = 'checksum: '
 """Begins the last line of ``model.yaml``, a checksum over all before it."""
+
+
+AGAIN = 'fit the model again'
 
 
 class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
@@ -61,63 +66,21 @@ class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[mi
 
 
 def dump_yaml(content: Any) -> str:
-    """
-    Write plain values as YAML, without references.
-
-    Parameters
-    ----------
-    content : dict
-        Mapping of plain values.
-
-    Returns
-    -------
-    str
-        Text.
-
-    """
+    """Write plain values as YAML, without references."""
     text: str = yaml.dump(content, Dumper=_Dumper, sort_keys=False, width=99,
                           allow_unicode=True, default_flow_style=None)
     return text
 
 
 def load_yaml(text: str | bytes, file: Path) -> Any:
-    """
-    Read the YAML of a bundle.
-
-    Parameters
-    ----------
-    text : str or bytes
-        Text of the file.
-    file : Path
-        Where it came from, for messages.
-
-    Returns
-    -------
-    object
-        Plain values.
-
-    Raises
-    ------
-    ModelError
-        If it is no YAML, or stands for more than it may.
-
-    """
+    """Read the YAML of a bundle; the file is for messages."""
     try:
         return files.load_yaml(text)
     except ValueError as err:
-        raise ModelError(str(err), place=file, remedy='fit the model again') from None
+        raise ModelError(str(err), place=file, remedy=AGAIN) from None
 
 
-def sha256(data: bytes) -> str:
-    """
-    Give the SHA-256 of bytes in hexadecimal digits.
-
-    Parameters
-    ----------
-    data : bytes
-        Content of a file.
-
-    """
+def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
@@ -129,154 +92,83 @@ def dump_npz(arrays: dict[str, FloatArray]) -> bytes:
 
 
 def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
-    """
-    Read arrays from an npz archive.
-
-    Parameters
-    ----------
-    data : bytes
-        Bytes of the archive.
-    file : Path
-        Where it came from, for messages.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Arrays.
-
-    Raises
-    ------
-    ModelError
-        If it is no archive, unpacks to too much, or holds anything but numbers.
-
-    """
+    """Read arrays from an npz archive of numbers that unpacks to no more than it may."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            if sum(item.file_size for item in archive.infolist()) > MAX_BYTES['elm.npz']:
-                msg = 'unpacks to more than a model can have'
-                raise ModelError(msg, place=file)
+            size = sum(item.file_size for item in archive.infolist())
+        if size > MAX_BYTES['elm.npz']:
+            raise ModelError('unpacks to more than a model can have', place=file)
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except ModelError:
         raise
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, MemoryError, RuntimeError,
             TypeError, ValueError) as err:
-        msg = f'no archive of numbers ({err}); fit the model again'
-        raise ModelError(msg, place=file) from None
+        raise ModelError(f'no archive of numbers ({err})', place=file, remedy=AGAIN) from None
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray) or array.dtype.kind not in 'fiu':
-            msg = (f'no archive of numbers ({name[:100]!r} holds others); fit the model '
-                   'again')
-            raise ModelError(msg, place=file)
+            raise ModelError(f'no archive of numbers ({name[:100]!r} holds others)', place=file,
+                             remedy=AGAIN)
     return {name: array.astype(float) for name, array in arrays.items()}
 
 
-def read_file(path: Path, name: str) -> bytes:
-    """
-    Read one file of a bundle.
-
-    Parameters
-    ----------
-    path : Path
-        Directory of the bundle.
-    name : str
-        File in it, of `MAX_BYTES`.
-
-    Returns
-    -------
-    bytes
-        Content.
-
-    Raises
-    ------
-    ModelError
-        If it cannot be read, is larger than it may be, or is no file.
-
-    """
-    file = path / name
+def _read_file(path: Path, name: str) -> bytes:
+    """Read one file of a bundle, of `MAX_BYTES`."""
     try:
-        return files.read_bounded(file, MAX_BYTES[name])
+        return files.read_bounded(path / name, MAX_BYTES[name])
     except OSError as err:
         msg = f'cannot be read ({err.strerror}); expected a model bundle of tudor fit'
-        raise ModelError(msg, place=file) from None
+        raise ModelError(msg, place=path / name) from None
 
 
-def write_directory(content: dict[str, bytes], path: Path) -> None:
-    """
-    Write a directory of files, whole or not at all, in place of one that may stand there.
+class ModelsPart(BundlePart):
+    """Models, with the preprocessing that they were fitted to."""
 
-    Parameters
-    ----------
-    content : dict of str to bytes
-        Names and contents of the files.
-    path : Path
-        Directory to be made.
-
-    Raises
-    ------
-    ModelError
-        If it cannot be written; what stood there still stands then.
-
-    """
-    try:
-        files.write_directory(path, content)
-    except OSError as err:
-        msg = f'cannot be written ({err.strerror or err}); choose another place'
-        raise ModelError(msg, place=path) from None
+    preprocessing: PreprocessingSpec
+    outputs: dict[Literal['effort', 'strain'], dict[str, dict[str, Any]]]
 
 
-def sealed(content: dict[str, Any]) -> bytes:
-    """Give a head as a file: format and version before the content, its checksum behind."""
-    body = dump_yaml({'format': FORMAT, 'version': VERSION, **content})
-    return f'{body}{MARK}{sha256(body.encode())}\n'.encode()
+class ArmPart(BundlePart):
+    """What the arm was when the models were fitted."""
+
+    digest: str
 
 
-def read_head(path: Path) -> HeadPart:
-    """
-    Read the head of a bundle.
+class HeadPart(ModelsPart):
+    """The head itself; `facts` are read by those who know of them."""
 
-    Parameters
-    ----------
-    path : Path
-        Directory of the bundle.
+    arm: ArmPart
+    files: dict[str, str]
+    causal: ModelsPart | None = None
+    data: dict[str, tuple[str, ...]] = {}
+    facts: dict[str, Any] = {}
 
-    Returns
-    -------
-    HeadPart
-        Arm, files, preprocessing, outputs and facts.
 
-    Raises
-    ------
-    ModelError
-        If it is not there, damaged, altered, or of another version.
-
-    """
+def _read_head(path: Path) -> HeadPart:
+    """Read ``model.yaml``: whole, unaltered, of this version."""
     file = path / 'model.yaml'
     try:
-        text = read_file(path, 'model.yaml').decode()
+        text = _read_file(path, 'model.yaml').decode()
     except UnicodeDecodeError:
-        msg = f'{file}: no text; expected a model bundle of tudor fit'
-        raise ModelError(msg) from None
+        raise ModelError('no text; expected a model bundle of tudor fit', place=file) from None
     body, mark, checksum = text.rpartition(MARK)
-    if not mark or checksum != f'{sha256(body.encode())}\n':
-        msg = (f'{file}: altered or cut short (checksum differs); fit the model again instead of '
-               'editing it')
-        raise ModelError(msg)
+    if not mark or checksum != f'{_sha256(body.encode())}\n':
+        raise ModelError('altered or cut short (checksum differs)', place=file,
+                         remedy=f'{AGAIN} instead of editing it')
     head = load_yaml(body, file)
     if not isinstance(head, dict) or head.get('format') != FORMAT:
-        msg = f'{file}: not in the format {FORMAT!r}'
-        raise ModelError(msg)
+        raise ModelError(f'not in the format {FORMAT!r}', place=file)
     if head.get('version') != VERSION:
-        msg = (f'{file}: bundle version {head.get("version")!r}; this program reads version '
-               f'{VERSION}: update tudor_dynamics, or fit the model again')
-        raise ModelError(msg)
+        msg = (f'bundle version {head.get("version")!r}; this program reads version {VERSION}: '
+               'update tudor_dynamics, or fit the model again')
+        raise ModelError(msg, place=file)
     try:
         return read(HeadPart, head)
     except ModelError as err:
         raise err.at(file) from None
 
 
-# -- What training bags come to, beside the models: products, in a file that no prediction reads.
+# -- What training bags come to: products, in a file that no prediction reads.
 #
 # With them a bag is added to a model or taken from it within a second, and full parameters are
 # found that the data themselves prefer.
@@ -334,7 +226,7 @@ def unpack(
             model.data_ = parts
     except (KeyError, TypeError, ValueError, IndexError) as err:
         raise ModelError(f'the data do not belong to the models ({err})', place=file,
-                         remedy='fit the model again') from None
+                         remedy=AGAIN) from None
 
 
 def _kept(
@@ -359,12 +251,7 @@ def _product(matrix: FloatArray, n: int, factors: bool) -> Products:
     return Products(matrix.T @ matrix, n, matrix) if factors else Products(matrix, n)
 
 
-# -- Writing and reading model bundles.
-#
-# ``model.yaml`` can be read and compared by a person; ``arm.yaml`` (and ``arm.urdf``) is the arm;
-# ``elm.npz`` holds the ELM's arrays. Bundles are untrusted: sizes are bounded, nothing is
-# unpickled, every byte is covered by a checksum. A bundle is written under a temporary name and
-# renamed, so that a reader never sees half of one.
+# -- Writing and reading model bundles
 
 CAUSAL = 'causal_'
 """Begin of the names of arrays of the models for the robot."""
@@ -403,7 +290,7 @@ def save_bundle(
     check_type(path, (str, Path), 'path', 'a directory to be made')
     path = Path(path)
     check_target(path, overwrite=overwrite)
-    files = _arm_files(bundle.arm)
+    content = _arm_files(bundle.arm)
     arrays: dict[str, FloatArray] = {}
     parts = {'outputs': _contents(bundle.models, bundle.arm, arrays, '')}
     if bundle.causal is not None:
@@ -411,18 +298,23 @@ def save_bundle(
             'preprocessing': bundle.causal.preprocessing.model_dump(mode='json'),
             'outputs': _contents(bundle.causal.models, bundle.arm, arrays, CAUSAL)}
     if arrays:
-        files['elm.npz'] = dump_npz(arrays)
+        content['elm.npz'] = dump_npz(arrays)
     names, products = pack(_sets(bundle))
     if names:
-        files[FILE] = dump_npz(products)
+        content[FILE] = dump_npz(products)
         parts['data'] = names
-    files['model.yaml'] = sealed({
-        'written_by': f'tudor_dynamics {__version__}',
+    body = dump_yaml({
+        'format': FORMAT, 'version': VERSION, 'written_by': f'tudor_dynamics {__version__}',
         'arm': {'name': bundle.arm.name, 'digest': bundle.arm.digest},
-        'files': {name: sha256(data) for name, data in files.items()},
+        'files': {name: _sha256(data) for name, data in content.items()},
         'preprocessing': bundle.preprocessing.model_dump(mode='json'),
         **parts, 'facts': bundle.facts})
-    write_directory({**(extra or {}), **files}, path)
+    content['model.yaml'] = f'{body}{MARK}{_sha256(body.encode())}\n'.encode()
+    try:
+        files.write_directory(path, {**(extra or {}), **content})
+    except OSError as err:
+        msg = f'cannot be written ({err.strerror or err}); choose another place'
+        raise ModelError(msg, place=path) from None
 
 
 def _contents(
@@ -441,22 +333,7 @@ def _contents(
 
 
 def check_target(path: Path, *, overwrite: bool) -> None:
-    """
-    Refuse to write over what is there, before hours of work and not after.
-
-    Parameters
-    ----------
-    path : Path
-        Directory to be made.
-    overwrite : bool
-        Whether a bundle may be replaced.
-
-    Raises
-    ------
-    ModelError
-        If something stands there that may not be replaced.
-
-    """
+    """Refuse to write over what is there, before hours of work and not after."""
     if not path.exists() and not path.is_symlink():
         return
     if not overwrite:
@@ -510,43 +387,38 @@ def load_bundle(
     """
     check_type(path, (str, Path), 'path', 'the directory of a bundle')
     path = Path(path)
-    head = read_head(path)
-    files = {name: read_file(path, name) for name in head.files if name in MAX_BYTES}
+    head = _read_head(path)
+    content = {name: _read_file(path, name) for name in head.files if name in MAX_BYTES}
     for name, checksum in head.files.items():
-        if name not in files:
-            msg = f'{path}: names a file {name!r} that no bundle has'
-            raise ModelError(msg)
-        if sha256(files[name]) != checksum:
-            msg = f'{path / name}: altered or cut short (checksum differs); fit the model again'
-            raise ModelError(msg)
+        if name not in content:
+            raise ModelError(f'names a file {name!r} that no bundle has', place=path)
+        if _sha256(content[name]) != checksum:
+            raise ModelError('altered or cut short (checksum differs)', place=path / name,
+                             remedy=AGAIN)
     try:
-        own = _arm(load_yaml(files['arm.yaml'], path / 'arm.yaml'), files, path)
+        own = _arm(load_yaml(content['arm.yaml'], path / 'arm.yaml'), content, path)
     except (KeyError, ArmError) as err:
-        msg = f'{path}: its arm description cannot be used ({err})'
-        raise ModelError(msg) from None
+        raise ModelError(f'its arm description cannot be used ({err})', place=path) from None
     if own.digest != head.arm.digest:
-        msg = (f'{path}: the arm description inside gives another digest than when the model was '
-               'fitted; fit the model again with this version')
-        raise ModelError(msg)
+        msg = 'the arm description inside gives another digest than when the model was fitted'
+        raise ModelError(msg, place=path, remedy=f'{AGAIN} with this version')
     if arm is not None and not _same_arm(arm, own):
-        msg = (f'{path}: fitted for the arm {own.name!r} as it was described then, not for '
-               f'{arm.name!r} of {arm.source}; fit it again, or give the arm it was fitted for')
-        raise ModelError(msg)
+        msg = (f'fitted for the arm {own.name!r} as it was described then, not for {arm.name!r} '
+               f'of {arm.source}')
+        raise ModelError(msg, place=path,
+                         remedy='fit it again, or give the arm it was fitted for')
     try:
-        arrays = load_npz(files['elm.npz'], path / 'elm.npz') if 'elm.npz' in files else {}
+        arrays = load_npz(content['elm.npz'], path / 'elm.npz') if 'elm.npz' in content else {}
         models = _models(own, head, arrays, '')
         causal = None if head.causal is None else CausalModels(
             head.causal.preprocessing, _models(own, head.causal, arrays, CAUSAL))
-    except ModelError as err:
-        raise err.at(path) from None
     except TudorError as err:
-        raise ModelError(err.advice, place=err.place or path) from None
+        raise ModelError(err.cause, place=err.place or path, remedy=err.remedy) from None
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as err:
-        msg = f'{path / "model.yaml"}: {" ".join(str(err).split())}; fit the model again'
-        raise ModelError(msg) from None
+        raise ModelError(str(err), place=path / 'model.yaml', remedy=AGAIN) from None
     bundle = ModelBundle(own, head.preprocessing, models, head.facts, causal)
-    if with_data and FILE in files:
-        unpack(_sets(bundle), head.data, files[FILE], path / FILE)
+    if with_data and FILE in content:
+        unpack(_sets(bundle), head.data, content[FILE], path / FILE)
     return bundle
 
 
@@ -567,10 +439,10 @@ def _models(
             for output, kinds in part.outputs.items()}
 
 
-def _arm(content: Any, files: dict[str, bytes], path: Path) -> Arm:
+def _arm(content: Any, known: dict[str, bytes], path: Path) -> Arm:
     kinematics = content.get('kinematics') if isinstance(content, dict) else None
     urdf = kinematics.get('urdf') if isinstance(kinematics, dict) else None
-    if urdf is not None and (urdf != 'arm.urdf' or urdf not in files):
+    if urdf is not None and (urdf != 'arm.urdf' or urdf not in known):
         msg = f'{path}: its arm has the URDF {urdf!r}; expected arm.urdf, with a checksum'
         raise ModelError(msg)
     return arm_from_dict(content, base=path, source=str(path / 'arm.yaml'))
@@ -585,4 +457,8 @@ def _model(
     prefix = f'{output}_{kind}_'
     own = {name.removeprefix(prefix): array for name, array in arrays.items()
            if name.startswith(prefix)}
-    return KINDS[kind].from_content(content).from_dict({**content, **own}, arm, output)
+    if 'payload_range' in content and not KINDS[kind].of_loads:
+        msg = (f'{KINDS[kind].label}: a range of payloads, of which this kind of model knows '
+               'nothing')
+        raise ModelError(msg)
+    return KINDS[kind].model.from_dict({**content, **own}, arm, output)

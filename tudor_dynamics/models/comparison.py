@@ -21,30 +21,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis
 from tudor_dynamics.errors import ModelError, UsageError
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.analytical import AnalyticalModel, Group
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.models.bundle_parts import Group
 from tudor_dynamics.models.consistent import (
-    full_of, Prior, prior_of, Solution, solve_consistent, solve_drives)
+    full_of, Prior, prior_of, scaled_columns, Solution, solve_consistent, solve_drives)
 from tudor_dynamics.models.estimation import Constants, summed
 from tudor_dynamics.models.friction import BY_LOAD
-from tudor_dynamics.models.regressor import BaseSet, EffortRegressor
+from tudor_dynamics.models.regressor import BaseSet
+from tudor_dynamics.models.settings import FROM_BOTH, FROM_DATA
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
 
 # -- What a fitted model says of every body and drive, for other programs
-
-FROM_DATA, FROM_BOTH = 0.3, 0.8
-"""Standard error over that before any data, up to which a parameter comes from the data, or from
-both."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +97,7 @@ class FullParameters:
 
 def full_parameters(bundle: ModelBundle, prior: Prior | None = None) -> FullParameters:
     """
-    Find full parameters that can exist behind the effort model of a bundle.
+    Find full parameters that can exist, of the effort model of a bundle.
 
     prior: from the description by default.
     """
@@ -110,7 +105,7 @@ def full_parameters(bundle: ModelBundle, prior: Prior | None = None) -> FullPara
 
 
 def effort_model(bundle: ModelBundle) -> AnalyticalModel:
-    """Find the model of efforts behind which there are full parameters."""
+    """Find the model of efforts of which there are full parameters."""
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
@@ -126,7 +121,7 @@ def full_parameters_of(
     arm: Arm, model: AnalyticalModel, prior: Prior | None = None,
 ) -> FullParameters:
     """
-    Find full parameters that can exist behind a model of efforts.
+    Find full parameters that can exist, of a model of efforts.
 
     prior: from the description by default.
     """
@@ -146,26 +141,9 @@ def described_parameters_of(
 
 
 def _full(arm: Arm, model: AnalyticalModel, solution: Solution) -> FullParameters:
+    """Put full parameters in place of base parameters."""
     columns = model.regressor.columns
-    return FullParameters(arm, solution, columns,
-                          _model(model, solution, scaled_columns(arm, columns)))
-
-
-def scaled_columns(arm: Arm, columns: Sequence[str]) -> NDArray[np.bool_]:
-    """
-    Say which parameters unknown torque constants divide, where there are such.
-
-    Returns (columns,).
-    """
-    together = EffortRegressor(arm, shared=True)
-    return together.scaled if together.unknown else np.zeros(len(columns), dtype=np.bool_)
-
-
-def _model(
-    model: AnalyticalModel, solution: Solution, scaled: NDArray[np.bool_],
-) -> AnalyticalModel:
-    """Give the model of efforts with full parameters in place of base parameters."""
-    full = full_of(solution, scaled)
+    full = full_of(solution, scaled_columns(arm, columns))
     groups = []
     for group in model.groups_:
         channels = list(group.base.channels)
@@ -179,11 +157,8 @@ def _model(
         estimate = replace(group.estimate, parameters=values[kept], unexcited=(),
                            standard_errors=np.full(len(kept), np.nan))
         groups.append(Group(BaseSet(group.base.channels, kept, tuple(
-            model.regressor.columns[i] for i in kept)), estimate, constants))
-    made = AnalyticalModel(model.regressor, model.n_joints, estimator=model.estimator,
-                           base=tuple(group.base for group in groups))
-    made.groups_ = tuple(groups)
-    return made
+            columns[i] for i in kept)), estimate, constants))
+    return FullParameters(arm, solution, columns, model.of_groups(model.regressor, groups))
 
 
 # -- What two models or descriptions say of one arm: body by body, and of a recording
@@ -246,7 +221,7 @@ def described_bodies(arm: Arm) -> dict[str, FloatArray]:
 def body_row(
     joint: str, arms: tuple[Arm, Arm], bodies: tuple[FloatArray, FloatArray],
 ) -> BodyRow:
-    """Put a body beside another: bodies (10,)."""
+    """Compare a body with another: bodies (10,)."""
     (one, other), (a, b) = bodies, (pin.Inertia.FromDynamicParameters(body) for body in bodies)
     turns = []
     for arm, body in zip(arms, (one, other), strict=True):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bodies and drives that can physically exist behind identified parameters."""
+"""Bodies and drives that can physically exist and have the identified parameters."""
 
 from __future__ import annotations
 
@@ -27,10 +27,14 @@ from scipy import linalg
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.estimation import CORRELATED, PRIOR_WIDTH, Products, triangle
+from tudor_dynamics.models.estimation import Products, triangle
 from tudor_dynamics.models.friction import (
     BY_LOAD, DAMPING, FRICTION, friction_columns, friction_names, term_of, TERMS)
 from tudor_dynamics.models.regressor import EffortRegressor, random_inputs
+from tudor_dynamics.models.settings import (
+    ACTS, CORRELATED, ENERGY_PASSES, ENOUGH, EVALUATIONS, GRID, LEAST_RADIUS, LEAST_SHARE,
+    PEAK, PRIOR_WIDTH, ROD, SEARCHES, TOOL, WIDTH_CONSTANT, WIDTH_DESCRIBED, WIDTH_DRIVE,
+    WIDTH_ROD, WIDTH_SHAPE)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -41,18 +45,6 @@ from tudor_dynamics.typing import FloatArray
 # stand for such bodies and no others: any ten numbers are a body.
 
 PARAMETERS = 10
-LEAST_SHARE = 1e-4
-"""Mass of a body that is described without any, as a part of all."""
-LEAST_RADIUS = 0.01
-"""Radius of gyration added to bodies that are described as points, lines or plates [m]."""
-ROD = 4.0
-"""Mass per length where no mass is described at all [kg/m]: that of lightweight arms."""
-TOOL = 0.1
-"""Length of the last body where nothing tells it [m]."""
-WIDTH_DESCRIBED, WIDTH_ROD = 0.5, 1.0
-"""Standard deviation of the logarithm of half a mass, described or guessed."""
-WIDTH_SHAPE = 0.5
-"""The same of a size; of a centre of mass and of a product of inertia as a part of the size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,16 +167,6 @@ def _body(mass: float, center: FloatArray, second: FloatArray) -> FloatArray:
 
 # -- What friction and rotor inertia have to be: rotors have mass, and friction takes energy
 
-GRID = 12
-"""Speeds at which friction is looked at, in each direction."""
-ACTS = 0.3
-"""Part of its largest effect from which on a term is asked to make up for others: of Coulomb
-friction at the smallest speed there is three quarters."""
-PASSES = 30
-"""What is raised for one direction takes an eighth of it from the other at the smallest speed."""
-PEAK = 2.5
-"""Largest speed of a motion over its root mean square: 1.4 for a sine, 3 for moves with rests."""
-
 
 def speed_grid(largest: float, sharp: float) -> FloatArray:
     """
@@ -227,7 +209,7 @@ def raised(values: FloatArray, columns: Sequence[str], rows: FloatArray) -> Floa
     values = np.array(values)
     places = [i for kind in ('Ia', FRICTION, DAMPING) for i, name in enumerate(columns)
               if name.startswith(kind)]
-    for _ in range(PASSES):
+    for _ in range(ENERGY_PASSES):
         for i in places:
             if np.min(rows @ values, initial=0.0) < 0.0:
                 # not those of the other direction, on which it hardly acts
@@ -238,12 +220,6 @@ def raised(values: FloatArray, columns: Sequence[str], rows: FloatArray) -> Floa
 
 
 # -- Errors of full parameters on data, their distance from a description, and their derivatives
-
-WIDTH_DRIVE = 3.0
-"""Width of what drives may contribute to an output, in units of the output's size: no knowledge,
-but a bound on what nothing shows."""
-WIDTH_CONSTANT = 3.0
-"""Standard deviation of the logarithm of all torque constants together: no knowledge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,6 +250,16 @@ class Solution:
     free_errors: FloatArray
 
 
+def scaled_columns(arm: Arm, columns: Sequence[str]) -> NDArray[np.bool_]:
+    """
+    Say which parameters unknown torque constants divide, where there are such.
+
+    Returns (columns,).
+    """
+    together = EffortRegressor(arm, shared=True)
+    return together.scaled if together.unknown else np.zeros(len(columns), dtype=np.bool_)
+
+
 class Problem:
     """
     Residuals of data and of prior knowledge, and their derivatives.
@@ -287,12 +273,9 @@ class Problem:
         self, arm: Arm, model: AnalyticalModel, products: Sequence[Sequence[Products]],
         prior: Prior,
     ) -> None:
-        together = EffortRegressor(arm, shared=True)
         self.columns = model.regressor.columns
-        self.scaled = together.scaled if together.unknown else np.zeros(
-            len(self.columns), dtype=np.bool_)
-        self.unknown = together.unknown
-        self.absolute = len(self.unknown) < len(model.channels)
+        self.scaled = scaled_columns(arm, self.columns)
+        self.unknown = EffortRegressor(arm, shared=True).unknown
         self.prior = prior
         self.n_channels = len(model.channels)
         self.n_bodies = len(prior.center)
@@ -382,15 +365,12 @@ class Problem:
             factor = np.where(self.scaled, np.exp(-constants[channel]), 1.0)
             found.append(self.trusted * (matrix @ (full * factor) - target))
         taken = self.steps @ x[self.first:self.first + len(self.sizes)]
-        return np.concatenate([*found, self._distance(x), self.strict * np.minimum(taken, 0.0)])
-
-    def _distance(self, x: FloatArray) -> FloatArray:
         end = self.first + len(self.sizes)
         logs = x[end:]
         mean = logs.mean(keepdims=True) if len(logs) else logs
         return np.concatenate([
-            x[:self.first], x[self.first:end] / WIDTH_DRIVE, (logs - mean) / PRIOR_WIDTH,
-            mean / WIDTH_CONSTANT])
+            *found, x[:self.first], x[self.first:end] / WIDTH_DRIVE, (logs - mean) / PRIOR_WIDTH,
+            mean / WIDTH_CONSTANT, self.strict * np.minimum(taken, 0.0)])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Differentiate `residual`, shape (n_residuals, n_unknowns): x (unknowns,)."""
@@ -493,16 +473,22 @@ def _mean_sizes(
 # give the same chi, and an estimate of chi need not belong to any bodies that can exist. So the
 # sum of squares of the data themselves, kept as factors, is minimised over log-Cholesky parameters
 # of the bodies, together with their distance from the description in units of how far that can be
-# trusted. Where the data speak, thousands of samples outweigh it; bodies that they cannot tell
-# apart share what they show by the description's proportions, for the distance is one of
+# trusted. Where the data speak, thousands of samples outweigh it; bodies that they cannot
+# distinguish share what they show by the description's proportions, for the distance is one of
 # logarithms.
 
-SEARCHES = ((1e-4, 1e2), (1e-2, 1e3), (1e-1, 1e3), (1.0, 1e3), (1.0, 1e4))
-"""Part of their weight that the data have in each search, and how strictly friction has to take
-energy: with all of both from the beginning, the way to the solution is a winding valley."""
-ENOUGH = 1e-9
-"""Relative change of the sum of squares at which a search ends."""
-EVALUATIONS = 300
+
+def _searched(problem: Problem, x: FloatArray, first: int = 0) -> FloatArray:
+    """Minimise the sum of squares over the unknowns from the first one that is free."""
+    from scipy import optimize  # slow to import
+
+    def whole(part: FloatArray) -> FloatArray:
+        return np.concatenate([x[:first], part])
+
+    return whole(optimize.least_squares(
+        lambda part: problem.residual(whole(part)), x[first:],
+        lambda part: problem.jacobian(whole(part))[:, first:], method='lm', x_scale='jac',
+        ftol=ENOUGH, xtol=ENOUGH, gtol=1e-12, max_nfev=EVALUATIONS).x)
 
 
 def solve_consistent(
@@ -514,16 +500,12 @@ def solve_consistent(
 
     prior: from the description by default.
     """
-    from scipy import optimize  # slow to import
-
     problem = Problem(arm, model, products, prior or prior_of(arm))
     x = problem.start()
     for search, (problem.trusted, problem.strict) in enumerate(SEARCHES, start=1):
         if search == len(SEARCHES):
             problem.reweigh(x)
-        x = optimize.least_squares(
-            problem.residual, x, problem.jacobian, method='lm', x_scale='jac', ftol=ENOUGH,
-            xtol=ENOUGH, gtol=1e-12, max_nfev=EVALUATIONS).x
+        x = _searched(problem, x)
     if not np.all(np.isfinite(x)):
         msg = (f'{arm.name}: no bodies that can exist explain these recordings; see what '
                '`tudor info` says of them')
@@ -537,19 +519,7 @@ def solve_drives(
     """Find the drives and torque constants that suit bodies as they are described."""
     problem = Problem(arm, model, products, prior)
     problem.trusted, problem.strict = SEARCHES[-1]
-    x = problem.start()
-    first = problem.first
-
-    def whole(part: FloatArray) -> FloatArray:
-        return np.concatenate([x[:first], part])
-
-    from scipy import optimize  # slow to import
-
-    found = optimize.least_squares(
-        lambda part: problem.residual(whole(part)),
-        x[first:], lambda part: problem.jacobian(whole(part))[:, first:], method='lm',
-        x_scale='jac', ftol=ENOUGH, xtol=ENOUGH, gtol=1e-12, max_nfev=EVALUATIONS).x
-    return problem.solution(whole(found))
+    return problem.solution(_searched(problem, problem.start(), problem.first))
 
 
 def full_of(solution: Solution, scaled: NDArray[np.bool_]) -> FloatArray:

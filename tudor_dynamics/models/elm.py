@@ -22,7 +22,6 @@ ridge regression with lambda.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,9 +30,8 @@ from scipy import linalg
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError
 from tudor_dynamics.models.base import (
-    Blocks, check_block, check_motion, check_payload, Range, TrainingBlock)
-from tudor_dynamics.models.bundle_parts import ElmPart, MAX_COEFFICIENT, PayloadElmPart, read
-from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
+    Blocks, BundlePart, check_block, check_motion, check_payload, Flag, MAX_COEFFICIENT,
+    MemorylessModel, ModelSettings, Payloads, Range, read, TrainingBlock, Whole)
 from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 2048
@@ -41,6 +39,17 @@ MAX_HIDDEN = 100_000
 ARRAYS = ('input_range', 'output_range', 'input_weights', 'biases', 'output_weights')
 
 Machine = TypeVar('Machine', bound='ExtremeLearningMachine')
+
+
+class ElmPart(BundlePart):
+    """ELM, whose arrays stand in a file of their own."""
+
+    channels: tuple[str, ...]
+    hidden: Whole
+    ridge: float
+    seed: Whole
+    clip: Flag
+    payload_range: Payloads | None = None
 
 
 class ExtremeLearningMachine(MemorylessModel):
@@ -63,6 +72,8 @@ class ExtremeLearningMachine(MemorylessModel):
         Seed of the hidden layer.
     clip : bool, default=True
         Keep inputs within the range of the training data.
+    payload_range : (float, float), optional
+        Payloads of a model of all of them, whose input is ``[q, dq, ddq, payload]`` [kg].
 
     Attributes
     ----------
@@ -85,12 +96,14 @@ class ExtremeLearningMachine(MemorylessModel):
         ridge: float = 1e-6,
         seed: int = 0,
         clip: bool = True,
+        payload_range: Range | None = None,
     ) -> None:
         self.channels = channels
         self.hidden = hidden
         self.ridge = ridge
         self.seed = seed
         self.clip = clip
+        self.payload_range = payload_range
         self.output_weights_: FloatArray | None = None
 
     def __repr__(self) -> str:
@@ -103,7 +116,8 @@ class ExtremeLearningMachine(MemorylessModel):
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> ExtremeLearningMachine:
         """Build one that is not fitted yet; see ``MemorylessModel``."""
         return cls(channels_of(arm, output), hidden=settings.elm_hidden,
-                   ridge=settings.elm_ridge, seed=settings.elm_seed)
+                   ridge=settings.elm_ridge, seed=settings.elm_seed,
+                   payload_range=settings.payloads)
 
     def fit_blocks(self: Machine, blocks: Blocks) -> Machine:
         """Learn from data that come in blocks; see ``MemorylessModel``."""
@@ -146,16 +160,14 @@ class ExtremeLearningMachine(MemorylessModel):
 
     def predict(self, motion: FloatArray) -> FloatArray:
         """Predict the outputs; see ``Model``."""
-        if self.output_weights_ is None:
-            msg = 'the ELM has no weights yet: call fit, or load a bundle'
-            raise NotFittedError(msg)
+        weights = self._weights()
         motion = np.asarray(motion, dtype=float)
         check_motion(motion, self.input_range_.shape[1])
         output = np.empty((len(motion), len(self.channels)))
         low, high = self.output_range_
         for first in range(0, len(motion), ROWS_AT_A_TIME):
             part = slice(first, first + ROWS_AT_A_TIME)
-            normal = self._features(motion[part]) @ self.output_weights_
+            normal = self._features(motion[part]) @ weights
             output[part] = low + 0.5 * (normal + 1.0) * (high - low)
         return output
 
@@ -176,7 +188,49 @@ class ExtremeLearningMachine(MemorylessModel):
         cls, content: dict[str, Any], arm: Arm, output: str,
     ) -> ExtremeLearningMachine:
         """Build it from settings and arrays; see ``Model``."""
-        return restored(lambda channels, more: cls(channels, **more), content, arm, output)
+        part, channels = read(ElmPart, content), channels_of(arm, output)
+        hidden = part.hidden
+        if not 1 <= hidden <= MAX_HIDDEN or part.channels != channels:
+            msg = f'ELM of {hidden} neurons for {list(part.channels)}; expected {list(channels)}'
+            raise ModelError(msg)
+        model = cls(**dict(part))
+        n_inputs = 3 * len(arm.active_joints) + (part.payload_range is not None)
+        shapes = ((2, n_inputs), (2, len(channels)), (n_inputs, hidden), (hidden,),
+                  (hidden, len(channels)))
+        for name, shape in zip(ARRAYS, shapes, strict=True):
+            array = content.get(name)
+            if not isinstance(array, np.ndarray) or array.shape != shape or not np.all(
+                    np.abs(array) <= MAX_COEFFICIENT):
+                found = f'shape {array.shape}' if isinstance(array, np.ndarray) else 'nothing'
+                msg = (f'elm.npz: {output}_elm_{name}: found {found}, expected finite values of '
+                       f'{shape}, none beyond {MAX_COEFFICIENT:g}')
+                raise ModelError(msg)
+            setattr(model, f'{name}_', array)
+        return model
+
+    def at(self, payload: float) -> ExtremeLearningMachine:
+        """Put a payload in; see ``Model``."""
+        if self.payload_range is None:
+            return self
+        weights = self._weights()
+        check_payload(payload, self.payload_range)
+        plain = ExtremeLearningMachine(self.channels, hidden=self.hidden, ridge=self.ridge,
+                                       seed=self.seed, clip=self.clip)
+        low, high = self.input_range_[:, -1]
+        normal = 2.0 * (payload - low) / (high - low) - 1.0 if high > low else 0.0
+        if self.clip:
+            normal = min(max(normal, -1.0), 1.0)
+        plain.input_range_, plain.output_range_ = self.input_range_[:, :-1], self.output_range_
+        plain.input_weights_ = self.input_weights_[:-1]
+        plain.biases_ = self.biases_ + normal * self.input_weights_[-1]
+        plain.output_weights_ = weights
+        return plain
+
+    def _weights(self) -> FloatArray:
+        if self.output_weights_ is None:
+            msg = 'the ELM has no weights yet: call fit, or load a bundle'
+            raise NotFittedError(msg)
+        return self.output_weights_
 
     def _features(self, motion: FloatArray) -> FloatArray:
         x = _normalise(motion, self.input_range_)
@@ -199,81 +253,8 @@ def channels_of(arm: Arm, output: str) -> tuple[str, ...]:
     return arm.active_joints if output == 'effort' else arm.gauge_names
 
 
-def restored(
-    made: Callable[[tuple[str, ...], dict[str, Any]], Machine], content: dict[str, Any],
-    arm: Arm, output: str, extra: int = 0,
-) -> Machine:
-    """Build an ELM from settings and arrays."""
-    part, channels = read(ElmPart, content), channels_of(arm, output)
-    hidden = part.hidden
-    if not 1 <= hidden <= MAX_HIDDEN or part.channels != channels:
-        msg = f'ELM of {hidden} neurons for {list(part.channels)}; expected {list(channels)}'
-        raise ModelError(msg)
-    model = made(channels, part.model_dump(include={'hidden', 'ridge', 'seed', 'clip'}))
-    n_inputs = 3 * len(arm.active_joints) + extra
-    shapes = dict(zip(ARRAYS, (
-        (2, n_inputs), (2, len(channels)), (n_inputs, hidden), (hidden,),
-        (hidden, len(channels))), strict=True))
-    for name, shape in shapes.items():
-        array = content.get(name)
-        if not isinstance(array, np.ndarray) or array.shape != shape or not np.all(
-                np.abs(array) <= MAX_COEFFICIENT):
-            found = f'shape {array.shape}' if isinstance(array, np.ndarray) else 'nothing'
-            msg = (f'elm.npz: {output}_elm_{name}: found {found}, expected finite values of '
-                   f'{shape}, none beyond {MAX_COEFFICIENT:g}')
-            raise ModelError(msg)
-        setattr(model, f'{name}_', array)
-    return model
-
-
 def _normalise(x: FloatArray, limits: FloatArray) -> FloatArray:
     """Map [low, high] to [-1, 1]; a constant to 0."""
     low, high = limits
     width = np.where(high > low, high - low, 1.0)
     return np.where(high > low, 2.0 * (x - low) / width - 1.0, 0.0)
-
-
-class PayloadELM(ExtremeLearningMachine):
-    """
-    ELM of all payloads: the payload is one more input, ``[q, dq, ddq, payload]``.
-
-    payload_range [kg].
-    """
-
-    def __init__(
-        self, channels: tuple[str, ...], payload_range: Range, *, hidden: int = 100,
-        ridge: float = 1e-6, seed: int = 0, clip: bool = True,
-    ) -> None:
-        super().__init__(channels, hidden=hidden, ridge=ridge, seed=seed, clip=clip)
-        self.payload_range: Range = payload_range
-
-    @classmethod
-    def new(cls, arm: Arm, output: str, settings: ModelSettings) -> PayloadELM:
-        """Build one for the payloads of the fit; see ``MemorylessModel``."""
-        assert settings.payloads is not None
-        return cls(channels_of(arm, output), settings.payloads, hidden=settings.elm_hidden,
-                   ridge=settings.elm_ridge, seed=settings.elm_seed)
-
-    @classmethod
-    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadELM:
-        """Build it from settings and arrays; see ``Model``."""
-        payloads = read(PayloadElmPart, content).payload_range
-        return restored(lambda channels, more: cls(channels, payloads, **more),
-                        content, arm, output, extra=1)
-
-    def at(self, payload: float) -> ExtremeLearningMachine:
-        """Put a payload in; see ``Model``."""
-        if self.output_weights_ is None:
-            self.predict(np.zeros((1, 0)))  # says what is missing
-        check_payload(payload, self.payload_range)
-        plain = ExtremeLearningMachine(self.channels, hidden=self.hidden, ridge=self.ridge,
-                                       seed=self.seed, clip=self.clip)
-        low, high = self.input_range_[:, -1]
-        normal = 2.0 * (payload - low) / (high - low) - 1.0 if high > low else 0.0
-        if self.clip:
-            normal = min(max(normal, -1.0), 1.0)
-        plain.input_range_, plain.output_range_ = self.input_range_[:, :-1], self.output_range_
-        plain.input_weights_ = self.input_weights_[:-1]
-        plain.biases_ = self.biases_ + normal * self.input_weights_[-1]
-        plain.output_weights_ = self.output_weights_
-        return plain

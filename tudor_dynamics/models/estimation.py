@@ -24,6 +24,9 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from tudor_dynamics.errors import FitError
+from tudor_dynamics.models.settings import (
+    CONSTANT_PASSES, CONSTANT_STEP, CORRELATED, HUBER_CONSTANT, LARGEST_GRAM_CONDITION,
+    NEGLIGIBLE, PRIOR_WIDTH, RIDGE, UNEXCITED_CONDITION)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -140,14 +143,6 @@ class Estimator:
     sample_weights: Callable[[FloatArray], FloatArray] | None = None
 
 
-HUBER_CONSTANT = 1.345  # 95 % efficiency at the normal distribution (Huber, Robust Statistics)
-LARGEST_GRAM_CONDITION = 1e6
-"""Condition number of the scaled columns above which triangular factors take over."""
-UNEXCITED_CONDITION = 1e10
-NEGLIGIBLE = 1e-3
-"""The prior is left out where it would move a direction by less than this part."""
-
-
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Parameters of one group of channels."""
@@ -217,7 +212,7 @@ def _prior(products: list[Products], weights: FloatArray, noise: float) -> float
     Give the information of a weak prior on each column's contribution to the outputs.
 
     No parameter is expected to contribute more than the outputs' own size. Where the motion says
-    anything, this says nothing beside it; directions that short or poor recordings show only by
+    anything, this adds nothing to it; directions that short or poor recordings show only by
     their noise are drawn to zero, instead of to values that cancel in training and nowhere else.
     """
     power = sum(w * p.gram[-1, -1] for w, p in zip(weights, products, strict=True))
@@ -257,14 +252,11 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
         variances = np.maximum(noise, floors)
         if weighted:
             weights = 1.0 / variances
-    if weighted:
-        weights = 1.0 / variances
-        parameters, inverse, condition, unexcited = _solve(
-            products, weights, _prior(products, weights, float(np.mean(noise / variances))))
-        covariance = inverse
-    else:
-        parameters, inverse, condition, unexcited = _solve(
-            products, weights, _prior(products, weights, float(np.mean(noise))))
+    size = float(np.mean(noise / variances if weighted else noise))
+    parameters, inverse, condition, unexcited = _solve(
+        products, weights, _prior(products, weights, size))
+    covariance = inverse
+    if not weighted:
         # equal weights, but each channel brings in noise of its own size
         spread = sum(v * product.gram[:p, :p] for v, product in zip(
             variances, products, strict=True))
@@ -308,21 +300,11 @@ ESTIMATORS = {
 # -- Unknown torque constants, found together with one set of inertial parameters.
 #
 # A joint with the torque constant k draws the current ``Y chi / k + friction``. For given
-# constants that is linear least squares in ``chi`` and friction; what is left over is a function
+# constants that is linear least squares in ``chi`` and friction; the residual is a function
 # of the constants alone, which is minimised over their logarithms: variable projection (Golub and
 # Pereyra, SIAM J. Numer. Anal. 10(2), 1973). All of it is done on Gram matrices, without another
 # pass over the recordings. A common factor of all constants is nobody's: where no channel has a
 # known unit, one joint is the measure of the others.
-
-PRIOR_WIDTH = 0.5
-"""Standard deviation of the logarithm of a constant about the mean of all, before any data: joints
-of one arm have drives of one kind. It decides for wrists whose bodies hardly show."""
-CORRELATED = 50.0
-"""Samples that count as one: residuals of a motion are no white noise (2.5 s at 20 Hz)."""
-PASSES = 3
-RIDGE = 1e-9
-"""Part of a column's own information that is added to it: parameters may be hard to tell apart."""
-STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,14 +340,14 @@ def find_constants(
     """
     problem = _Problem(products, scaled, list(unknown))
     logs = np.zeros(len(unknown))
-    for _ in range(PASSES):
+    for _ in range(CONSTANT_PASSES):
         logs = problem.minimise(logs)
         problem.weigh(logs)
     return problem.constants(logs)
 
 
 class _Problem:
-    """What is left over by the best parameters, as a function of the constants' logarithms."""
+    """Residual of the best parameters, as a function of the constants' logarithms."""
 
     def __init__(
         self, products: Sequence[Products], scaled: NDArray[np.bool_], unknown: list[int],
@@ -433,7 +415,7 @@ class _Problem:
         n = len(logs)
         # half of the second derivatives of the sum of squares
         hessian = np.array([self.cost(logs + shift)[1] - self.cost(logs - shift)[1]
-                            for shift in STEP * np.eye(n)]) / (4.0 * STEP)
+                            for shift in CONSTANT_STEP * np.eye(n)]) / (4.0 * CONSTANT_STEP)
         free = np.arange(n)
         if not self.absolute:
             measure = int(np.argmax(np.diag(hessian)))

@@ -27,6 +27,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import JointSpec, STATE_KEYS
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.models.rigid_bodies import RigidBodies
+from tudor_dynamics.models.settings import DISTANCES
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -121,11 +122,6 @@ class Coupling:
  _CUBE_ROOT, _SQUARE, LOAD, PRESLIDING) = range(12)
 FIRST_STATE = PRESLIDING
 """Codes from here on are those of columns with a state."""
-DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
-"""
-Displacements over which friction is tried to give way [rad or m], evenly on a logarithmic scale.
-Source: 0.3 to 10 mrad were chosen for the arms of docs/validation.md.
-"""
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.elm import ExtremeLearningMachine, PayloadELM
+from tudor_dynamics.models.elm import ExtremeLearningMachine
 
 
 @dataclass(frozen=True)
@@ -31,23 +29,14 @@ class Kind:
     """A kind of model."""
 
     label: str  # what tables and legends call it
-    model: type[Model]  # its class for bags of one load
-    # Its class for bags of several loads; None where it cannot be fitted to them.
-    of_loads: type[Model] | None = None
+    model: type[Model]  # its class
+    of_loads: bool = False  # whether it can be fitted to bags of several loads
     # Whether it is there for comparison, so that no verdict depends on it while others are.
     compared: bool = False
 
-    def from_content(self, content: dict[str, Any]) -> type[Model]:
-        """Say which class the content of a bundle is of: of all loads where it has a range."""
-        made = self.of_loads if 'payload_range' in content else self.model
-        if made is None:
-            msg = f'{self.label}: a range of payloads, of which this kind of model knows nothing'
-            raise ModelError(msg)
-        return made
-
 
 KINDS: dict[str, Kind] = {
-    'analytical': Kind('analytical', AnalyticalModel, PayloadModel),
-    'elm': Kind('ELM', ExtremeLearningMachine, PayloadELM, compared=True),
-    'elastic': Kind('elastic', ElasticModel, ElasticModel)}
+    'analytical': Kind('analytical', AnalyticalModel, of_loads=True),
+    'elm': Kind('ELM', ExtremeLearningMachine, of_loads=True, compared=True),
+    'elastic': Kind('elastic', ElasticModel, of_loads=True)}
 """Kinds by the names that commands, parameters and bundles use."""

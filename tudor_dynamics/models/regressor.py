@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Regressors: outputs linear in parameters, the base parameters behind them, and their units."""
+"""Regressors: outputs linear in parameters, their base parameters, and their units."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from tudor_dynamics.models.friction import (
     Coupling, friction_columns, friction_names, FrictionStates, JointTerms, term_names, term_of,
     TERMS)
 from tudor_dynamics.models.rigid_bodies import BODY_PARAMETERS, RigidBodies
+from tudor_dynamics.models.settings import RELATIVE_TOLERANCE
 from tudor_dynamics.typing import FloatArray
 
 
@@ -41,35 +42,40 @@ from tudor_dynamics.typing import FloatArray
 STRAIN_FORMS = ('paper', 'exact')
 
 
-class Regressor(Protocol):
+class Regressor(ABC):
     """Rows that are linear in constant parameters, for a fixed set of channels."""
 
-    channels: tuple[str, ...]
-    """Names of the outputs."""
-    columns: tuple[str, ...]
-    """Names of all parameters, base-parameter reduction not yet done."""
+    channels: tuple[str, ...]  # names of the outputs
+    columns: tuple[str, ...]  # names of all parameters, base-parameter reduction not yet done
+    # Channels that share their parameters; each channel stands in one group.
     groups: tuple[tuple[int, ...], ...]
-    """Channels that share their parameters; each channel stands in one group."""
-    unknown: tuple[int, ...]
-    """Channels that share them up to a torque constant, which is not known."""
-    scaled: NDArray[np.bool_]
-    """Columns whose parameters carry that constant."""
-    loaded: bool
-    """Whether rows depend on parameters, through friction that grows with the load."""
-    states: FrictionStates | None
-    """What follows the states of friction, for inputs after the motion; None without any."""
+    # Channels that share them up to a torque constant, which is not known.
+    unknown: tuple[int, ...] = ()
+    scaled: NDArray[np.bool_]  # columns whose parameters carry that constant
+    # Whether rows depend on parameters, through friction that grows with the load.
+    loaded: bool = False
+    # What follows the states of friction, for inputs after the motion; None without any.
+    states: FrictionStates | None = None
+    # Payloads that rows are for, the payload being the last input [kg]; None for rows of motion.
+    payload_range: tuple[float, float] | None = None
+    form: str | None = None  # of strain, see `STRAIN_FORMS`
 
     def assume(self, parameters: FloatArray | None) -> None:
         """
-        Take parameters for the loads of the rows; see `EffortRegressor.assume`.
+        Take parameters by which rows know the loads that friction grows with, where it does.
+
+        With friction in proportion to what the bodies ask of a joint, the effort is no linear
+        function of all parameters. For given loads it is: rows by the parameters of the last
+        estimate, and an estimate by these rows, settle within a few turns.
 
         Parameters
         ----------
         parameters : ndarray of shape (n_channels, n_columns) or None
-            Parameters of each channel.
+            Parameters of each channel; None for bodies whose parameters all are 1.
 
         """
 
+    @abstractmethod
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """
         Evaluate rows, shape (n_samples, n_channels, n_columns).
@@ -85,6 +91,7 @@ class Regressor(Protocol):
 
         """
 
+    @abstractmethod
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
         """
         Evaluate rows times the parameters of each channel, shape (n_samples, n_channels).
@@ -100,7 +107,7 @@ class Regressor(Protocol):
         """
 
 
-class EffortRegressor:
+class EffortRegressor(Regressor):
     """
     Joint effort rows: link inertias, rotor inertias, friction.
 
@@ -119,8 +126,7 @@ class EffortRegressor:
         known = [i for i, joint in enumerate(arm.joints)
                  if joint.effort.unit != 'A' or joint.effort.torque_constant is not None]
         alone: list[tuple[int, ...]] = [(i,) for i in range(len(arm.joints)) if i not in known]
-        self.groups: tuple[tuple[int, ...], ...] = tuple(([tuple(known)] if known else []) + alone)
-        self.unknown: tuple[int, ...] = ()
+        self.groups = tuple(([tuple(known)] if known else []) + alone)
         if shared and len(self.groups) > 1:
             self.groups = (tuple(range(len(arm.joints))),)
             self.unknown = tuple(i for i, in alone)
@@ -134,7 +140,7 @@ class EffortRegressor:
                 names.append(f'Ia({joint.name})')
             names += friction_names(joint)
             self._local.append(slice(first, len(names)))
-        self.columns: tuple[str, ...] = tuple(names)
+        self.columns = tuple(names)
         self._coupling = Coupling(arm)
         self.scaled = np.array([i < self._n_bodies or name.startswith('Ia(')
                                 for i, name in enumerate(names)])
@@ -142,24 +148,15 @@ class EffortRegressor:
             if np.count_nonzero(self._coupling.reach[:, i]) > 1:
                 self.scaled[part] = True  # several efforts feel it, each in its own unit
         self.loaded = any(term_names(joint, loaded=True) for joint in arm.joints)
-        self.states: FrictionStates | None = (
-            FrictionStates(arm) if any(term_names(joint, state=True) for joint in arm.joints)
-            else None)
+        if any(term_names(joint, state=True) for joint in arm.joints):
+            self.states = FrictionStates(arm)
         self._assumed: FloatArray | None = None
         self._bodies = RigidBodies(arm.model, arm.velocity_index, arm.velocity_index)
         self._terms = JointTerms(arm.joints, [part.start for part in self._local], self._scale,
                                  self._coupling.speeds, self._coupling.reach)
 
     def assume(self, parameters: FloatArray | None) -> None:
-        """
-        Take parameters by which rows know the loads that friction grows with.
-
-        With friction in proportion to what the bodies ask of a joint, the effort is no linear
-        function of all parameters. For given loads it is: rows by the parameters of the last
-        estimate, and an estimate by these rows, settle within a few turns.
-
-        parameters (joints, columns): None for bodies whose parameters all are 1.
-        """
+        """Take parameters for the loads of the rows; see ``Regressor``."""
         self._assumed = parameters
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
@@ -205,7 +202,7 @@ class EffortRegressor:
         return self._coupling.of_joints(joints), states
 
 
-class StrainRegressor:
+class StrainRegressor(Regressor):
     """
     Gauge rows: the bending moment behind a joint, and an offset; own parameters for each gauge.
 
@@ -240,12 +237,9 @@ class StrainRegressor:
             raise ArmError(msg, place=arm.source, remedy='use --strain-form exact')
         names = [f'{parameter}({name})' for name in list(model.names)[1:]
                  for parameter in BODY_PARAMETERS]
-        self.columns: tuple[str, ...] = (*names, 'offset')
-        self.groups: tuple[tuple[int, ...], ...] = tuple((i,) for i in range(len(self.channels)))
-        self.unknown: tuple[int, ...] = ()
+        self.columns = (*names, 'offset')
+        self.groups = tuple((i,) for i in range(len(self.channels)))
         self.scaled = np.zeros(len(self.columns), dtype=np.bool_)
-        self.loaded = False
-        self.states: FrictionStates | None = None
         self._bodies = RigidBodies(model, *(np.array([
             model.joints[model.getJointId(name)].idx_v for name in group])
             for group in (arm.active_joints, outputs)))
@@ -260,23 +254,12 @@ class StrainRegressor:
         rows[:, :, -1] = 1.0
         return rows
 
-    def assume(self, parameters: FloatArray | None) -> None:
-        """Take parameters that no row of a strain depends on; see ``Regressor``."""
-
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
         out = np.empty((len(motion), len(self.channels)))
         self._bodies.outputs(self._coupling.of_joints(motion), parameters, out)
         out += parameters[:, -1]
         return out
-
-
-def plain_regressor(
-    arm: Arm, output: str, strain_form: str, *, shared: bool = False,
-) -> EffortRegressor | StrainRegressor:
-    """Give the rows of an output."""
-    return (EffortRegressor(arm, shared=shared) if output == 'effort' else
-            StrainRegressor(arm, strain_form))
 
 
 # -- Base parameters: the smallest set that the outputs depend on, found numerically.
@@ -287,7 +270,6 @@ def plain_regressor(
 # depends on the arm alone. Random states take the place of measured ones; whether the measured
 # motion excites the parameters is another question, answered where they are estimated.
 
-RELATIVE_TOLERANCE = 1e-8
 SHOWN_TERMS = 4
 PAYLOAD = 'payload*'
 """Begin of the names of columns that count for each kilogram of payload."""
@@ -325,17 +307,15 @@ def random_inputs(
     """
     Draw random inputs of a regressor: motion, and what it takes beyond that.
 
-    Returns (samples, 3 joints + states + extra_inputs).
+    Returns (samples, 3 joints + states), and the payload if it takes one.
     """
     motion = random_motion(n_joints, n_samples, seed)
-    extra = int(getattr(regressor, 'extra_inputs', 0))
     if regressor.states is not None:
         states = np.random.default_rng([seed, 2]).uniform(
             -1.0, 1.0, (n_samples, regressor.states.count))
         motion = np.hstack([motion, states])
-    if not extra:
-        return motion
-    more = np.random.default_rng([seed, 1]).uniform(0.0, 1.0, (n_samples, extra))
+    more = np.random.default_rng([seed, 1]).uniform(
+        0.0, 1.0, (n_samples, int(regressor.payload_range is not None)))
     return np.hstack([motion, more])
 
 
@@ -371,7 +351,7 @@ def preference(columns: tuple[str, ...]) -> list[int]:
 
     Friction and offsets first, for they are nobody else's; then first moments and inertias about
     the joints' axes, as textbooks write them; then the rest; rotor inertias last, as they merge
-    with the inertia of the first link that they turn. What a payload adds comes behind all that.
+    with the inertia of the first link that they turn. What a payload adds comes after all that.
     """
     order = ['Izz', 'Iyy', 'Ixx', 'mx', 'my', 'mz', 'Ixy', 'Ixz', 'Iyz', 'm', 'Ia']
 
@@ -476,30 +456,27 @@ def last_body(model: pin.Model) -> str:
     return str(model.names[int(np.argmax(depth))])
 
 
-class PayloadRegressor:
+class PayloadRegressor(Regressor):
     """Rows of a regressor, and those of its last body once more for each kilogram of payload."""
 
-    extra_inputs = 1
-    """The payload follows the motion [kg]."""
+    payload_range: tuple[float, float]
 
-    def __init__(self, plain: EffortRegressor | StrainRegressor, body: str) -> None:
+    def __init__(
+        self, plain: Regressor, arm: Arm, payload_range: tuple[float, float],
+    ) -> None:
         if plain.loaded:
             msg = ('friction that grows with the load (the term load) is not identified over '
                    'several payloads')
             raise FitError(msg, remedy='leave it out of joints[].friction, or fit each payload '
                                        'apart')
-        self.plain = plain
-        self.body = body
-        self.loaded = False
-        self.states = plain.states
-        self.channels = plain.channels
-        self.groups = plain.groups
-        self.unknown = plain.unknown
+        self.plain, self.payload_range = plain, payload_range
+        self.channels, self.groups, self.unknown = plain.channels, plain.groups, plain.unknown
+        self.states, self.form = plain.states, plain.form
         self.scaled = np.append(plain.scaled, np.full(len(BODY_PARAMETERS), True))
-        self.form = getattr(plain, 'form', None)
+        body = last_body(arm.gauge_model if plain.form == 'exact' else arm.model)
         own = [f'{name}({body})' for name in BODY_PARAMETERS]
         self.carried = np.array([plain.columns.index(name) for name in own], dtype=np.intp)
-        self.columns: tuple[str, ...] = (*plain.columns, *(PAYLOAD + name for name in own))
+        self.columns = (*plain.columns, *(PAYLOAD + name for name in own))
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate rows; see ``Regressor``."""
@@ -509,9 +486,6 @@ class PayloadRegressor:
         self.plain.rows(motion[:, :-1], out=rows[:, :, :n])
         np.multiply(rows[:, :, self.carried], motion[:, -1, None, None], out=rows[:, :, n:])
         return rows
-
-    def assume(self, parameters: FloatArray | None) -> None:
-        """Take parameters that no row depends on; see ``Regressor``."""
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
@@ -523,7 +497,11 @@ class PayloadRegressor:
                 + motion[:, -1:] * self.plain.outputs(states, carried))
 
 
-def payload_regressor(plain: EffortRegressor | StrainRegressor, arm: Arm) -> PayloadRegressor:
-    """Let a regressor know of a payload at the end of its arm."""
-    exact = getattr(plain, 'form', None) == 'exact'
-    return PayloadRegressor(plain, last_body(arm.gauge_model if exact else arm.model))
+def regressor_of(
+    arm: Arm, output: str, strain_form: str, *, shared: bool = False,
+    payloads: tuple[float, float] | None = None,
+) -> Regressor:
+    """Give the rows of an output, of all payloads where a range of these is given [kg]."""
+    plain = (EffortRegressor(arm, shared=shared) if output == 'effort' else
+             StrainRegressor(arm, strain_form))
+    return plain if payloads is None else PayloadRegressor(plain, arm, payloads)

@@ -31,9 +31,13 @@ from tudor_dynamics.control.schedule import columns_of, Mode, Point, Schedule, S
 from tudor_dynamics.control.settings import INTEGRAL_SHARE
 from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.arm import DrivenArm, follow_motions, moment_rows, place_gauges
+from tudor_dynamics.models.elastic.arm import DrivenArm, follow_motions, moment_rows
 from tudor_dynamics.models.elastic.kernel import Z
-from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, FittedElastic
+from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
+from tudor_dynamics.models.settings import (
+    AFTER_MOVE, DRIVE_NUDGE, EVERY, FACTORS, FINER, HALVINGS, HIGHEST, LEAST_DELAY,
+    LONGEST_DELAY, LOOKS, MEAN, MOVE_SAMPLE, NOTHING, POSES, ROOM, SHORTEST_DELAY, SLOW,
+    SPACING, STIFFNESS)
 from tudor_dynamics.signals.motion_profile import MotionLimits
 from tudor_dynamics.signals.shaping import Profile, refine
 from tudor_dynamics.typing import FloatArray
@@ -45,9 +49,6 @@ from tudor_dynamics.typing import FloatArray
 # With z the coordinates of gears and links, theta the drives and z0(theta) where the arm rests,
 # ``M z'' + D (z' - J theta') + K (z - J theta) = 0``, J = dz0/dtheta: weight is in K and J. About
 # the rest that goes along with the drives the links are driven by ``-M J theta''`` alone.
-
-NUDGE = 1e-4
-"""Of a drive, for differences [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +112,7 @@ class TunedArm:
     ----------
     arm : Arm
         Description with a damper.
-    model : FittedElastic, optional
+    model : ElasticModel, optional
         Elastic model of the strain; without one, links, gears and gauges are those described.
 
     Raises
@@ -121,7 +122,7 @@ class TunedArm:
 
     """
 
-    def __init__(self, arm: Arm, model: FittedElastic | None = None) -> None:
+    def __init__(self, arm: Arm, model: ElasticModel | None = None) -> None:
         if arm.spec.damper is None:
             raise ModelError('there is no damper', place=arm.source,
                              remedy='add damper: with gauges and gains of the joints')
@@ -129,9 +130,10 @@ class TunedArm:
         self.dampers = [item for item in arm.spec.damper.joints
                         if item.joint in arm.active_joints]
         units = {gauge.name: gauge.unit for gauge in arm.gauges}
-        self._scale = np.array([STRAIN_SCALE.get(units[item.gauge], 0.0)
-                                for item in self.dampers])
-        if not self._scale.all():
+        self.scale = np.array([STRAIN_SCALE.get(units[item.gauge], 0.0)
+                               for item in self.dampers])
+        """Units of the gauges per m/m, shape (n_damped,)."""
+        if not self.scale.all():
             raise ModelError('a gauge of the damper measures no strain', place=arm.source,
                              remedy=f'give it one of the units {list(STRAIN_SCALE)}')
         values = model.values if model is not None else {}
@@ -139,30 +141,24 @@ class TunedArm:
         plays = {name: 0.0 for name in self._driven.parameters if name.startswith('play(')}
         self._driven.set_parameters(plays)
         index = [arm.gauge_names.index(item.gauge) for item in self.dampers]
-        gains, offsets = self._gauges(model)
-        self._index, self._gain = index, gains[index] / self._scale
-        self._offset = offsets[index] / self._scale
+        self._index = index
+        self._gain, self._offset = self._gauges(model)[:, index] / self.scale
         motors = {motor.joint: motor.reflected_inertia for motor in arm.spec.motors}
         self.rotor = np.array([motors.get(name, 0.0) for name in arm.active_joints])
         """Inertia of each drive, 0 where it is not known [kg m^2]."""
 
-    def _gauges(self, model: FittedElastic | None) -> tuple[FloatArray, FloatArray]:
+    def _gauges(self, model: ElasticModel | None) -> FloatArray:
+        """Give gains and offsets of all gauges, (2, gauges)."""
         if model is not None and model.coefficients_ is not None:
-            gain, offset = np.array(model.coefficients_).T
-            return gain, offset
+            return np.array(model.coefficients_).T
         sensors = {sensor.gauge: sensor for sensor in self.arm.spec.sensors}
         missing = [name for name in self.arm.gauge_names if name not in sensors]
         if missing:
             raise ModelError(f'the gains of the gauges {missing} are not known',
                              place=self.arm.source,
                              remedy='give --model, or the gains under sensors:')
-        return (np.array([sensors[name].gain for name in self.arm.gauge_names]),
-                np.array([sensors[name].offset for name in self.arm.gauge_names]))
-
-    @property
-    def scale(self) -> FloatArray:
-        """Units of the gauges per m/m, shape (n_damped,)."""
-        return self._scale
+        known = [sensors[name] for name in self.arm.gauge_names]
+        return np.array([[sensor.gain for sensor in known], [sensor.offset for sensor in known]])
 
     def at(self, payload: float, q: FloatArray) -> SmallMotion:
         """
@@ -188,14 +184,14 @@ class TunedArm:
         """
         driven = self._driven
         self._carry(payload)
-        rests = [[self._rest(driven, q + side * NUDGE * unit) for side in (1.0, -1.0)]
+        rests = [[self._rest(driven, q + side * DRIVE_NUDGE * unit) for side in (1.0, -1.0)]
                  for unit in np.eye(len(q))]
-        rest = np.array([(up[0] - down[0]) / (2.0 * NUDGE) for up, down in rests]).T
-        slope = np.array([(up[1] - down[1]) / (2.0 * NUDGE) for up, down in rests]).T
+        rest = np.array([(up[0] - down[0]) / (2.0 * DRIVE_NUDGE) for up, down in rests]).T
+        slope = np.array([(up[1] - down[1]) / (2.0 * DRIVE_NUDGE) for up, down in rests]).T
         small = driven.linearised(q)
         _, load = self._rest(self._loose, q)
         free = driven.tables.equations.free
-        rows = moment_rows(driven.mechanism, place_gauges(driven.mechanism, self.arm), free)
+        rows = moment_rows(driven.mechanism, driven.gauges, free)
         own = np.array([int(np.flatnonzero(free == place)[0])
                         for place in driven.tables.gears.place])
         push = small.stiffness @ rest  # of the gears, by the positions of the drives
@@ -250,36 +246,23 @@ class TunedArm:
 # press on its rotor. The mean follows the strain as the DC blocker does, and the load as the
 # schedule says.
 
-LEAST_DELAY = 1e-4
-"""Below it the approximation of a delay is as good as none [s]."""
-HIGHEST = 40.0
-"""Poles above it are those of delays and drives [Hz]."""
-SLOW = 0.3
-"""Poles below this part of the first frequency belong to means and position loops."""
-
-
-@dataclass(frozen=True)
-class DriveLoop:
-    """What stands between a command and the links."""
-
-    bandwidth: float  # of the velocity loop [rad/s]
-    delay: float  # from readings to commands in effect [s]
-    rotor: tuple[float, ...]  # inertia of each drive; 0 for one that nothing holds up [kg m^2]
-
 
 @dataclass(frozen=True, eq=False)
-class LoopGainsAt:
-    """Gains to be judged."""
+class Loop:
+    """What stands between readings and links: gains to be judged, and the drives."""
 
-    strain: FloatArray  # of the dampers, (damped,) [rad/s per m/m]
+    strain: FloatArray  # gains of the dampers, (damped,) [rad/s per m/m]
+    joints: NDArray[np.intp]  # drive that each damper commands, (damped,)
     position: float  # speed per position error [1/s]
     mean: float  # corner of the DC blocker [rad/s]
-    joints: NDArray[np.intp]  # drive that each damper commands, (damped,)
+    delay: float  # from readings to commands in effect [s]
+    bandwidth: float  # of the velocity loop [rad/s]
+    rotor: FloatArray  # inertia of each drive; 0 for one that nothing holds up [kg m^2]
 
 
-def loop_matrix(small: SmallMotion, drive: DriveLoop, gains: LoopGainsAt) -> FloatArray:
+def loop_matrix(small: SmallMotion, loop: Loop) -> FloatArray:
     """Give the matrix of the closed loop; returns (2 m + 5 joints + damped,)."""
-    m, n, d = len(small.mass), small.rest.shape[1], len(gains.strain)
+    m, n, d = len(small.mass), small.rest.shape[1], len(loop.strain)
     parts = np.cumsum([0, m, m, n, n, n, d, n, n])
     z, dz, th, w, held, mean, old, older = (
         slice(a, b) for a, b in zip(parts[:-1], parts[1:], strict=True))
@@ -290,39 +273,39 @@ def loop_matrix(small: SmallMotion, drive: DriveLoop, gains: LoopGainsAt) -> Flo
     a[dz, th] = inverse @ small.stiffness @ small.rest
     a[dz, w] = inverse @ small.damping @ small.rest
     a[th, w] = np.eye(n)
-    a[w, w] = -drive.bandwidth * np.eye(n)
-    a[w, held] = INTEGRAL_SHARE * drive.bandwidth**2 * np.eye(n)
+    a[w, w] = -loop.bandwidth * np.eye(n)
+    a[w, held] = INTEGRAL_SHARE * loop.bandwidth**2 * np.eye(n)
     a[held, w] = -np.eye(n)
-    for j, inertia in enumerate(drive.rotor):
+    for j, inertia in enumerate(loop.rotor.tolist()):
         if inertia > 0.0:
             a[parts[3] + j, z] += small.reaction[j, :m] / inertia
             a[parts[3] + j, th] += small.reaction[j, m:] / inertia
-    a[mean, z], a[mean, mean] = gains.mean * small.strain, -gains.mean * np.eye(d)
+    a[mean, z], a[mean, mean] = loop.mean * small.strain, -loop.mean * np.eye(d)
     a[mean, w] = small.slope
     command = np.zeros((n, parts[-1]))
-    command[:, th] = -gains.position * np.eye(n)
-    for i, (joint, gain) in enumerate(zip(gains.joints, gains.strain, strict=True)):
+    command[:, th] = -loop.position * np.eye(n)
+    for i, (joint, gain) in enumerate(zip(loop.joints, loop.strain, strict=True)):
         command[joint, z] -= gain * small.strain[i]
         command[joint, parts[5] + i] += gain
-    late = max(drive.delay, LEAST_DELAY)
+    late = max(loop.delay, LEAST_DELAY)
     a[old, older] = np.eye(n)
     a[older, old] = -12.0 / late**2 * np.eye(n)
     a[older, older] = -6.0 / late * np.eye(n)
     a[older] += command
     command[:, older] -= 12.0 / late * np.eye(n)
-    a[w] += drive.bandwidth * command
+    a[w] += loop.bandwidth * command
     a[held] += command
     return a
 
 
 @dataclass(frozen=True, eq=False)
 class LoopDamping:
-    """How a loop swings."""
+    """How a loop oscillates."""
 
-    # Of the worst damped oscillation of the first mode [Hz]; NaN where nothing swings there.
+    # Of the worst damped oscillation of the first mode [Hz]; NaN where nothing oscillates there.
     frequency: float
-    first: float  # its damping ratio, 1 where nothing swings there
-    others: float  # least damping ratio of what swings faster, up to 40 Hz
+    first: float  # its damping ratio, 1 where nothing oscillates there
+    others: float  # least damping ratio of what oscillates faster, up to 40 Hz
     decay: float  # of what dies out slowest [1/s]; negative where it grows
 
 
@@ -330,10 +313,10 @@ def loop_damping(matrix: FloatArray, first: float, second: float) -> LoopDamping
     """Judge a loop by its poles: matrix (n, n), first, second [Hz]."""
     poles = np.linalg.eigvals(matrix)
     size = np.abs(poles) / (2.0 * math.pi)
-    swings = poles.imag > 1e-6 * np.abs(poles)
+    oscillates = poles.imag > 1e-6 * np.abs(poles)
     border = math.sqrt(first * second)
-    slow = swings & (size > SLOW * first) & (size <= border)
-    fast = swings & (size > border) & (size < HIGHEST)
+    slow = oscillates & (size > SLOW * first) & (size <= border)
+    fast = oscillates & (size > border) & (size < HIGHEST)
     ratio = -poles.real / np.maximum(np.abs(poles), 1e-12)
     worst = int(np.argmin(np.where(slow, ratio, np.inf)))
     return LoopDamping(
@@ -351,24 +334,6 @@ def loop_damping(matrix: FloatArray, first: float, second: float) -> LoopDamping
 # to where links and position loop begin to fight; the smallest factor that gives what was asked
 # for is taken, or the best one. A factor that would excite at twice the delay is none.
 
-SPACING = math.radians(15.0)
-"""Between nodes along a joint, where there are not too many [rad]."""
-POSES = 1500
-"""Most poses of a grid."""
-STIFFNESS = 0.13
-"""Position gain over the first angular frequency: the position loop must not fight the damper."""
-MEAN = 0.15
-"""Corner of the DC blocker: the load is known, what is left changes slowly [Hz]."""
-FACTORS = np.geomspace(0.1, 6.0, 22)
-"""Of the described gains, for a first look."""
-HALVINGS = 7
-"""Of an interval in which a factor or a delay is sought."""
-ROOM = 2.0
-"""Delay from which on gains excite, over the one that they are used with."""
-SHORTEST_DELAY, LONGEST_DELAY, FINER = 2e-3, 0.2, 1.2
-"""Within which, and in which ratio, delays are looked at [s]."""
-LOOKS = 4
-"""Delays at which a factor is looked at."""
 MODES = 2
 """In the schedule."""
 
@@ -429,7 +394,7 @@ def design(
     wish : Wish
         What is asked for.
     progress : callable, optional
-        Told after each node how many are done, and how many there are.
+        Called after each node with how many are done, and how many there are.
 
     Returns
     -------
@@ -520,14 +485,13 @@ class Judge:
                                  for item in tuned.dampers], dtype=np.intp)
         self._bandwidth = 2.0 * math.pi * damper.velocity_bandwidth
         self.mean = 2.0 * math.pi * min(MEAN, damper.mean_frequency)
-        self._rotor = tuple(tuned.rotor.tolist())
+        self._rotor = tuned.rotor
 
     def __call__(self, factor: float, delay: float) -> LoopDamping:
         """Judge a factor of the described gains at a delay of the loop [s]."""
-        gains = LoopGainsAt(factor * self.described, self.position, self.mean, self._joints)
-        return loop_damping(
-            loop_matrix(self.small, DriveLoop(self._bandwidth, delay, self._rotor), gains),
-            self.first, self.second)
+        loop = Loop(factor * self.described, self._joints, self.position, self.mean, delay,
+                    self._bandwidth, self._rotor)
+        return loop_damping(loop_matrix(self.small, loop), self.first, self.second)
 
     def holds(self, factor: float, delay: float) -> bool:
         """Say whether nothing grows with a factor at a delay [s], with room for more."""
@@ -540,13 +504,19 @@ class Judge:
         # from below: gains that excite at some delay may damp again at a longer one
         while high < LONGEST_DELAY and self(factor, high).decay > 0.0:
             low, high = high, FINER * high
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            if self(factor, middle).decay > 0.0:
-                low = middle
-            else:
-                high = middle
+        low, _ = halved(low, high, lambda delay: self(factor, delay).decay > 0.0)
         return max(low / ROOM, 0.5 * SHORTEST_DELAY)
+
+
+def halved(low: float, high: float, below: Callable[[float], bool]) -> tuple[float, float]:
+    """Narrow an interval in which something ends to be true."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        if below(middle):
+            low = middle
+        else:
+            high = middle
+    return low, high
 
 
 def choose_factor(judge: Judge, wish: Wish) -> tuple[float, float]:
@@ -557,13 +527,8 @@ def choose_factor(judge: Judge, wish: Wish) -> tuple[float, float]:
             break
         ratio = judge(float(factor), wish.delay).first
         if ratio >= wish.damping_ratio:
-            low, high = before, float(factor)
-            for _ in range(HALVINGS):
-                middle = 0.5 * (low + high)
-                if judge(middle, wish.delay).first < wish.damping_ratio:
-                    low = middle
-                else:
-                    high = middle
+            _, high = halved(before, float(factor), lambda middle: judge(
+                middle, wish.delay).first < wish.damping_ratio)
             return high, judge(high, wish.delay).first
         if ratio > reached:
             best, reached = float(factor), ratio
@@ -575,15 +540,6 @@ def choose_factor(judge: Judge, wish: Wish) -> tuple[float, float]:
 #
 # Small motion knows nothing of play: a gear that is unloaded on the way lets its link fall, and
 # that rings. The model in full foresees it, and what it foresees is planned against.
-
-SAMPLE = 2.5e-3
-"""Between samples of a simulated move [s]."""
-EVERY = 3
-"""Of them, those behind a move that are compared."""
-BEHIND = 0.02
-"""Time behind the end of a move from which swings count [s]."""
-NOTHING = 2e-6
-"""A swing that gauges hardly show [m/m]."""
 
 
 class MoveRefiner:
@@ -600,19 +556,19 @@ class MoveRefiner:
     def __init__(self, tuned: TunedArm) -> None:
         self._tuned = tuned
         # compiled now, not when a robot waits for its first move
-        tuned.strains(0.0, np.zeros((1, 2, len(tuned.arm.active_joints))), SAMPLE)
+        tuned.strains(0.0, np.zeros((1, 2, len(tuned.arm.active_joints))), MOVE_SAMPLE)
 
     def __call__(
         self, profile: Profile, limits: MotionLimits, payload: float, period: float,
     ) -> Profile:
         """Refine a move: payload [kg], period [s]."""
-        t = np.arange(0.0, profile.duration + BEHIND + period, SAMPLE)
-        behind = np.flatnonzero(t > profile.duration + BEHIND)[::EVERY]
+        t = np.arange(0.0, profile.duration + AFTER_MOVE + period, MOVE_SAMPLE)
+        after = np.flatnonzero(t > profile.duration + AFTER_MOVE)[::EVERY]
 
-        def swings(moves: list[Profile]) -> FloatArray:
+        def oscillations(moves: list[Profile]) -> FloatArray:
             motions = np.array([move.at(t)[0] for move in moves])
-            return self._tuned.strains(payload, motions, SAMPLE)[:, behind] / NOTHING
-        return refine(profile, limits, swings)
+            return self._tuned.strains(payload, motions, MOVE_SAMPLE)[:, after] / NOTHING
+        return refine(profile, limits, oscillations)
 
 
 def refiner_of(arm: Arm, bundle: ModelBundle) -> MoveRefiner:

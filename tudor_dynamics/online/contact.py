@@ -26,7 +26,7 @@ import numpy as np
 from tudor_dynamics.arm.kinematics import joint_axis, link_frame
 from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.model import FittedElastic
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.contact_elastic import correct, ElasticFront
 from tudor_dynamics.online.contact_levers import (
     ACROSS, ALONG, gauge_scale, link_axes, MOMENT, PRESSING, RigidFront, Span, spans_of,
@@ -241,13 +241,13 @@ class ContactEstimator:
             msg = f'{arm.name}: no link with gauges has an end that the kinematics tells'
             raise ModelError(msg)
         self._widening, self._bounds = (
-            (MOVING_DEVIATIONS, ELASTIC) if isinstance(model, FittedElastic) else (1.0, RIGID))
+            (MOVING_DEVIATIONS, ELASTIC) if isinstance(model, ElasticModel) else (1.0, RIGID))
         self._deviation = self._widening * np.where(np.isfinite(deviation), deviation, 1e9)
         self._front: ElasticFront | RigidFront = (
             ElasticFront(model, self.spans, self._deviation)
-            if isinstance(model, FittedElastic) else RigidFront(arm, self.spans))
+            if isinstance(model, ElasticModel) else RigidFront(arm, self.spans))
         self._zero = (np.array([values[1] for values in model.coefficients_ or ()])
-                      if isinstance(model, FittedElastic) else np.zeros(len(arm.gauges)))
+                      if isinstance(model, ElasticModel) else np.zeros(len(arm.gauges)))
         self.links = tuple(link_frame(arm.full_model, span.joint) for span in self.spans)
         self._axes = [link_axes(arm, span.joint) for span in self.spans]
         n = 2 * self._front.modes + PRESSING

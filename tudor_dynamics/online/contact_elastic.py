@@ -32,7 +32,7 @@ from tudor_dynamics.mechanics.small_algebra import add, times
 from tudor_dynamics.models.elastic.arm import GaugePlaces, moment_rows
 from tudor_dynamics.models.elastic.kernel import (
     Driven, driven_of, DZ, FORCE, Linearised, residual, STIFF, STIFFNESS, Z)
-from tudor_dynamics.models.elastic.model import driven_arm, FittedElastic
+from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel
 from tudor_dynamics.models.elastic.observer import FORCES, linearise, white_force
 from tudor_dynamics.online.contact_levers import ACROSS, ALONG, link_axes, MOMENT, PRESSING, Span
 from tudor_dynamics.online.settings import (
@@ -238,7 +238,7 @@ class ElasticFront:
     """
 
     def __init__(
-        self, model: FittedElastic, spans: Sequence[Span], moment_deviation: FloatArray,
+        self, model: ElasticModel, spans: Sequence[Span], moment_deviation: FloatArray,
     ) -> None:
         self._driven = driven = driven_arm(model.arm, model.values)
         m = driven.size

@@ -28,11 +28,10 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import gauge_point, joint_axis, unit_vector
 from tudor_dynamics.arm.schema import GaugeSpec
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.base import MemorylessModel, Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.model import FittedElastic
-from tudor_dynamics.models.memoryless import MemorylessModel
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.settings import FORCE_CHANGE, POSE_CHANGE, PUSH_DEVIATION, SPAN_LENGTH
 from tudor_dynamics.typing import FloatArray
 
@@ -59,7 +58,7 @@ class GaugeScale:
 def gauge_scale(bundle: ModelBundle, kind: str) -> GaugeScale:
     """Find the scale of the gauges."""
     model = bundle.models.get('strain', {}).get(kind)
-    if isinstance(model, FittedElastic) and model.coefficients_ is not None:
+    if isinstance(model, ElasticModel) and model.coefficients_ is not None:
         return GaugeScale(np.array([values[0] for values in model.coefficients_]), 'elastic model')
     sensors = {sensor.gauge: sensor.gain for sensor in bundle.arm.spec.sensors}
     gain = np.array([sensors.get(name, np.nan) for name in bundle.arm.gauge_names])
@@ -296,7 +295,7 @@ class StaticStrain:
             self.source = 'model'
             return
         values: dict[str, float] = {}
-        if isinstance(model, FittedElastic) and model.coefficients_ is not None:
+        if isinstance(model, ElasticModel) and model.coefficients_ is not None:
             self._gain = np.array([values[0] for values in model.coefficients_])
             values = dict(model.values)
         else:

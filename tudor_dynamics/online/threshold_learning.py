@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator, ValidationInfo
 
 from tudor_dynamics.errors import FitError, ModelError
+from tudor_dynamics.models.base import BundlePart, read, Text
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_parts import BundlePart, read, Text
 from tudor_dynamics.online.detector import levels
 from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.online.settings import (

@@ -34,7 +34,7 @@ from tudor_dynamics.arm.schema import (
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.comparison import FullParameters
-from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, FittedElastic
+from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
 from tudor_dynamics.models.elastic.parameters import in_words, physical_unit
 from tudor_dynamics.models.friction import DAMPING, FRICTION
 from tudor_dynamics.models.regressor import column_unit
@@ -142,7 +142,7 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> Description:
 class _Writer:
     """A description as plain values, while identified ones are written into it."""
 
-    def __init__(self, model: FittedElastic) -> None:
+    def __init__(self, model: ElasticModel) -> None:
         self.model, self.arm = model, model.arm
         self.described = driven_arm(model.arm, {}).parameters
         self.content: dict[str, Any] = model.arm.spec.model_dump(mode='json', exclude_unset=True)
@@ -262,7 +262,7 @@ class _Writer:
         self.left_out += [f'{name} of {joint}, {value:.3g} in N, m and s'
                           for name, value in terms.items() if name not in used and value]
 
-    def sensors(self, strain: FittedElastic) -> None:
+    def sensors(self, strain: ElasticModel) -> None:
         """Write gain and offset of each gauge."""
         assert strain.coefficients_ is not None
         for gauge, (gain, offset) in zip(strain.channels, strain.coefficients_, strict=True):

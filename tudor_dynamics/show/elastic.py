@@ -32,9 +32,9 @@ from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, START
 from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.identification.ringdowns import (
     find_ringdowns, LEAST_SECONDS, mode_map, ModeMap, Ringdown)
-from tudor_dynamics.models.elastic.arm import INNER_STEP
 from tudor_dynamics.models.elastic.model import driven_arm
 from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.models.settings import INNER_STEP
 from tudor_dynamics.show.figures import (
     joint_axes, label, legend_above, new_figure, on_page, plain_text)
 from tudor_dynamics.typing import FloatArray

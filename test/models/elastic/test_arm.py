@@ -32,7 +32,7 @@ from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import Probe
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.kernel import gear
-from tudor_dynamics.models.elastic.parameters import EDGE
+from tudor_dynamics.models.settings import EDGE
 
 G = 9.81
 EI = 2.06e11 * 0.015 * 0.004**3 / 12

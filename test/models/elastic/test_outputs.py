@@ -23,7 +23,7 @@ from sample_arms import gauge, planar_arm
 
 from tudor_dynamics.errors import NotFittedError
 from tudor_dynamics.models.elastic.arm import Response
-from tudor_dynamics.models.elastic.model import ElasticModel, live_output
+from tudor_dynamics.models.elastic.model import effort_rows, ElasticModel
 
 FRICTION = [
     ({}, {}),
@@ -42,15 +42,18 @@ def test_same_numbers(output: str, friction: tuple[dict, dict]) -> None:
         {'joint': name, 'flexible': blade()} for name in ('j1', 'j2')])
     model = ElasticModel(arm, output)
     with pytest.raises(NotFittedError, match='no coefficients'):
-        live_output(model)
+        model.prepared()
     random = np.random.default_rng(1)
     model.coefficients_ = tuple(random.normal(size=len(names)) for names in model.columns)
     motion = random.normal(size=(20, 6))
     motion[3, 2:4] = 0.0
     response = Response(random.normal(size=(20, 2)), random.normal(size=(20, 2)))
-    wanted = model.outputs(response, motion)
-    one = live_output(model)
-    for k in range(20):
-        now = Response(response.moment[k:k + 1], response.torque[k:k + 1])
-        assert one(now, motion[k]) == pytest.approx(wanted[k], rel=1e-12, abs=1e-14)
+    wanted = response.moment * np.array(model.coefficients_)[:, 0] + np.array(
+        model.coefficients_)[:, 1] if output == 'strain' else np.column_stack([
+            rows @ values for rows, values in zip(
+                effort_rows(arm, response, motion), model.coefficients_, strict=True)])
+    outputs = model.prepared()
+    assert outputs(response, motion) == pytest.approx(wanted, rel=1e-12, abs=1e-14)
+    one = Response(response.moment[3:4], response.torque[3:4])
+    assert np.array_equal(outputs(one, motion[3:4])[0], outputs(response, motion)[3])
     assert np.ptp(wanted, axis=0).min() > 0.1

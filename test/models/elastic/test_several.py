@@ -22,7 +22,7 @@ import pytest
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.lanes import LANES
-from tudor_dynamics.models.elastic.arm import CorrectedArm, follow_motions, follow_together, SAMPLE
+from tudor_dynamics.models.elastic.arm import DrivenArm, follow_motions, follow_together, SAMPLE
 from tudor_dynamics.typing import FloatArray
 
 ARM = blade_arm()
@@ -32,9 +32,9 @@ DT = even(len(Q), RATE)
 NAMES = ('bending(j1)', 'gear(j2)', 'lumped(j1,1)', 'play(j1)', 'beta', 'payload', 'lag')
 
 
-def arms(count: int) -> list[CorrectedArm]:
+def arms(count: int) -> list[DrivenArm]:
     """Give arms of which each differs from the first in one parameter, and some lag."""
-    made = [CorrectedArm(ARM) for _ in range(count)]
+    made = [DrivenArm(ARM) for _ in range(count)]
     for arm, name in zip(made[1:], NAMES, strict=False):
         arm.set_parameters({name: 1.2 * (arm.parameters[name] or 0.02)})
     return made
@@ -42,8 +42,9 @@ def arms(count: int) -> list[CorrectedArm]:
 
 def alone(measured: FloatArray | None = None, gains: FloatArray | None = None) -> list[FloatArray]:
     """Follow with one after the other."""
-    return [arm.follow(Q, DT).moment if measured is None or gains is None
-            else arm.follow_towards(Q, DT, measured, gains).moment for arm in arms(LANES)]
+    found = [arm.follow(Q, DT).moment if measured is None or gains is None
+             else follow_together([arm], Q, DT, [measured], gains)[0] for arm in arms(LANES)]
+    return [moment for moment in found if moment is not None]
 
 
 @pytest.mark.parametrize('count', [1, 3, LANES])
@@ -57,7 +58,7 @@ def test_as_each_by_itself(count: int) -> None:
 
 def test_drawn_towards_measured_moments() -> None:
     """With gains, each towards its own moments."""
-    front = CorrectedArm(ARM)
+    front = DrivenArm(ARM)
     measured = 1.1 * front.follow(Q, DT).moment
     gains = front.gains_along(Q, DT, measured, np.array([0.02, 0.02]), 2.0)
     free, drawn = alone(), alone(measured, gains)
@@ -80,7 +81,7 @@ def test_who_diverges_leaves_the_others_alone() -> None:
 
 def test_gains_are_those_of_the_observer() -> None:
     """Sample by sample: follow, correct, and what the covariance says then."""
-    arm, deviation = CorrectedArm(ARM), np.array([0.02, 0.03])
+    arm, deviation = DrivenArm(ARM), np.array([0.02, 0.03])
     q, dt = Q[:80], DT[:80].copy()
     dt[40] = 0.0  # begins anew
     measured = 1.1 * arm.follow(q, dt).moment
@@ -103,7 +104,7 @@ def test_gains_are_those_of_the_observer() -> None:
 
 def test_motions_of_one_arm_as_each_by_itself() -> None:
     """From one pose, more of them than lanes; moments to rounding."""
-    arm = CorrectedArm(ARM)
+    arm = DrivenArm(ARM)
     share = np.minimum(np.arange(len(Q)) / RATE, 1.0)
     motions = np.array([Q + 0.01 * k * share[:, None] for k in range(LANES + 2)])
     together = follow_motions(arm, motions, 1.0 / RATE)
@@ -118,4 +119,4 @@ def test_motion_that_diverges_is_told() -> None:
     motions = np.array([Q, Q])
     motions[1, 5:] = 1e9
     with pytest.raises(SimulationError, match='after 4 of 600 samples of a planned motion'):
-        follow_motions(CorrectedArm(ARM), motions, 1.0 / RATE)
+        follow_motions(DrivenArm(ARM), motions, 1.0 / RATE)

@@ -28,7 +28,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
 from tudor_dynamics.load.rows import friction_terms
 from tudor_dynamics.models.friction import Coupling
-from tudor_dynamics.models.regressor import plain_regressor
+from tudor_dynamics.models.regressor import regressor_of
 from tudor_dynamics.models.rigid_bodies import RigidBodies
 from tudor_dynamics.signals.filters import zero_phase
 from tudor_dynamics.typing import FloatArray, IndexArray
@@ -102,7 +102,7 @@ class BodyRows:
     """Rows of an output, linear in the parameters of the bodies and in gravity."""
 
     def __init__(self, arm: Arm, output: str) -> None:
-        regressor = plain_regressor(arm, output, 'exact')
+        regressor = regressor_of(arm, output, 'exact')
         self.channels, self.groups = regressor.channels, regressor.groups
         model = arm.gauge_model if output == 'strain' else arm.model
         self._columns = 10 * (model.njoints - 1)

@@ -28,7 +28,8 @@ from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.alternatives import Alternative
 from tudor_dynamics.identification.doctor.case import Case, Explained, share_of
 from tudor_dynamics.identification.doctor.findings import Finding, found
-from tudor_dynamics.load.rows import BELIEVED, Described, described_masses
+from tudor_dynamics.load.rows import Described, described_masses
+from tudor_dynamics.load.settings import BELIEVED
 from tudor_dynamics.signals.preprocessing import Timing, timing
 from tudor_dynamics.typing import FloatArray, IndexArray
 

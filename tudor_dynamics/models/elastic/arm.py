@@ -33,10 +33,11 @@ from tudor_dynamics.mechanics.matrices import stiffness_matrix
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge
 from tudor_dynamics.models.elastic import kernel, observer
 from tudor_dynamics.models.elastic.kernel import (
-    DAMPING, Driven, Drives, Equations, Gauges, Gears, Linearised, look, MATRICES, move, sense,
+    DAMPING, Driven, Drives, Equations, Gauges, Gears, Linearised, look, MATRICES, move,
     SPRING_FLOATS, STIFFNESS, tables_of, tangents, VECTORS, Z)
 from tudor_dynamics.models.elastic.observer import observe, seen_rows, white_force
 from tudor_dynamics.models.elastic.parameters import apply, change, described, Physics
+from tudor_dynamics.models.settings import INNER_STEP
 from tudor_dynamics.signals.filters import low_pass
 from tudor_dynamics.typing import FloatArray
 
@@ -96,12 +97,6 @@ def place_gauges(mechanism: Mechanism, arm: Arm) -> GaugePlaces:
               for place, beam in zip(places, beams, strict=True)), joints)
 
 
-def spring_coordinates(mechanism: Mechanism, arm: Arm) -> NDArray[np.int64]:
-    """Give the coordinate of each active joint."""
-    return np.array([int(mechanism.q_index[mechanism.joints.index(name)])
-                     for name in arm.active_joints], dtype=np.int64)
-
-
 def moving_coordinates(
     mechanism: Mechanism, gauges: GaugePlaces, springs: NDArray[np.int64],
 ) -> NDArray[np.int64]:
@@ -152,8 +147,6 @@ def moment_rows(
 # each flexible link bent by one element in the planes that gauges see. One cubic element carries a
 # link's static shape under any end load exactly and its first mode within 0.5 %.
 
-INNER_STEP = 2.5e-3
-"""Longest inner step [s]: 1 % of phase at 15 Hz."""
 SAMPLE = 0.01
 """Sample time that deviations of measurements belong to [s]."""
 NO_GAINS = np.zeros((1, 3, 0, 0))
@@ -177,7 +170,8 @@ class DrivenArm:
         self.arm, self.inner = arm, inner
         mechanism = self.mechanism = reduced_mechanism(arm)
         gauges = self.gauges = place_gauges(mechanism, arm)
-        place = spring_coordinates(mechanism, arm)
+        place = np.array([int(mechanism.q_index[mechanism.joints.index(name)])
+                          for name in arm.active_joints], dtype=np.int64)
         free = moving_coordinates(mechanism, gauges, place)
         n, m, joints = mechanism.size, free.size, place.size
         self.tables = Driven(
@@ -217,10 +211,19 @@ class DrivenArm:
         """
         Follow motion; the state goes on from call to call.
 
-        q (samples, joints) [rad or m]; dt (samples,) [s]: 0 to begin anew, at rest.
+        q (samples, joints) [rad or m]; dt (samples,) [s]: 0 to restart, at rest.
         """
         found = self.prompt(q, dt, np.zeros((len(q), 0)), NO_GAINS)
         return Response(self.late(found.moment, dt), found.torque)
+
+    def begin(self, before: FloatArray | None) -> bool:
+        """Follow the motion before what counts; say whether there was any."""
+        if before is None or not len(before):
+            return False
+        earlier = before[:, 0].copy()
+        earlier[0] = 0.0
+        self.follow(before[:, 1:], earlier)
+        return True
 
     def prompt(
         self, q: FloatArray, dt: FloatArray, measured: FloatArray, gains: FloatArray,
@@ -242,7 +245,7 @@ class DrivenArm:
 
     def late(self, moment: FloatArray, dt: FloatArray) -> FloatArray:
         """
-        Let readings lag, as behind the low-pass of an amplifier; goes on from call to call.
+        Let readings lag, as after the low-pass of an amplifier; goes on from call to call.
 
         moment (samples, gauges) [N m], dt (samples,) [s].
         """
@@ -294,12 +297,12 @@ class DrivenArm:
             bandwidth, lag)
 
     def forget(self) -> None:
-        """Forget all uncertainty: the arm begins anew, at rest."""
+        """Forget all uncertainty: the arm restarts, at rest."""
         self._covariance[:] = 0.0
 
     def correct(self, innovation: FloatArray, dt: float) -> bool:
         """
-        Correct the state behind the newest sample.
+        Correct the state after the newest sample.
 
         dt [s]; innovation (gauges,) [N m]: NaN for one that does not count; returns False where
         the arm as it stands cannot be linearised.
@@ -318,17 +321,6 @@ class DrivenArm:
         observer.linearise(self.loaded, self.mechanism.tip, *self._small, self._pushed,
                            *self.arrays)
 
-
-# -- A driven arm that measured strain draws back to the measured motion, with given gains.
-#
-# An arm that follows positions alone forgets an error only as fast as its vibrations die out, and
-# one with play in its gears never forgets where small differences grow. Corrected a little, it
-# forgets them within a time one can choose. The gains are those of the observer along a reference;
-# kept as they are, errors remain a smooth function of the parameters.
-
-class CorrectedArm(DrivenArm):
-    """A driven arm, and what draws it towards measured moments; see ``DrivenArm``."""
-
     def gains_along(
         self, q: FloatArray, dt: FloatArray, measured: FloatArray, deviation: FloatArray,
         bandwidth: float, before: FloatArray | None = None,
@@ -336,52 +328,33 @@ class CorrectedArm(DrivenArm):
         """
         Observe a motion, and keep the gains of the observer.
 
+        An arm that follows positions alone forgets an error only as fast as its vibrations die
+        out, and one with play in its gears never forgets where small differences grow. Corrected
+        a little, it forgets them within a time one can choose. The gains are those of the
+        observer along a reference; kept as they are, errors remain a smooth function of the
+        parameters.
+
         q (samples, joints) [rad or m], measured (samples, gauges) [N m], deviation (gauges,)
         [N m], bandwidth [1/s], dt (samples,) [s]; before (earlier, 1 + joints): ``[dt, q]`` of the
         motion just before, which nothing corrects; returns (samples, 3, moving, gauges).
         """
         measured, lag, self._physics.lag = self.ahead(dt, measured), self._physics.lag, 0.0
         try:
-            return self._gains_along(q, dt, measured, deviation, bandwidth, before)
+            self.follow(q[:1], np.zeros(1))
+            self.start_observer(deviation, bandwidth)
+            self.begin(before)
+            gains = np.zeros((len(q), 3, self.size, measured.shape[1]))
+            done = observe(
+                np.ascontiguousarray(q), np.ascontiguousarray(dt), self.inner, self.loaded,
+                np.ascontiguousarray(measured), self._deviation**2 * SAMPLE, self._noise, SAMPLE,
+                self.mechanism.tip, self._seen, gains, *self.arrays)
         finally:
             self._physics.lag = lag
-
-    def _gains_along(
-        self, q: FloatArray, dt: FloatArray, measured: FloatArray, deviation: FloatArray,
-        bandwidth: float, before: FloatArray | None,
-    ) -> FloatArray:
-        self.follow(q[:1], np.zeros(1))
-        self.start_observer(deviation, bandwidth)
-        self.begin(before)
-        gains = np.zeros((len(q), 3, self.size, measured.shape[1]))
-        done = observe(
-            np.ascontiguousarray(q), np.ascontiguousarray(dt), self.inner, self.loaded,
-            np.ascontiguousarray(measured), self._deviation**2 * SAMPLE, self._noise, SAMPLE,
-            self.mechanism.tip, self._seen, gains, *self.arrays)
         if done < len(q):
             msg = (f'{self.arm.name}: the elastic model diverges after {done} of {len(q)} '
                    'samples, or cannot be linearised there')
             raise SimulationError(msg)
         return gains
-
-    def begin(self, before: FloatArray | None) -> None:
-        """Follow the motion before what counts, if there was any."""
-        if before is not None and len(before):
-            earlier = before[:, 0].copy()
-            earlier[0] = 0.0
-            self.follow(before[:, 1:], earlier)
-
-    def follow_towards(
-        self, q: FloatArray, dt: FloatArray, measured: FloatArray, gains: FloatArray,
-    ) -> Response:
-        """
-        Follow motion, drawn towards measured moments.
-
-        q (samples, joints) [rad or m], measured (samples, gauges) [N m], gains
-        (samples, 3, moving, gauges); dt (samples,) [s]: 0 to begin anew, at rest.
-        """
-        found = self.prompt(q, dt, self.ahead(dt, measured), gains)
-        return Response(self.late(found.moment, dt), found.torque)
 
     def ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
         """
@@ -402,27 +375,43 @@ TOO_FAR = 1e6
 """Where a state has gone beyond all bounds, as in ``kernel.advance``."""
 
 
-@with_lanes(5)
+@with_lanes(4)
 def follow_several(
-    q: NDArray, dt: NDArray, inner: float, loaded: bool, gains: NDArray, measured: NDArray,
+    dt: NDArray, inner: float, loaded: bool, gains: NDArray, q: NDArray, measured: NDArray,
     moment: NDArray, torque: NDArray, *arrays: NDArray,
 ) -> int:
     """
-    Follow a stretch of samples with several arms side by side, which have begun before it.
+    Follow stretches of samples with several arms side by side, which have begun before them.
 
-    q, dt, inner, loaded, gains: no time is 0.
+    dt (samples,), inner [s], gains as of ``kernel.follow``: no time is 0; the others have a last
+    axis of LANES.
     """
-    shown, read, passed = in_lanes((measured, moment, torque))
+    paths, shown, read, passed = in_lanes((q, measured, moment, torque))
     driven = tables_of(in_lanes(arrays))
-    for k in range(q.shape[0]):
-        if not move(driven, q[k], dt[k], inner, loaded):
+    for k in range(paths.shape[0]):
+        if not move(driven, paths[k], dt[k], inner, loaded):
             return k
         look(driven, loaded, k, shown, gains, read, passed)
-    return q.shape[0]
+    return paths.shape[0]
+
+
+def _follow_lanes(
+    arms: Sequence[DrivenArm], motions: Sequence[FloatArray], dt: FloatArray,
+    towards: Sequence[FloatArray], gains: FloatArray,
+) -> tuple[int, FloatArray, FloatArray]:
+    """Give how many samples went well, moments and states in lanes; one motion serves all."""
+    arrays = [side_by_side(same) if same[0].dtype == float else same[0].copy()
+              for same in zip(*[arm.arrays for arm in arms], strict=True)]
+    samples, joints = motions[0].shape
+    moment = np.zeros((samples, len(arms[0].gauges.body), LANES))
+    done = follow_several(
+        np.ascontiguousarray(dt), arms[0].inner, arms[0].loaded, gains, side_by_side(motions),
+        side_by_side(towards), moment, np.zeros((samples, joints, LANES)), *arrays)
+    return done, moment, arrays[0]
 
 
 def follow_together(
-    arms: Sequence[CorrectedArm], q: FloatArray, dt: FloatArray,
+    arms: Sequence[DrivenArm], q: FloatArray, dt: FloatArray,
     measured: Sequence[FloatArray] | None = None, gains: FloatArray = NO_GAINS,
 ) -> list[FloatArray | None]:
     """
@@ -443,50 +432,26 @@ def follow_together(
             continue
     found = begun
     if end < len(q):
-        rest = _behind_the_first(arms, [*begun], q[1:], dt[1:], towards, gains[1:])
+        rest = _after_the_first(arms, [*begun], q[1:], dt[1:], towards, gains[1:])
         found = {i: np.vstack([begun[i], moment]) for i, moment in rest.items()}
     return [arm.late(found[i], dt) if i in found else None for i, arm in enumerate(arms)]
 
 
-def _behind_the_first(
-    arms: Sequence[CorrectedArm], lanes: list[int], q: FloatArray, dt: FloatArray,
+def _after_the_first(
+    arms: Sequence[DrivenArm], lanes: list[int], q: FloatArray, dt: FloatArray,
     towards: Sequence[FloatArray], gains: FloatArray,
 ) -> dict[int, FloatArray]:
     """Follow from the second sample on; who diverges is left out, and the rest begins again."""
     while lanes:
-        arrays = [side_by_side(same) if same[0].dtype == float else same[0].copy()
-                  for same in zip(*[arms[i].arrays for i in lanes], strict=True)]
-        moment = np.zeros((len(q), len(arms[0].gauges.body), LANES))
-        done = follow_several(
-            np.ascontiguousarray(q), np.ascontiguousarray(dt), arms[0].inner, arms[0].loaded,
-            gains, side_by_side([towards[i][1:] for i in lanes]), moment,
-            np.zeros((len(q), q.shape[1], LANES)), *arrays)
+        done, moment, states = _follow_lanes(
+            [arms[i] for i in lanes], [q], dt, [towards[i][1:] for i in lanes], gains)
         if done == len(q):
             return {i: np.ascontiguousarray(moment[:, :, lane]) for lane, i in enumerate(lanes)}
-        size = np.abs(arrays[0]).sum(axis=(0, 1))[:len(lanes)]
+        size = np.abs(states).sum(axis=(0, 1))[:len(lanes)]
         # a matrix that cannot be factorised leaves no trace: then the widest state goes
         lost = ~(size < TOO_FAR) if not np.all(size < TOO_FAR) else size == size.max()
         lanes = [i for i, gone in zip(lanes, lost, strict=True) if not gone]
     return {}
-
-
-@with_lanes(3)
-def follow_paths(
-    dt: float, inner: float, loaded: bool, q: NDArray, moment: NDArray, torque: NDArray,
-    *arrays: NDArray,
-) -> int:
-    """
-    Follow several motions with one arm each, side by side, which have begun before them.
-
-    q (samples, springs, LANES), dt [s].
-    """
-    paths, read, passed = in_lanes((q, moment, torque))
-    driven = tables_of(in_lanes(arrays))
-    for k in range(paths.shape[0]):
-        if not move(driven, paths[k], dt, inner, loaded):
-            return k
-        sense(driven, loaded, read[k], passed[k])
-    return paths.shape[0]
 
 
 def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray:
@@ -500,11 +465,9 @@ def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray
     found = []
     for first in range(0, len(motions), LANES):
         group = motions[first:first + LANES, 1:]
-        arrays = [side_by_side([array]) if array.dtype == float else array.copy()
-                  for array in arm.arrays]
-        moment = np.zeros((group.shape[1], len(arm.gauges.body), LANES))
-        done = follow_paths(dt, arm.inner, arm.loaded, side_by_side(list(group)), moment,
-                            np.zeros((*group.shape[1:], LANES)), *arrays)
+        done, moment, _ = _follow_lanes(
+            [arm], list(group), np.full(group.shape[1], dt),
+            [np.zeros((group.shape[1], 0))], NO_GAINS)
         if done < group.shape[1]:
             raise SimulationError(f'{arm.arm.name}: the elastic model diverges after {done} of '
                                   f'{group.shape[1]} samples of a planned motion')

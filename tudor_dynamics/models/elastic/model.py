@@ -12,27 +12,36 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The elastic model: strain and effort, offline and sample by sample, as plain values and back."""
+"""
+The elastic model: strain and effort of a flexible arm with its oscillation in them.
+
+Where the analytical model takes the links as rigid, this one lets them bend: the equivalent
+rigid-link system of Gasparetto et al., its joints driven by measured positions through elastic
+gears, carries the oscillation as its own state.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 import math
-from typing import Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError, SimulationError
-from tudor_dynamics.models.base import check_motion, check_payload, Model, Range, SLIDING
+from tudor_dynamics.models.base import (
+    BundlePart, check_motion, check_payload, Coefficient, CoefficientPart, Flag, Model, Noise,
+    Payloads, Range, read, SLIDING, Text)
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_parts import ElasticPart, read
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.models.friction import (
     friction_columns, friction_names, has_constant, JointTerms)
 from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.models.settings import BANDWIDTH
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -65,38 +74,96 @@ def effort_rows(arm: Arm, response: Response, motion: FloatArray) -> list[FloatA
     return rows
 
 
-def friction_jumps(arm: Arm, coefficients: Sequence[FloatArray]) -> FloatArray:
+Outputs = Callable[[Response, FloatArray], FloatArray]
+"""Response and ``[q, dq, ddq]`` of the same samples to outputs, shape (n_samples, n_channels)."""
+
+
+def strain_outputs(coefficients: tuple[FloatArray, ...]) -> Outputs:
+    """Prepare the strain: a gain times the moment that bends each gauge, and an offset."""
+    gains, offsets = np.array(coefficients).T.copy()
+    return lambda response, motion: np.asarray(response.moment * gains + offsets)
+
+
+def effort_outputs(arm: Arm, coefficients: tuple[FloatArray, ...]) -> Outputs:
+    """Prepare the effort, the sum of `effort_columns` times their coefficients."""
+    joints = arm.joints
+    n = len(joints)
+    torque, inertia = np.array([values[:2] for values in coefficients]).T.copy()
+    constant, table = np.zeros(n), np.zeros((n, max(len(values) for values in coefficients)))
+    for i, (joint, values) in enumerate(zip(joints, coefficients, strict=True)):
+        friction = values[2:]
+        if not has_constant(joint):
+            friction, constant[i] = values[2:-1], values[-1]
+        table[i, :len(friction)] = friction
+    # the inertia of the rotor is a column of every joint here, and added below
+    terms = JointTerms([joint.model_copy(update={'rotor_inertia': False}) for joint in joints],
+                       [0] * n, np.ones(n))
+
+    def outputs(response: Response, motion: FloatArray) -> FloatArray:
+        effort = response.torque * torque + motion[:, 2 * n:] * inertia + constant
+        terms.add(motion, table, effort)
+        return np.asarray(effort)
+    return outputs
+
+
+def follow_motion(
+    driven: DrivenArm, q: FloatArray, dt: FloatArray, before: FloatArray | None = None,
+) -> Response:
     """
-    Give half of what each effort jumps by where its joint begins to slide, either way.
+    Follow a gapless motion from rest.
 
-    Returns (joints,).
+    q (samples, joints) [rad or m], dt (samples,) [s]; before (earlier, 1 + joints): ``[dt, q]`` of
+    the motion just before.
     """
-    jumps = []
-    for joint, values in zip(arm.joints, coefficients, strict=True):
-        forward, backward = friction_columns(joint, np.array([SLIDING, -SLIDING]))
-        jumps.append(0.5 * abs(float((forward - backward) @ values[2:2 + len(forward)])))
-    return np.array(jumps)
+    dt = np.array(dt, dtype=float)
+    if not driven.begin(before):
+        dt[0] = 0.0
+    return driven.follow(np.asarray(q, dtype=float), dt)
 
 
-# -- What an elastic model has learned, and what it makes of motion.
-#
-# What a gauge reads is a gain times the moment that bends it, and an offset. What a motor needs is
-# the torque of its gear, the inertia of its rotor and friction, each times a coefficient that
-# carries the unit of the effort.
+def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
+    """Build the driven arm of a model."""
+    try:
+        driven = DrivenArm(arm)
+        driven.set_parameters(values)
+    except SimulationError as err:
+        msg = f'the elastic model cannot be used: {err}'
+        raise ModelError(msg) from None
+    return driven
+
+
+# -- What an elastic model has learned, as it is kept in a bundle
 
 @dataclass(frozen=True)
 class PhysicalParameter:
     """One physical parameter of an elastic arm."""
 
-    name: str  # name, see `DrivenArm.parameters`
-    value: float  # value in the unit below
-    unit: str  # unit of the value
+    name: Text  # name, see `DrivenArm.parameters`
+    value: Coefficient  # value in the unit below
+    unit: Text  # unit of the value
     # Standard deviation of the value; NaN where it was not identified [unit].
-    standard_error: float = float('nan')
-    shown: bool = False  # whether the recordings say more about it than the description did
+    standard_error: Annotated[float, BeforeValidator(
+        lambda value: math.nan if value is None else value)] = math.nan
+    shown: Flag = False  # whether the recordings say more about it than the description did
 
 
-class FittedElastic:
+class ChannelPart(BundlePart):
+    """Coefficients of one channel of an elastic model."""
+
+    channel: Text
+    residual_std: Noise
+    coefficients: tuple[CoefficientPart, ...]
+
+
+class ElasticPart(BundlePart):
+    """Elastic model, of one payload or of all."""
+
+    physical: tuple[PhysicalParameter, ...]
+    channels: tuple[ChannelPart, ...]
+    payload_range: Payloads | None = None
+
+
+class ElasticModel(Model):
     """
     Parameters of an elastic arm, and coefficients of its strain or effort.
 
@@ -137,13 +204,10 @@ class FittedElastic:
         self.coefficients_: tuple[FloatArray, ...] | None = None
         self.standard_errors_: tuple[FloatArray, ...] | None = None
         self.noise_: FloatArray | None = None
+        self.channels = arm.gauge_names if output == 'strain' else arm.active_joints
+        self.columns: tuple[tuple[str, ...], ...] = effort_columns(arm)
         if output == 'strain':
-            self.channels = arm.gauge_names
-            self.columns: tuple[tuple[str, ...], ...] = (
-                ('moment', 'offset'),) * len(self.channels)
-        else:
-            self.channels = arm.active_joints
-            self.columns = effort_columns(arm)
+            self.columns = (('moment', 'offset'),) * len(self.channels)
         self._driven: DrivenArm | None = None
 
     def __repr__(self) -> str:
@@ -197,6 +261,14 @@ class FittedElastic:
         response = follow_motion(self._driven, motion[:, :self.n_joints], dt, before)
         return self.outputs(response, motion)
 
+    def prepared(self) -> Outputs:
+        """Prepare what turns moments and torques into outputs."""
+        if self.coefficients_ is None:
+            msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
+            raise NotFittedError(msg)
+        return (strain_outputs(self.coefficients_) if self.output == 'strain' else
+                effort_outputs(self.arm, self.coefficients_))
+
     def outputs(self, response: Response, motion: FloatArray) -> FloatArray:
         """
         Turn moments and torques into outputs.
@@ -214,164 +286,124 @@ class FittedElastic:
             Outputs in their units.
 
         """
-        if self.coefficients_ is None:
-            msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
+        return self.prepared()(response, motion)
+
+    def follow(self, stretch: Stretch) -> FloatArray:
+        """Follow a stretch from rest, or out of the motion just before; see ``Model``."""
+        return self.along(stretch.motion, stretch.dt, stretch.before)
+
+    def observe(
+        self, stretch: Stretch, strain_model: Model | None = None, observer: str = 'ringing',
+    ) -> FloatArray:
+        """Predict each sample from the strain measured until the sample before; see ``Model``."""
+        strain_model = self if self.output == 'strain' else strain_model
+        if stretch.strain is None or observer == 'off' or strain_model is None:
+            return self.follow(stretch)
+        live = type(strain_model).live({self.output: self, 'strain': strain_model}, observer)
+        motion, dt = stretch.motion, stretch.dt
+        dt[0] = 0.0  # an observer restarts
+        predicted = np.full((len(motion), len(self.channels)), np.nan)
+        for k in range(len(motion)):
+            values = live.step(float(dt[k]), motion[k])
+            if values is not None:
+                predicted[k] = values[self.output]
+            live.measure(stretch.strain[k])
+        return predicted
+
+    def stiction(self, q: FloatArray) -> FloatArray:
+        """Give what the friction terms of each joint jump by; see ``Model``."""
+        if self.output != 'effort' or self.coefficients_ is None:
+            return super().stiction(q)
+        jumps = []
+        for joint, values in zip(self.arm.joints, self.coefficients_, strict=True):
+            forward, backward = friction_columns(joint, np.array([SLIDING, -SLIDING]))
+            jumps.append(0.5 * abs(float((forward - backward) @ values[2:2 + len(forward)])))
+        return np.array(jumps)
+
+    def at(self, payload: float) -> ElasticModel:
+        """Put a payload in; see ``Model``."""
+        if self.payload_range is not None:
+            check_payload(payload, self.payload_range)
+        kept = tuple(p for p in self.physical if p.name != 'payload')
+        model = ElasticModel(self.arm, self.output,
+                             (*kept, PhysicalParameter('payload', payload, 'kg')))
+        model.coefficients_, model.standard_errors_ = self.coefficients_, self.standard_errors_
+        model.noise_ = self.noise_
+        return model
+
+    @classmethod
+    def live(cls, models: Mapping[str, ElasticModel], observer: str = 'off') -> LiveElastic:
+        """Let effort and strain share an arm, observed only with strain; see ``Model``."""
+        return LiveElastic(models, observer if 'strain' in models else 'off')
+
+    def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
+        """Give physical parameters and the coefficients of each channel; see ``Model``."""
+        if (self.coefficients_ is None or self.standard_errors_ is None
+                or self.noise_ is None):
+            msg = 'the elastic model has no coefficients yet: fit it before saving it'
             raise NotFittedError(msg)
-        if self.output == 'strain':
-            gains = np.array(self.coefficients_)
-            return np.asarray(response.moment * gains[:, 0] + gains[:, 1])
-        return np.column_stack([
-            rows @ values for rows, values in
-            zip(effort_rows(self.arm, response, motion), self.coefficients_, strict=True)])
+        content: dict[str, Any] = {
+            'units': output_units(arm, output),
+            'physical': [
+                {'name': p.name, 'value': float(p.value), 'unit': p.unit, 'standard_error':
+                 None if math.isnan(p.standard_error) else float(p.standard_error),
+                 'shown': p.shown} for p in self.physical],
+            'channels': [
+                {'channel': channel, 'residual_std': float(noise),
+                 'coefficients': [
+                     {'column': column, 'value': float(value), 'standard_error': float(error)}
+                     for column, value, error in zip(columns, values, errors, strict=True)]}
+                for channel, columns, values, errors, noise in zip(
+                    self.channels, self.columns, self.coefficients_, self.standard_errors_,
+                    self.noise_, strict=True)]}
+        if self.payload_range is not None:
+            content['payload_range'] = [float(value) for value in self.payload_range]
+        return content
 
-
-def follow_motion(
-    driven: DrivenArm, q: FloatArray, dt: FloatArray, before: FloatArray | None = None,
-) -> Response:
-    """
-    Follow a gapless motion from rest.
-
-    q (samples, joints) [rad or m], dt (samples,) [s]; before (earlier, 1 + joints): ``[dt, q]`` of
-    the motion just before.
-    """
-    q, dt = np.asarray(q, dtype=float), np.array(dt, dtype=float)
-    if before is not None and len(before):
-        earlier = before[:, 0].copy()
-        earlier[0] = 0.0
-        driven.follow(before[:, 1:], earlier)
-    else:
-        dt[0] = 0.0
-    return driven.follow(q, dt)
-
-
-def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
-    """Build the driven arm of a model."""
-    try:
-        driven = DrivenArm(arm)
-        driven.set_parameters(values)
-    except SimulationError as err:
-        msg = f'the elastic model cannot be used: {err}'
-        raise ModelError(msg) from None
-    return driven
-
-
-# -- Elastic models to plain values and back, checked on the way in
-
-Elastic = TypeVar('Elastic', bound=FittedElastic)
-
-
-def elastic_to_dict(model: FittedElastic) -> dict[str, Any]:
-    """Turn a fitted elastic model into plain values."""
-    if (model.coefficients_ is None or model.standard_errors_ is None
-            or model.noise_ is None):
-        msg = 'the elastic model has no coefficients yet: fit it before saving it'
-        raise NotFittedError(msg)
-    content: dict[str, Any] = {
-        'units': output_units(model.arm, model.output),
-        'physical': [
-            {'name': p.name, 'value': float(p.value), 'unit': p.unit,
-             'standard_error': None if math.isnan(p.standard_error) else float(p.standard_error),
-             'shown': p.shown} for p in model.physical],
-        'channels': [
-            {'channel': channel, 'residual_std': float(noise),
-             'coefficients': [
-                 {'column': column, 'value': float(value), 'standard_error': float(error)}
-                 for column, value, error in zip(columns, values, errors, strict=True)]}
-            for channel, columns, values, errors, noise in zip(
-                model.channels, model.columns, model.coefficients_, model.standard_errors_,
-                model.noise_, strict=True)]}
-    if model.payload_range is not None:
-        content['payload_range'] = [float(value) for value in model.payload_range]
-    return content
-
-
-def elastic_from_dict(
-    made: type[Elastic], content: dict[str, Any], arm: Arm, output: str,
-) -> Elastic:
-    """Build an elastic model from plain values."""
-    part = read(ElasticPart, content)
-    physical = tuple(PhysicalParameter(
-        item.name, item.value, item.unit,
-        math.nan if item.standard_error is None else item.standard_error, item.shown)
-        for item in part.physical)
-    model = made(arm, output, physical, payload_range=part.payload_range)
-    known = driven_arm(arm, model.values).parameters  # refuses unknown names and values
-    for parameter in physical:
-        if parameter.name in known and parameter.unit != physical_unit(arm, parameter.name):
-            msg = (f'parameter {parameter.name} in {parameter.unit!r}; expected '
-                   f'{physical_unit(arm, parameter.name)!r}')
+    @classmethod
+    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> ElasticModel:
+        """Build it from physical parameters and coefficients; see ``Model``."""
+        part = read(ElasticPart, content)
+        model = cls(arm, output, part.physical, payload_range=part.payload_range)
+        known = driven_arm(arm, model.values).parameters  # refuses unknown names and values
+        for parameter in part.physical:
+            if parameter.name in known and parameter.unit != physical_unit(arm, parameter.name):
+                msg = (f'parameter {parameter.name} in {parameter.unit!r}; expected '
+                       f'{physical_unit(arm, parameter.name)!r}')
+                raise ModelError(msg)
+        channels = tuple(item.channel for item in part.channels)
+        columns = tuple(tuple(row.column for row in item.coefficients) for item in part.channels)
+        if channels != model.channels or columns != model.columns:
+            msg = (f'{output} channels {list(channels)} with the columns {list(columns)} where '
+                   f'{list(model.channels)} with {list(model.columns)} were expected')
             raise ModelError(msg)
-    channels = tuple(item.channel for item in part.channels)
-    columns = tuple(tuple(row.column for row in item.coefficients) for item in part.channels)
-    if channels != model.channels or columns != model.columns:
-        msg = (f'{output} channels {list(channels)} with the columns {list(columns)} where '
-               f'{list(model.channels)} with {list(model.columns)} were expected')
-        raise ModelError(msg)
-    model.coefficients_, model.standard_errors_ = (tuple(
-        np.array([getattr(row, value) for row in item.coefficients]) for item in part.channels)
-        for value in ('value', 'standard_error'))
-    model.noise_ = np.array([item.residual_std for item in part.channels])
-    return model
+        model.coefficients_, model.standard_errors_ = (tuple(
+            np.array([getattr(row, value) for row in item.coefficients])
+            for item in part.channels) for value in ('value', 'standard_error'))
+        model.noise_ = np.array([item.residual_std for item in part.channels])
+        return model
 
 
-# -- Outputs of elastic models for one sample at a time, without the arrays many samples need
+def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
+    """
+    Find the elastic model of an output.
 
-LiveOutput = Callable[[Response, FloatArray], FloatArray]
-"""Response at one sample and its ``[q, dq, ddq]`` to the outputs, shape (n_channels,)."""
-
-
-def live_output(model: FittedElastic) -> LiveOutput:
-    """Prepare the outputs of a model, the same numbers as ``FittedElastic.outputs`` gives."""
-    if model.coefficients_ is None:
-        msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
-        raise NotFittedError(msg)
-    return (_strain(model.coefficients_) if model.output == 'strain' else
-            _effort(model, model.coefficients_))
-
-
-def _strain(coefficients: tuple[FloatArray, ...]) -> LiveOutput:
-    gains, offsets = np.array(coefficients).T.copy()
-
-    def outputs(response: Response, row: FloatArray) -> FloatArray:
-        return np.asarray(response.moment[0] * gains + offsets)
-    return outputs
-
-
-def _effort(model: FittedElastic, coefficients: tuple[FloatArray, ...]) -> LiveOutput:
-    joints = model.arm.joints
-    n = len(joints)
-    torque, inertia = np.array([values[:2] for values in coefficients]).T.copy()
-    constant = np.array([
-        values[-1] if columns[-1] == 'offset' else 0.0
-        for values, columns in zip(coefficients, model.columns, strict=True)])
-    friction = [values[2:len(values) - (columns[-1] == 'offset')]
-                for values, columns in zip(coefficients, model.columns, strict=True)]
-    table = np.zeros((n, max(1, *(len(values) for values in friction))))
-    for i, values in enumerate(friction):
-        table[i, :len(values)] = values
-    # the inertia of the rotor is a column of every joint here, and added below
-    terms = JointTerms([joint.model_copy(update={'rotor_inertia': False}) for joint in joints],
-                       [0] * n, np.ones(n))
-
-    def outputs(response: Response, row: FloatArray) -> FloatArray:
-        effort = response.torque[0] * torque + row[2 * n:] * inertia + constant
-        terms.add(row[None], table, effort[None])
-        return np.asarray(effort)
-    return outputs
+    Returns None where there is no such model in the bundle.
+    """
+    model = bundle.models.get(output, {}).get('elastic')
+    return model if isinstance(model, ElasticModel) else None
 
 
 # -- Elastic models sample by sample, with or without an observer that measured strain corrects
 
 OBSERVERS = ('off', 'ringing')
-BANDWIDTH = 8.0
-"""Rate at which the observer forgets what it does not know the cause of [1/s]."""
 
 
 class LiveElastic:
     """
     Elastic models of one arm, sample by sample, on one simulated arm.
 
-    What a push leaves behind, an oscillation that no joint's motion explains, stays in the state
+    What a push leaves, an oscillation that no joint's motion explains, stays in the state
     of a model that only follows the joints. The observer takes it over from measured strain: an
     extended Kalman filter, slow enough that a collision shows in the innovation first.
 
@@ -379,7 +411,7 @@ class LiveElastic:
     """
 
     def __init__(
-        self, models: Mapping[str, FittedElastic], observer: str = 'off',
+        self, models: Mapping[str, ElasticModel], observer: str = 'off',
         bandwidth: float = BANDWIDTH,
     ) -> None:
         if observer not in OBSERVERS:
@@ -390,7 +422,7 @@ class LiveElastic:
             raise ModelError(msg)
         self.observer = observer
         self.observing = observer != 'off'
-        self._outputs = {output: live_output(model) for output, model in models.items()}
+        self._outputs = {output: model.prepared() for output, model in models.items()}
         first = next(iter(models.values()))
         if any(model.values != first.values for model in models.values()):
             msg = 'the elastic models of effort and strain belong to different arms; fit again'
@@ -437,11 +469,12 @@ class LiveElastic:
             self._lost = True
             return None
         self._moment = response.moment[0]
-        return {output: outputs(response, row) for output, outputs in self._outputs.items()
+        return {output: outputs(response, row[None])[0]
+                for output, outputs in self._outputs.items()
                 if wanted is None or output in wanted}
 
     def _observe(self, dt: float) -> None:
-        """Correct the state behind the sample before by what was measured there."""
+        """Correct the state after the sample before by what was measured there."""
         assert self._gauges is not None
         strain, self._strain = self._strain, None
         if dt <= 0.0:
@@ -455,76 +488,3 @@ class LiveElastic:
                 raise SimulationError(msg)
             self._since = 0.0
         self._since += dt
-
-
-# -- Elastic model: strain and effort of a flexible arm with its oscillation in them.
-#
-# Where the analytical model takes the links as rigid, this one lets them bend: the equivalent
-# rigid-link system of Gasparetto et al., its joints driven by measured positions through elastic
-# gears, carries the oscillation as its own state.
-
-class ElasticModel(FittedElastic, Model):
-    """Strain or effort of an elastic arm; see ``FittedElastic`` for what it is made of."""
-
-    def follow(self, stretch: Stretch) -> FloatArray:
-        """Follow a stretch from rest, or out of the motion just before; see ``Model``."""
-        return self.along(stretch.motion, stretch.dt, stretch.before)
-
-    def observe(
-        self, stretch: Stretch, strain_model: Model | None = None, observer: str = 'ringing',
-    ) -> FloatArray:
-        """Predict each sample from the strain measured until the sample before; see ``Model``."""
-        strain_model = self if self.output == 'strain' else strain_model
-        if stretch.strain is None or observer == 'off' or strain_model is None:
-            return self.follow(stretch)
-        live = type(strain_model).live({self.output: self, 'strain': strain_model}, observer)
-        motion, dt = stretch.motion, stretch.dt
-        dt[0] = 0.0  # an observer begins anew
-        predicted = np.full((len(motion), len(self.channels)), np.nan)
-        for k in range(len(motion)):
-            values = live.step(float(dt[k]), motion[k])
-            if values is not None:
-                predicted[k] = values[self.output]
-            live.measure(stretch.strain[k])
-        return predicted
-
-    def stiction(self, q: FloatArray) -> FloatArray:
-        """Give what the friction terms of each joint jump by; see ``Model``."""
-        if self.output != 'effort' or self.coefficients_ is None:
-            return super().stiction(q)
-        return friction_jumps(self.arm, self.coefficients_)
-
-    def at(self, payload: float) -> ElasticModel:
-        """Put a payload in; see ``Model``."""
-        if self.payload_range is not None:
-            check_payload(payload, self.payload_range)
-        kept = tuple(p for p in self.physical if p.name != 'payload')
-        model = ElasticModel(self.arm, self.output,
-                             (*kept, PhysicalParameter('payload', payload, 'kg')))
-        model.coefficients_, model.standard_errors_ = self.coefficients_, self.standard_errors_
-        model.noise_ = self.noise_
-        return model
-
-    @classmethod
-    def live(cls, models: Mapping[str, ElasticModel], observer: str = 'off') -> LiveElastic:
-        """Let effort and strain share an arm, observed only with strain; see ``Model``."""
-        return LiveElastic(models, observer if 'strain' in models else 'off')
-
-    def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
-        """Give physical parameters and the coefficients of each channel; see ``Model``."""
-        return elastic_to_dict(self)
-
-    @classmethod
-    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> ElasticModel:
-        """Build it from physical parameters and coefficients; see ``Model``."""
-        return elastic_from_dict(cls, content, arm, output)
-
-
-def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
-    """
-    Find the elastic model of an output.
-
-    Returns None where there is no such model in the bundle.
-    """
-    model = bundle.models.get(output, {}).get('elastic')
-    return model if isinstance(model, ElasticModel) else None

@@ -18,7 +18,7 @@ Extended Kalman filter for a driven arm: strain corrects twists and bending.
 Between samples the covariance follows the arm linearised where it is, by the implicit midpoint
 rule, which is stable for the stiffest mode at any sample rate. The unknown is a white force at the
 tip, that lets the state follow what nobody modelled.
-Readings that lag behind the moments are states themselves, and the gauges show these.
+Readings that lag the moments are states themselves, and the gauges show these.
 """
 
 from __future__ import annotations
@@ -37,7 +37,6 @@ from tudor_dynamics.models.elastic.kernel import (
 from tudor_dynamics.typing import FloatArray
 
 FORCES = 3  # components of the force at the tip, base axes
-SMALL, CHOLESKY, PUSHED = range(3)
 
 
 @compiled

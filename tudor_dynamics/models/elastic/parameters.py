@@ -26,6 +26,7 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.mechanism import Mechanism
 from tudor_dynamics.models.elastic import kernel as at_gear
+from tudor_dynamics.models.settings import EDGE, LONGEST_LAG, RIGID_GEAR
 from tudor_dynamics.typing import FloatArray
 
 
@@ -68,12 +69,12 @@ class Physics:
 
     def _parts(self) -> dict[str, LumpedMass]:
         mechanism, found = self.mechanism, dict[str, LumpedMass]()
-        behind = {body: joint for joint, body in mechanism.body_of.items()}
+        joint_of = {body: joint for joint, body in mechanism.body_of.items()}
         *bodies, payload = range(len(mechanism.body_int))
         for body in bodies:
-            joint = behind.get(int(mechanism.body_int[body, at.PARENT]))
+            joint = joint_of.get(int(mechanism.body_int[body, at.PARENT]))
             part = self._part(body)
-            if body not in behind and joint is not None and part.mass > 0.0:
+            if body not in joint_of and joint is not None and part.mass > 0.0:
                 count = sum(name.startswith(f'{joint},') for name in found)
                 found[f'{joint},{count + 1}'] = part
         return {**found, '': self._part(payload)}
@@ -83,7 +84,7 @@ class Physics:
         return LumpedMass(body, float(floats[at.MASS]), floats[at.INERTIA:at.INERTIA + 6].copy())
 
     def beam(self, joint: str) -> FloatArray:
-        """Give the row of the beam behind a joint in the mechanism's table; a view."""
+        """Give the row of the beam after a joint in the mechanism's table; a view."""
         return self.mechanism.body_float[self.mechanism.body_of[joint]]
 
     def scale_beam(self, joint: str, columns: list[int], factor: float) -> None:
@@ -113,14 +114,7 @@ class Physics:
 #    them.
 #
 # A new parameter is one entry of ``PHYSICAL``. Names are those of the entries, with the owner
-# behind them: ``bending(joint2)``, ``lumped(joint2,1)``, ``beta``.
-
-EDGE = 0.1
-"""The edge of a play is rounded over this part of it, where nothing better is known."""
-LONGEST_LAG = 0.2
-"""Of amplifiers of gauges [s]: slower ones show no oscillation."""
-RIGID_GEAR = 30.0
-"""A gear of unknown stiffness is this often as stiff as the link behind it."""
+# after them: ``bending(joint2)``, ``lumped(joint2,1)``, ``beta``.
 
 
 @dataclass(frozen=True)

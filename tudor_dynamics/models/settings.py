@@ -1,0 +1,138 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tuned numbers of models, their estimation and what is tuned by them: unit, meaning, source."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+# -- Least squares (analytical.py, estimation.py)
+# Passes of weights of the samples; a fit that needs more of them warns.
+WEIGHT_PASSES = 20  # source: none known
+# Turns of loads and parameters, and the relative change at which they have settled.
+LOAD_PASSES, LOAD_CHANGE = 10, 1e-3  # source: none known
+# Residuals beyond it, in standard deviations, count less.
+HUBER_CONSTANT = 1.345  # 95 % efficiency at the normal distribution (Huber, Robust Statistics)
+# Condition numbers of the scaled columns: above, triangular factors take over; above, a direction
+# is not shown by the motion.
+LARGEST_GRAM_CONDITION, UNEXCITED_CONDITION = 1e6, 1e10  # test/models/test_estimators.py
+# The prior is left out where it would move a direction by less than this part.
+NEGLIGIBLE = 1e-3  # source: none known
+# Norm of a column beyond those before it, over the largest, from which on it is one of its own.
+RELATIVE_TOLERANCE = 1e-8  # source: none known
+
+# -- Torque constants (estimation.py)
+# Standard deviation of the logarithm of a constant about the mean of all, before any data: joints
+# of one arm have drives of one kind. It decides for wrists whose bodies hardly show.
+PRIOR_WIDTH = 0.5  # source: none known
+# Samples that count as one: residuals of a motion are no white noise (2.5 s at 20 Hz).
+CORRELATED = 50.0  # source: none known
+# Turns of constants and weights of the channels.
+CONSTANT_PASSES = 3  # source: none known
+# Part of a column's own information that is added to it: parameters may be hard to distinguish.
+RIDGE = 1e-9  # source: none known
+# Of the logarithm of a constant, for differences.
+CONSTANT_STEP = 1e-3  # source: none known
+
+# -- Friction (friction.py)
+# Displacements over which friction is tried to give way [rad or m], evenly on a logarithmic scale.
+DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)  # 0.3 to 10 mrad for the arms of docs/validation.md
+
+# -- Bodies and drives that can exist (consistent.py); bench/consistent.py measures what they do
+# Mass of a body that is described without any, as a part of all.
+LEAST_SHARE = 1e-4  # source: none known
+# Radius of gyration added to bodies that are described as points, lines or plates [m].
+LEAST_RADIUS = 0.01  # source: none known
+# Mass per length where no mass is described at all [kg/m].
+ROD = 4.0  # that of lightweight arms
+# Length of the last body where nothing is known of it [m].
+TOOL = 0.1  # source: none known
+# Standard deviation of the logarithm of half a mass, described or guessed.
+WIDTH_DESCRIBED, WIDTH_ROD = 0.5, 1.0  # source: none known; docs/export.md
+# The same of a size; of a centre of mass and of a product of inertia as a part of the size.
+WIDTH_SHAPE = 0.5  # source: none known; docs/export.md
+# Speeds at which friction is looked at, in each direction.
+GRID = 12  # source: none known
+# Part of its largest effect from which on a term is asked to make up for others: of Coulomb
+# friction at the smallest speed there is three quarters.
+ACTS = 0.3  # source: none known
+# What is raised for one direction takes an eighth of it from the other at the smallest speed.
+ENERGY_PASSES = 30  # source: none known
+# Largest speed of a motion over its root mean square: 1.4 for a sine, 3 for moves with rests.
+PEAK = 2.5  # source: none known
+# Width of what drives may contribute to an output, in units of the output's size: no knowledge,
+# but a bound on what nothing shows.
+WIDTH_DRIVE = 3.0  # source: none known
+# Standard deviation of the logarithm of all torque constants together: no knowledge.
+WIDTH_CONSTANT = 3.0  # source: none known
+# Part of their weight that the data have in each search, and how strictly friction has to take
+# energy: with all of both from the beginning, the way to the solution is a winding valley.
+SEARCHES = ((1e-4, 1e2), (1e-2, 1e3), (1e-1, 1e3), (1.0, 1e3), (1.0, 1e4))  # source: none known
+# Relative change of the sum of squares at which a search ends, and its evaluations at most.
+ENOUGH, EVALUATIONS = 1e-9, 300  # source: none known
+
+# -- Words for what a parameter comes from (comparison.py)
+# Standard error over that before any data, up to which a parameter comes from the data, or both.
+FROM_DATA, FROM_BOTH = 0.3, 0.8  # source: none known
+
+# -- Elastic models (elastic/)
+# Longest inner step [s].
+INNER_STEP = 2.5e-3  # 1 % of phase at 15 Hz
+# Rate at which the observer forgets what it does not know the cause of [1/s].
+BANDWIDTH = 8.0  # source: none known
+# The edge of a play is rounded over this part of it, where nothing better is known.
+EDGE = 0.1  # source: none known
+# Lag of amplifiers of gauges at most [s]: slower ones show no oscillation.
+LONGEST_LAG = 0.2  # source: none known
+# A gear of unknown stiffness is this often as stiff as the link after it.
+RIGID_GEAR = 30.0  # source: none known
+
+# -- Gains by an elastic model (tuning.py); docs/tuning_the_damper.md ("The schedule")
+# Of a drive, for differences [rad].
+DRIVE_NUDGE = 1e-4  # source: none known
+# Below it the approximation of a delay is as good as none [s].
+LEAST_DELAY = 1e-4  # source: none known
+# Poles above it are those of delays and drives [Hz].
+HIGHEST = 40.0  # source: none known
+# Poles below this part of the first frequency belong to means and position loops.
+SLOW = 0.3  # source: none known
+# Between nodes along a joint, where there are not too many [rad].
+SPACING = math.radians(15.0)  # source: none known
+# Most poses of a grid.
+POSES = 1500  # source: none known
+# Position gain over the first angular frequency: the position loop must not fight the damper.
+STIFFNESS = 0.13  # source: none known
+# Corner of the DC blocker [Hz]: the load is known, what remains changes slowly.
+MEAN = 0.15  # source: none known
+# Of the described gains, for a first look.
+FACTORS = np.geomspace(0.1, 6.0, 22)  # source: none known
+# Halvings of an interval in which a factor or a delay is sought.
+HALVINGS = 7  # source: none known
+# Delay from which on gains excite, over the one that they are used with.
+ROOM = 2.0  # docs/tuning_the_damper.md: a factor that excites at twice the delay is none
+# Within which, and in which ratio, delays are looked at [s].
+SHORTEST_DELAY, LONGEST_DELAY, FINER = 2e-3, 0.2, 1.2  # source: none known
+# Delays at which a factor is looked at.
+LOOKS = 4  # source: none known
+# Between samples of a simulated move [s].
+MOVE_SAMPLE = 2.5e-3  # as the longest inner step
+# Of them, those after a move that are compared.
+EVERY = 3  # source: none known
+# Time after the end of a move from which oscillations count [s].
+AFTER_MOVE = 0.02  # source: none known
+# An oscillation that gauges hardly show [m/m].
+NOTHING = 2e-6  # source: none known
