@@ -230,7 +230,7 @@ def _refused(problem: str, event: yaml.Event) -> yaml.YAMLError:
     return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
-# -- Which version of the package computed something: a digest of the sources behind it
+# -- Which version of the package computed something: a digest of its sources
 
 PACKAGE = Path(__file__).resolve().parent
 

@@ -26,7 +26,7 @@ import pytest
 from tudor_dynamics.identification.detection import (
     CollisionScore, DetectedEvent, KnownPush, MethodResult, Truth, WatchedBag)
 from tudor_dynamics.online.detector import CollisionEvent
-from tudor_dynamics.show.pictures import _draw, LOWEST, MOST, write_events
+from tudor_dynamics.show.pictures import _draw, draw_events, LOWEST, MOST, write_picture
 
 BEGIN = 1_700_000_000_000_000_000
 
@@ -94,7 +94,8 @@ def test_nothing_found_and_nothing_watched() -> None:
 def test_the_file(tmp_path: Path, suffix: str) -> None:
     """Whole, of the kind that its name says, and nothing beside it."""
     target = tmp_path / f'events.{suffix}'
-    write_events([result(watched('a$b')), result(watched(), method='effort')], target)
+    write_picture(target, draw_events,
+                  [result(watched('a$b')), result(watched(), method='effort')])
     content = target.read_bytes()
     assert content.startswith(b'\x89PNG' if suffix == 'png' else b'<?xml')
     assert list(tmp_path.iterdir()) == [target]
@@ -108,5 +109,6 @@ def test_no_more_bags_than_can_be_looked_at(
     monkeypatch.setattr('tudor_dynamics.show.pictures._draw',
                         lambda _, result, bag, **__: seen.append((result.method, bag)))
     bags = [watched(f'run{i}') for i in range(MOST + 3)]
-    write_events([result(*bags), result(*bags, method='effort')], tmp_path / 'events.png')
+    write_picture(tmp_path / 'events.png', draw_events,
+                  [result(*bags), result(*bags, method='effort')])
     assert seen == [(method, bag) for bag in range(MOST) for method in ('strain', 'effort')]

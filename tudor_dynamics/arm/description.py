@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import hashlib
@@ -366,6 +366,14 @@ def sources(arm: Arm) -> Iterator[tuple[str, SourceSpec]]:
         yield joint.name, joint.effort
     for gauge in arm.gauges:
         yield gauge.name, gauge
+
+
+def by_topic(sources: Iterable[SourceSpec]) -> dict[str, list[int]]:
+    """Give the places of sources in their list by topic."""
+    found: dict[str, list[int]] = {}
+    for place, source in enumerate(sources):
+        found.setdefault(source.topic, []).append(place)
+    return found
 
 
 def array_places(arm: Arm) -> dict[str, dict[str, int]]:

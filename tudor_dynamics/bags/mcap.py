@@ -15,12 +15,12 @@
 """
 MCAP files: their topics, and raw messages of chosen ones.
 
-Record by record through file objects, as rosbags reads MCAP, costs more than everything that
-follows (bench/read_bags.py compares), and nothing there bounds what a chunk unpacks to. Here the
-records of a chunk are read in memory, and every length and checksum is checked. Topics come from
-the summary; where it leaves something out, or is damaged, from the data section. A file that
-nobody finished, because the recorder was killed or its disk was full, ends before the first record
-that is not whole.
+rosbags takes twice as long for raw messages alone as this and all decoding take together
+(bench/read_bags.py), and nothing there bounds what a chunk unpacks to. Here the records of a
+chunk are read in memory, and every length and checksum is checked. Topics come from the summary;
+where it leaves something out, or is damaged, from the data section. A file that nobody finished,
+because the recorder was killed or its disk was full, ends before the first record that is not
+whole.
 
 Format: https://mcap.dev/spec
 """

@@ -20,7 +20,7 @@ of the encapsulation header of four bytes. Messages of one topic nearly always s
 the same names, the same fields, the same frame, hence every number at the same place. The layout
 is parsed once, all messages that agree with it in every structural byte are laid over each other,
 and their numbers are read as columns of a structured array. A bag with several layouts is decoded
-group by group.
+group by group. rosbags, message by message, takes five to ten times as long (bench/read_bags.py).
 """
 
 from __future__ import annotations

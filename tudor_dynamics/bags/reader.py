@@ -30,23 +30,11 @@ from tudor_dynamics.bags.messages import (
     load_topics, Signals, WRENCH_STAMPED)
 from tudor_dynamics.bags.recording import (
     ChannelSource, check_plausible, Oddities, plan_from_arm, Recording, SetBack, Sources)
+from tudor_dynamics.bags.settings import (
+    FEW, GAP_FLOOR, GAP_PERIODS, LEAST_SET_BACK, MAX_VALUE, MIN_DURATION, MIN_SAMPLES, MIN_SEGMENT)
 from tudor_dynamics.bags.storage import Bag, Notes, open_bag, RawMessages
 from tudor_dynamics.errors import BagError, check_type
 from tudor_dynamics.typing import FloatArray
-
-GAP_PERIODS = 5.0
-GAP_FLOOR = 0.02
-"""
-A gap is longer than five sample times and than 20 ms [s].
-
-Five sample times pass a lost message now and then; source: none known. The floor is for fast
-recordings: at 1 kHz a stall of a few milliseconds is scheduling, and motion and oscillation of
-arms (below 20 Hz) are still sampled faster than twice their frequency across 20 ms.
-"""
-
-LEAST_SET_BACK = 3
-"""Messages in a row before the newest stamp that make a clock that was set back (tested by the
-faults in bench/doctor.py); one or two were overtaken on their way."""
 
 
 def increasing(stamp: NDArray[np.int64]) -> tuple[NDArray[np.bool_], int, int]:
@@ -128,13 +116,6 @@ def interpolate(
     return result, exact | inside
 
 
-FEW = 0.05
-"""Share of samples of a channel that may be no numbers and are excluded with a warning; source:
-none known."""
-MAX_VALUE = 1e12
-"""Nothing about an arm is larger in any unit; squares and products stay far from overflowing."""
-
-
 def choose_clock(
     topics: Mapping[str, DecodedTopic], notes: Notes, path: str,
 ) -> dict[str, NDArray[np.int64]]:
@@ -196,8 +177,6 @@ REMEDIES = {
     FLOAT64_MULTI_ARRAY: 'say with index: N in the arm description which value of the array it is',
     DYNAMIC_JOINT_STATE: 'say with interface: NAME in the arm description which one it is'}
 """Where a topic has another type than described: what to write."""
-MIN_SEGMENT = 5
-"""Fewer samples between two gaps are left out: nothing can be differentiated from them."""
 
 
 class Assembly:
@@ -428,12 +407,6 @@ class Assembly:
                 (slice(part.start, cut), slice(cut, part.stop))
                 if part.start < cut < part.stop else (part,)))
         return parts
-
-
-MIN_SAMPLES = 50
-MIN_DURATION = 1.0
-"""Shorter recordings do not outlast the transients of the filters (``preprocessing.settle``) [s];
-source: none known."""
 
 
 def assemble(

@@ -27,6 +27,9 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import SourceSpec
 from tudor_dynamics.bags.messages import (
     DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE)
+from tudor_dynamics.bags.settings import (
+    FAST, FASTEST, MANY_TURNS, MAX_SPREAD, MIN_DISPLACEMENT, MIN_WINDOWS, STILL, UNIT_TOLERANCE,
+    UNLIMITED, WINDOW)
 from tudor_dynamics.bags.storage import Notes
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.typing import FloatArray
@@ -127,12 +130,6 @@ class Recording:
         return np.asarray((self.stamp - self.stamp[0]) * 1e-9)
 
 
-MANY_TURNS = 4 * math.pi
-"""No revolute joint without limits in its description is taken to go farther than this [rad]."""
-UNLIMITED = 1e6
-"""Limits beyond this are none [rad or m]."""
-
-
 @dataclass(frozen=True)
 class ChannelSource:
     """Where the values of one joint or gauge stand."""
@@ -199,35 +196,14 @@ def plan_from_arm(arm: Arm) -> Sources:
 
 
 DEGREES = 180 / math.pi
-WINDOW = 0.1
-"""Over which displacement and integrated velocity are compared: longer than the lag of a velocity
-filter in a driver, shorter than a movement [s]."""
-MIN_DISPLACEMENT = 2e-3
-"""Less than this within a window is no movement to compare by [rad or m]."""
-MIN_WINDOWS = 5
-UNIT_TOLERANCE = 0.2
-MAX_SPREAD = 0.3
-FAST = 10.0
-"""Joints of arms seldom turn faster, but ten degrees a second are common [rad/s]."""
-FASTEST = 60.0
-"""No joint of an arm turns this fast, ten turns a second [rad/s]."""
-STILL = {False: 1e-3, True: 1e-4}
-"""A joint that moves less stands still, by prismatic or not [rad, m]; encoder noise is less."""
 
 
-@dataclass(frozen=True)
-class VelocityRatio:
-    """Displacement over integrated velocity of a joint."""
-
-    ratio: float  # median over windows with movement; 1 where position and velocity agree
-    spread: float  # median relative deviation from it
-
-
-def velocity_ratio(recording: Recording, joint: int) -> VelocityRatio | None:
+def velocity_ratio(recording: Recording, joint: int) -> tuple[float, float] | None:
     """
     Compare the position of a joint with its velocity.
 
-    Returns None where the joint moves too little to tell.
+    Returns displacement over integrated velocity, the median over windows with movement, and the
+    median relative deviation from it; None where the joint moves too little.
     """
     assert recording.dq is not None
     width = max(1, round(WINDOW / recording.dt))
@@ -248,7 +224,7 @@ def velocity_ratio(recording: Recording, joint: int) -> VelocityRatio | None:
     ratios = x[significant] / y[significant]
     ratio = float(np.median(ratios))
     deviation = float(np.median(np.abs(ratios - ratio)))
-    return VelocityRatio(ratio, deviation / abs(ratio) if ratio else math.inf)
+    return ratio, deviation / abs(ratio) if ratio else math.inf
 
 
 def _is_about(value: float, expected: float) -> bool:
@@ -318,8 +294,8 @@ def _check_velocity(
     found = velocity_ratio(recording, column)
     if found is None:
         return []
-    ratio, unit = found.ratio, 'm' if slides else 'rad'
-    if found.spread > MAX_SPREAD:
+    (ratio, spread), unit = found, 'm' if slides else 'rad'
+    if spread > MAX_SPREAD:
         notes.add(f'velocity of {name} does not follow its position; it is used as it is: check '
                   'the driver')
     elif not slides and _is_about(abs(ratio), DEGREES):

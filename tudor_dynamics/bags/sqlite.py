@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""sqlite3 files: their topics, and raw messages of chosen ones."""
+"""
+sqlite3 files: their topics, and raw messages of chosen ones.
+
+rosbags reads them as fast, but nothing there bounds what a file of a few kilobytes makes SQLite do
+(tables that compute what they hold, rows without end, messages of gigabytes).
+"""
 
 from __future__ import annotations
 
@@ -55,7 +60,8 @@ class SqliteFile:
     def definitions(self) -> dict[str, str]:
         """Give the definitions of messages that the file carries; none in older files."""
         with _opened(self.path) as connection:
-            if not _is_plain(connection, 'message_definitions'):
+            if not _plain_columns(connection, 'message_definitions') >= {
+                    'topic_type', 'encoding', 'encoded_message_definition'}:
                 return {}
             rows = connection.execute(
                 'SELECT topic_type, encoded_message_definition FROM message_definitions '
@@ -123,22 +129,20 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def _check_tables(connection: sqlite3.Connection) -> None:
-    found = dict(connection.execute(
-        "SELECT name, rootpage FROM sqlite_master WHERE type = 'table' "
-        "AND name IN ('messages', 'topics')"))
-    if found.keys() != {'messages', 'topics'}:
+    found = {name for name, in connection.execute(
+        "SELECT name FROM sqlite_master WHERE type = 'table' AND name IN ('messages', 'topics')")}
+    if found != {'messages', 'topics'}:
         raise Damaged('SQLite: no tables messages and topics')
-    hidden = [row for name in found for row in connection.execute(f'PRAGMA table_xinfo({name})')
-              if row[6]]
-    if not all(found.values()) or hidden:
+    if not all(_plain_columns(connection, name) for name in found):
         raise Damaged('SQLite: messages or topics compute what they hold')
 
 
-def _is_plain(connection: sqlite3.Connection, table: str) -> bool:
+def _plain_columns(connection: sqlite3.Connection, table: str) -> set[str]:
+    """Give the columns of a table; none of one that is not there, or computes what it holds."""
     roots = connection.execute(
         "SELECT rootpage FROM sqlite_master WHERE type = 'table' AND name = ?",
         (table,)).fetchall()
     columns = list(connection.execute(f'PRAGMA table_xinfo({table})'))
-    return (bool(roots) and all(root for root, in roots) and not any(row[6] for row in columns)
-            and {'topic_type', 'encoding', 'encoded_message_definition'} <= {
-                row[1] for row in columns})
+    if not roots or not all(root for root, in roots) or any(row[6] for row in columns):
+        return set()
+    return {name for _, name, *_ in columns}

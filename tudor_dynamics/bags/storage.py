@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 import hashlib
 from pathlib import Path
 import re
-from typing import Any, Protocol
+from typing import Any
 import warnings
 
 import numpy as np
@@ -47,12 +47,13 @@ STORAGES = ('mcap', 'sqlite3')
 
 @dataclass(frozen=True)
 class Metadata:
-    """What the metadata say of a bag."""
+    """What the metadata say of a bag; where there are none, its files."""
 
     files: tuple[Path, ...]  # storage files in their order
-    compression: str  # what rosbag2 has compressed, beside chunks
-    counts: Mapping[str, int]  # number of messages of each topic
-    custom: Mapping[str, str]  # what whoever recorded added
+    # What rosbag2 has compressed, beside chunks; None without metadata.
+    compression: str | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)  # of the messages of each topic
+    custom: Mapping[str, str] = field(default_factory=dict)  # what whoever recorded added
     doubled: bool = False  # whether a file was listed more than once
 
 
@@ -191,21 +192,6 @@ class RawMessages:
     data: list[bytes]
 
 
-class StorageFile(Protocol):
-    """One storage file of a bag; ``Damaged`` where it cannot be read."""
-
-    def topics(self) -> list[tuple[str, str, int]]:
-        """Give names of topics, their types, and numbers of messages."""
-
-    def definitions(self) -> dict[str, str]:
-        """Give the definitions of types of messages, where the file carries them."""
-
-    def read(
-        self, topics: Collection[str], *, with_data: bool,
-    ) -> dict[str, tuple[list[int], list[bytes]]]:
-        """Read log times [ns] and, if asked for, raw messages of topics."""
-
-
 @dataclass(frozen=True, eq=False)
 class Bag:
     """A bag that could be opened."""
@@ -217,11 +203,10 @@ class Bag:
     topics: Mapping[str, TopicInfo]  # what the bag announces
     # What rosbag2 has compressed, chunks apart; None without metadata, so that each message has to
     # be looked at.
-    compression: str | None = ''
+    compression: str | None
     # What whoever recorded wrote into `custom_data` of the metadata.
-    custom: Mapping[str, str] = field(default_factory=dict)
-    # Files that break off, because their recorder was killed.
-    unfinished: frozenset[Path] = frozenset()
+    custom: Mapping[str, str]
+    unfinished: frozenset[Path]  # files that break off, because their recorder was killed
 
     def read(
         self, topics: Collection[str], *, with_data: bool = True,
@@ -246,7 +231,7 @@ class Bag:
         return {name: self._ordered(name, times[name], data[name]) for name in topics}
 
     @contextmanager
-    def _opened(self, path: Path) -> Iterator[tuple[StorageFile, Unpacker | None]]:
+    def _opened(self, path: Path) -> Iterator[tuple[McapFile | SqliteFile, Unpacker | None]]:
         """Open a storage file; with what unpacks its messages, where they may be compressed."""
         with storage_file(path, self.compression) as file:
             unpacker = Unpacker(file.stat().st_size)
@@ -338,7 +323,7 @@ def storage_file(file: Path, compression: str | None = '') -> Iterator[Path]:
         raise BagError(msg) from None
 
 
-def _storage(file: Path, *, unfinished: bool = False) -> StorageFile:
+def _storage(file: Path, *, unfinished: bool = False) -> McapFile | SqliteFile:
     if file.suffix == '.mcap':
         return McapFile(file, unfinished=unfinished)
     if file.suffix == '.db3':
@@ -393,22 +378,18 @@ def _storage_name(files: Collection[Path]) -> str:
     return ', '.join(sorted(names.get(suffix, suffix) for suffix in suffixes))
 
 
-def _open_files(
-    path: Path, files: tuple[Path, ...], notes: Notes, metadata: Metadata | None = None,
-) -> Bag:
-    compression = None if metadata is None else metadata.compression
-    unfinished: set[Path] = set()
+def _open_files(path: Path, notes: Notes, metadata: Metadata) -> Bag:
+    files, unfinished = metadata.files, set[Path]()
     for file in files:
         _check_leftovers(file, notes)
-    topics = _merge([item for file in files for item in _topics(file, compression, unfinished)])
+    topics = _merge([item for file in files
+                     for item in _topics(file, metadata.compression, unfinished)])
     for file in sorted(unfinished):
         notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
-    if metadata is None:
-        return Bag(path, notes, _storage_name(files), files, topics, compression,
-                   unfinished=frozenset(unfinished))
     announced = {name: replace(info, count=metadata.counts.get(name, info.count))
                  for name, info in topics.items()}
-    return Bag(path, notes, _storage_name(files), files, announced, compression, metadata.custom)
+    return Bag(path, notes, _storage_name(files), files, announced, metadata.compression,
+               metadata.custom, frozenset(unfinished))
 
 
 def _check_leftovers(file: Path, notes: Notes) -> None:
@@ -440,7 +421,7 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
             raise BagError(msg)
         notes.add(f'no {METADATA}; read {", ".join(file.name for file in files)} '
                   'in the order of their names')
-        return _open_files(path, files, notes)
+        return _open_files(path, notes, Metadata(files))
     try:
         metadata = read_metadata(path)
     except BagError as err:
@@ -448,13 +429,13 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
             raise
         notes.add(f'{METADATA} cannot be used: {err.cause}; read '
                   f'{", ".join(file.name for file in files)} in the order of their names')
-        return _open_files(path, files, notes)
+        return _open_files(path, notes, Metadata(files))
     if metadata.doubled:
         notes.add(f'{METADATA} lists a file twice; read once')
     missed = [file.name for file in files if file not in metadata.files]
     if missed and not metadata.compression:
         notes.add(f'{", ".join(missed)} not listed in {METADATA} and not read')
-    return _open_files(path, metadata.files, notes, metadata)
+    return _open_files(path, notes, metadata)
 
 
 def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
@@ -466,7 +447,7 @@ def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
         if path.is_dir():
             return _open_directory(path, notes)
         if path.is_file() and path.suffix in SUFFIXES:
-            return _open_files(path, (path,), notes)
+            return _open_files(path, notes, Metadata((path,)))
         exists = path.exists()
     except BagError:
         raise

@@ -299,24 +299,18 @@ def _decode(data: bytes, topic: str, time: int, place: str) -> Sent:
     except Exception as err:  # rosbags raises whatever the bytes lead it to
         msg = f'is no {TRAJECTORY} ({type(err).__name__})'
         raise BagError(msg, place=place, remedy='the bag is damaged; record it anew') from None
-    stamp = message.header.stamp
+    joints, stamp = tuple(message.joint_names), message.header.stamp
+    if len(joints) > MAX_NAMES:
+        msg = f'has {len(joints)} joints; at most {MAX_NAMES} are read'
+        raise BagError(msg, place=place)
+    t = np.array([point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+                  for point in message.points])
     try:
-        found = _trajectory(message)
+        found = Trajectory.from_points(joints, t, *(
+            [getattr(point, field) for point in message.points] for field in POINT_FIELDS[:3]))
     except TudorError as err:
         raise err.at(place) from None
     return Sent(found, topic, time, stamp.sec * SECOND + stamp.nanosec, message.header.frame_id)
-
-
-def _trajectory(message: Any) -> Trajectory:
-    """Turn a message into arrays."""
-    joints = tuple(message.joint_names)
-    if len(joints) > MAX_NAMES:
-        msg = f'has {len(joints)} joints; at most {MAX_NAMES} are read'
-        raise BagError(msg)
-    t = np.array([point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
-                  for point in message.points])
-    return Trajectory.from_points(joints, t, *(
-        [getattr(point, field) for point in message.points] for field in POINT_FIELDS[:3]))
 
 
 def write_trajectories(path: Path, sent: Sequence[Sent]) -> None:

@@ -24,14 +24,14 @@ from operator import itemgetter
 from pathlib import Path
 import shutil
 import sqlite3
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
-from tudor_dynamics.arm.description import Arm, refuse_interfaces
+from tudor_dynamics.arm.description import Arm, by_topic, refuse_interfaces
 from tudor_dynamics.bags.messages import (
     FIELDS, IMU, joint_signals, JOINT_STATE, LAYOUTS, Signals, WRENCH_STAMPED)
 from tudor_dynamics.bags.recording import Recording
@@ -43,16 +43,6 @@ from tudor_dynamics.files import scratch_folder, whole
 # rosbags writes a bag for those who finish it. MCAP keeps up to a megabyte in memory, SQLite all
 # of the bag in one transaction; whoever is killed before the end has nothing, and whoever meets a
 # full disk has half a record at the end of the file. Here, what was saved stays.
-
-class Saver(Protocol):
-    """Way back of one storage."""
-
-    def save(self) -> None:
-        """Bring everything to disk."""
-
-    def restore(self) -> None:
-        """Forget what was written after the last `save`."""
-
 
 class WholeFile(FileIO):
     """A file without buffer that writes all or raises; a buffer would keep what failed."""
@@ -69,7 +59,7 @@ class WholeFile(FileIO):
 
 
 class McapSaver:
-    """MCAP: a chunk is ended, and the file cut behind the last whole one."""
+    """MCAP: a chunk is ended, and the file cut after the last whole one."""
 
     def __init__(self, writer: Any) -> None:
         self._storage = storage = writer.storage
@@ -124,7 +114,7 @@ class SavedWriter:
 
     def __init__(self, writer: Writer, storage: str) -> None:
         self.writer: Any = writer
-        self._saver: Saver = McapSaver(writer) if storage == 'mcap' else SqliteSaver(writer)
+        self._saver = McapSaver(writer) if storage == 'mcap' else SqliteSaver(writer)
         self._mark()
 
     def _mark(self) -> None:
@@ -250,15 +240,19 @@ def write_bag(
     if storage not in PLUGINS:
         msg = f'{path}: storage {storage!r} is unknown; use one of {", ".join(PLUGINS)}'
         raise BagError(msg)
-    if path.exists() or path.is_symlink():
-        msg = f'{path}: exists already and is not overwritten; give another name or remove it'
-        raise BagError(msg)
+    _check_free(path)
     try:
         with whole(path, replace=False) as scratch:
             _write(scratch, series, PLUGINS[storage], custom or {})
     except FAILURES as err:
         msg = f'{path}: cannot be written ({reason(err)}); check path, rights and disk'
         raise BagError(msg) from None
+
+
+def _check_free(path: Path) -> None:
+    if path.exists() or path.is_symlink():
+        msg = f'{path}: exists already and is not overwritten; give another name or remove it'
+        raise BagError(msg)
 
 
 def _write(
@@ -302,28 +296,21 @@ def recording_series(
     """
     refuse_interfaces(arm, 'a bag that is written here')
     stamp, joints = recording.stamp, arm.active_joints
-    columns: dict[str, list[int]] = {}
-    if recording.effort is not None:
-        for index, joint in enumerate(arm.joints):
-            columns.setdefault(joint.effort.topic, []).append(index)
-    own = columns.pop(arm.spec.joint_topic, None)
-    effort = None
-    if own is not None:
-        assert recording.effort is not None
-        # An array of JointState is as long as name: efforts from elsewhere are NaN here.
-        effort = np.full(recording.effort.shape, np.nan)
-        effort[:, own] = recording.effort[:, own]
+    efforts, own, elsewhere = recording.effort, None, []
+    if efforts is not None:
+        for topic, chosen in by_topic(joint.effort for joint in arm.joints).items():
+            if topic == arm.spec.joint_topic:
+                # An array of JointState is as long as name: efforts from elsewhere are NaN here.
+                own = np.full(efforts.shape, np.nan)
+                own[:, chosen] = efforts[:, chosen]
+            else:
+                elsewhere.append(joint_signals(
+                    _full(namespace, topic), stamp, [joints[i] for i in chosen],
+                    effort=efforts[:, chosen]))
     result = [joint_signals(_full(namespace, arm.spec.joint_topic), stamp, joints,
-                            recording.q, recording.dq, effort)]
-    for topic, chosen in columns.items():
-        assert recording.effort is not None
-        result.append(joint_signals(_full(namespace, topic), stamp, [joints[i] for i in chosen],
-                                    effort=recording.effort[:, chosen]))
+                            recording.q, recording.dq, own), *elsewhere]
     if recording.strain is not None:
-        topics: dict[str, list[int]] = {}
-        for index, gauge in enumerate(arm.gauges):
-            topics.setdefault(gauge.topic, []).append(index)
-        for topic, chosen in topics.items():
+        for topic, chosen in by_topic(arm.gauges).items():
             result.append(joint_signals(_full(namespace, topic), stamp,
                                         [arm.gauge_names[i] for i in chosen],
                                         recording.strain[:, chosen]))
@@ -349,9 +336,7 @@ class LiveWriter:
 
     def __init__(self, path: str | Path, storage: str = 'mcap') -> None:
         self.path = Path(path)
-        if self.path.exists() or self.path.is_symlink():
-            msg = f'{path}: exists already and is not overwritten; give another name or remove it'
-            raise BagError(msg)
+        _check_free(self.path)
         scratch: Path | None = None
         try:
             scratch = scratch_folder(self.path)
@@ -387,11 +372,7 @@ class LiveWriter:
         return True
 
     def write(self, topic: str, time: int, data: bytes) -> None:
-        """
-        Write a message of a topic that was announced; ``time`` in ns.
-
-        time [ns].
-        """
+        """Write a message of a topic that was announced: time [ns]."""
         with self._ending():
             self._bag.writer.write(self._connections[topic], time, data)
 

@@ -90,7 +90,7 @@ def run_collisions(args: argparse.Namespace) -> int:
                'each, in their order')
         raise UsageError(msg)
     from tudor_dynamics.show.pictures import (  # plots are slow to import
-        picture_path, write_events, write_roc)
+        draw_events, picture_path, write_picture, write_roc)
 
     plot = picture_path(args.roc) if args.roc else None
     picture = picture_path(args.plot) if args.plot else None
@@ -120,7 +120,7 @@ def run_collisions(args: argparse.Namespace) -> int:
             raise UsageError(msg)
         write_roc(results, plot)
     if picture is not None:
-        write_events(results, picture)
+        write_picture(picture, draw_events, results)
     if args.json:
         print_json(finite({'model': args.model, 'bags': [str(c) for c in choices],
                            **({'trained_on': seen} if seen else {}),

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from tudor_dynamics.arm.description import Arm, refuse_interfaces
+from tudor_dynamics.arm.description import Arm, by_topic, refuse_interfaces
 from tudor_dynamics.bags.messages import IMU, joint_signals, Signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
@@ -273,10 +273,7 @@ def run_series(run: PlantRecord, arm: Arm, mechanism: Mechanism) -> list[Signals
     series = [joint_signals(
         '/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints, run.q, run.dq,
         run.effort)]
-    topics: dict[str, list[int]] = {}
-    for index, gauge in enumerate(arm.gauges):
-        topics.setdefault(gauge.topic, []).append(index)
-    for topic, chosen in topics.items():
+    for topic, chosen in by_topic(arm.gauges).items():
         series.append(joint_signals(
             '/' + topic.lstrip('/'), stamp, [arm.gauge_names[i] for i in chosen],
             run.strain[:, chosen], effort=run.gauge_moment[:, chosen]))

@@ -24,7 +24,7 @@ from statistics import median
 import numpy as np
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.bags.reader import GAP_FLOOR, GAP_PERIODS
+from tudor_dynamics.bags.settings import GAP_FLOOR, GAP_PERIODS
 from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.online.settings import (
     CLOCK_JUMP, EARLY_STEP, LOST_STEP, PAIRING_QUEUE, PERIOD_INTERVALS, PERIOD_RENEWAL)

@@ -149,25 +149,29 @@ class _Writer:
         self.said: list[str] = []
         self.left_out: list[str] = []
 
-    def _entry(self, section: str, key: str, name: str) -> dict[str, Any] | None:
+    def _found(self, section: str, key: str, name: str) -> dict[str, Any] | None:
         return next((entry for entry in self.content.get(section, ()) if entry[key] == name), None)
 
     def _motor(self, joint: str) -> dict[str, Any] | None:
-        return self._entry('motors', 'joint', joint)
+        return self._found('motors', 'joint', joint)
+
+    def _entry(self, section: str, key: str, name: str) -> dict[str, Any]:
+        """Give an entry of a list; a new one where there is none."""
+        entry = self._found(section, key, name)
+        if entry is None:
+            entry = {key: name}
+            self.content.setdefault(section, []).append(entry)
+        return entry
 
     def _link(self, joint: str) -> dict[str, Any]:
-        link = self._entry('links', 'joint', joint)
-        if link is None:
-            link = {'joint': joint}
-            self.content.setdefault('links', []).append(link)
-        return link
+        return self._entry('links', 'joint', joint)
 
     def physical(self) -> None:
         """Write the physical parameters."""
         writers: dict[str, Callable[[str, float], None]] = {
             'bending': self._bending, 'density': self._density, 'lumped': self._lumped,
-            'payload': self._payload, 'gear': self._gear, 'play': self._play,
-            'tight': self._tight, 'alpha': self._rayleigh('alpha'),
+            'payload': self._payload, 'gear': self._gear('stiffness'), 'play': self._play,
+            'tight': self._gear('damping'), 'alpha': self._rayleigh('alpha'),
             'beta': self._rayleigh('beta')}
         values = {**self.described, **self.model.values}
         for parameter in self.model.physical:
@@ -208,12 +212,14 @@ class _Writer:
         self.content['payload'] = self.content.get('payload') or {'mass': 0.0}
         _weigh(self.content['payload'], value)
 
-    def _gear(self, joint: str, value: float) -> None:
-        motor = self._motor(joint)
-        if motor is None:
-            self._link(joint)['joint_stiffness'] = value
-        else:
-            motor['stiffness'] = value
+    def _gear(self, key: str) -> Callable[[str, float], None]:
+        def write(joint: str, value: float) -> None:
+            motor = self._motor(joint)
+            if motor is None:
+                self._link(joint)[f'joint_{key}'] = value
+            else:
+                motor[key] = value
+        return write
 
     def _play(self, joint: str, value: float) -> None:
         motor = self._motor(joint)
@@ -221,13 +227,6 @@ class _Writer:
             motor['backlash'] = 2.0 * value
         elif value > 0.0:
             self.left_out.append(f'backlash of {joint}, {2.0 * value:.4g} rad, without a motor')
-
-    def _tight(self, joint: str, value: float) -> None:
-        motor = self._motor(joint)
-        if motor is None:
-            self._link(joint)['joint_damping'] = value
-        else:
-            motor['damping'] = value
 
     def _rayleigh(self, key: str) -> Callable[[str, float], None]:
         def write(_: str, value: float) -> None:
@@ -246,7 +245,7 @@ class _Writer:
             self._link(joint).update(hub_inertia=rotor, viscous_friction=sum(viscous) / 2.0)
         else:
             used |= {FRICTION, f'{FRICTION}+', f'{FRICTION}-'}
-            unit = self._entry('joints', 'name', joint)
+            unit = self._found('joints', 'name', joint)
             if unit is not None and unit.get('effort', {}).get('unit') == 'A':
                 motor['torque_constant'] = drive.constant / (
                     motor['gear_ratio'] * motor.get('efficiency', 1.0))
@@ -267,9 +266,6 @@ class _Writer:
         assert strain.coefficients_ is not None
         for gauge, (gain, offset) in zip(strain.channels, strain.coefficients_, strict=True):
             sensor = self._entry('sensors', 'gauge', gauge)
-            if sensor is None:
-                sensor = {'gauge': gauge}
-                self.content.setdefault('sensors', []).append(sensor)
             sensor.update(gain=float(gain), offset=float(offset))
             SensorSpec.model_validate(sensor)
 

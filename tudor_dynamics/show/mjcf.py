@@ -31,7 +31,7 @@ from tudor_dynamics.models.elastic import kernel
 from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel
 from tudor_dynamics.models.elastic.parameters import in_words, physical_unit
 from tudor_dynamics.show.description import elastic_friction, ElasticDrive
-from tudor_dynamics.show.urdf import row, simple_frictions
+from tudor_dynamics.show.urdf import row, Simple, simple_frictions
 from tudor_dynamics.typing import FloatArray
 
 
@@ -62,6 +62,21 @@ def add_inertial(body: ElementTree.Element, inertia: pin.Inertia) -> None:
         element.set('fullinertia', row(tensor[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]))
     else:
         element.set('diaginertia', '0 0 0')
+
+
+def add_joint(
+    body: ElementTree.Element, arm: Arm, name: str, axis: FloatArray, rotor: float,
+    friction: Simple,
+) -> None:
+    """Give a body the joint that moves it, with its drive: axis (3,), rotor [kg m^2 or kg]."""
+    ElementTree.SubElement(
+        body, 'joint', name=name, type=kind_of(arm, name), axis=row(axis), armature=repr(rotor),
+        damping=repr(friction.damping), frictionloss=repr(friction.friction))
+
+
+def kind_of(arm: Arm, joint: str) -> str:
+    """Say how MuJoCo calls a joint of this kind."""
+    return 'slide' if arm.is_prismatic(joint) else 'hinge'
 
 
 def finished(root: ElementTree.Element, joints: Sequence[str]) -> str:
@@ -171,7 +186,7 @@ class _Writer:
         if joint in self.arm.active_joints:
             self._joints(element, joint, floats[at.AXIS:at.AXIS + 3])
         if ints[at.FLEXIBLE]:
-            assert joint is not None  # beams stand behind joints
+            assert joint is not None  # beams follow joints
             self._link(element, body, joint, floats)
             return
         frame = _placement(floats, at.BODY_ROTATION, at.BODY_PLACE)
@@ -197,24 +212,20 @@ class _Writer:
 
     def _joints(self, element: ElementTree.Element, joint: str, axis: FloatArray) -> None:
         """Put the drive's side and the gear into one body: the link turns by their sum."""
-        kind = 'slide' if self.arm.is_prismatic(joint) else 'hinge'
         terms = self.drives[joint].terms if joint in self.drives else {}
         index = self.arm.active_joints.index(joint)
         simple = elastic_friction(self.arm, joint, terms)
         spring = self.driven.tables.gears.springs[index]
         rotor = _rotor(self.drives, joint) or STAND_IN * float(self.carried[index])
+        add_joint(element, self.arm, joint, axis, rotor, simple)
         ElementTree.SubElement(
-            element, 'joint', name=joint, type=kind, axis=row(axis),
-            armature=repr(rotor), damping=repr(simple.damping),
-            frictionloss=repr(simple.friction))
-        ElementTree.SubElement(
-            element, 'joint', name=f'{joint}_gear', type=kind, axis=row(axis),
+            element, 'joint', name=f'{joint}_gear', type=kind_of(self.arm, joint), axis=row(axis),
             stiffness=repr(float(spring[kernel.STIFF])), damping=repr(float(spring[kernel.TIGHT])))
 
     def _link(
         self, element: ElementTree.Element, body: int, joint: str, floats: FloatArray,
     ) -> None:
-        """Cut a link at its hinges and gauges; each piece is a body behind the one before."""
+        """Cut a link at its hinges and gauges; each piece is a body in the one before."""
         length, frame = floats[at.LENGTH], _placement(floats, at.BODY_ROTATION, at.BODY_PLACE)
         self.nodes[body, 0] = element, frame
         gauges = {float(np.clip(self.driven.gauges.place[g], 0.0, length)): g
@@ -289,10 +300,7 @@ def mjcf_of(full: FullParameters) -> str:
         body = new_body(places[int(model.parents[index])], f'{name}_link',
                         model.jointPlacements[index])
         add_inertial(body, pin.Inertia.FromDynamicParameters(parameters))
-        simple = frictions[name]
-        ElementTree.SubElement(
-            body, 'joint', name=name, type='slide' if arm.is_prismatic(name) else 'hinge',
-            axis=row(joint_axis(model, name)), armature=repr(drives[name].get('Ia', 0.0)),
-            damping=repr(simple.damping), frictionloss=repr(simple.friction))
+        add_joint(body, arm, name, joint_axis(model, name), drives[name].get('Ia', 0.0),
+                  frictions[name])
         places.append(body)
     return finished(root, arm.active_joints)

@@ -42,11 +42,6 @@ MOST = 6
 """Bags that are drawn at most."""
 
 
-def write_events(results: Sequence[MethodResult], path: Path) -> None:
-    """Write the picture, whole or not at all."""
-    write_picture(path, draw_events, results)
-
-
 def draw_events(results: Sequence[MethodResult]) -> Figure:
     """Draw ratios, pushes and events of the first bags, all methods below each other."""
     bags = min(len(results[0].watched), MOST)

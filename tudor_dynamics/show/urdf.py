@@ -39,7 +39,7 @@ from tudor_dynamics.typing import FloatArray
 # -- Numbers as URDF and MJCF have them
 
 def row(values: FloatArray) -> str:
-    """Write numbers one behind the other, with all their digits; writes values (n,)."""
+    """Write numbers one after the other, with all their digits: values (n,)."""
     return ' '.join(repr(float(value)) for value in np.asarray(values).tolist())
 
 
