@@ -20,13 +20,14 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
+from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from elastic_making import identified
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-from ros_world import joint_message, JOINTS, World
+from ros_world import joint_message, JOINTS, values_of, World
 from rosgraph_msgs.msg import Clock
 from schedule_making import schedule
 from std_msgs.msg import Bool
@@ -119,6 +120,44 @@ def test_goals_beyond_limits_are_refused(world: World, tudor: Path) -> None:
     generator.go(GOAL)
     assert generator.run(120)[-1] == pytest.approx(GOAL)
     assert generator.told().message == 'running'
+
+
+def test_trajectories_are_driven_and_stopped(world: World, tudor: Path) -> None:
+    """Points at their times, from a stamp on; a message without points brakes."""
+    generator = Generator(world, tudor)
+    generator.run(10)
+
+    def send(stamp: int, *points: JointTrajectoryPoint) -> None:
+        message = JointTrajectory(joint_names=JOINTS[::-1], points=points)
+        message.header.stamp = time_message(stamp)
+        generator.goals.publish(message)
+
+    def point(seconds: float, *q: float) -> JointTrajectoryPoint:
+        whole, part = divmod(seconds, 1.0)
+        return JointTrajectoryPoint(
+            positions=floats(np.array(q)), velocities=[0.0, 0.0],
+            time_from_start=Duration(sec=int(whole), nanosec=round(1e9 * part)))
+
+    def following() -> bool:
+        return generator.node.source.motion.follower.progress is not None
+    way = point(0.5, 0.0, 0.9), point(1.0, -0.1, 1.0)
+    send(10**18 + PERIOD * (generator.k + 25), *way)  # half a second from now on
+    assert world.spin(following)
+    rows = generator.run(80)
+    assert rows[20] == pytest.approx(POSE)
+    assert rows[49] == pytest.approx([0.9, 0.0], abs=1e-6)
+    assert rows[-1] == pytest.approx([1.0, -0.1])
+    assert values_of(generator.told())['trajectory'] == 'reached'
+    send(0, point(2.0, 0.0, 0.9), point(4.0, 0.5, 1.2))
+    assert world.spin(following)
+    generator.run(30)
+    assert values_of(generator.told())['trajectory'] == '0.6 of 4.0 s'
+    send(0)
+    assert world.spin(lambda: not following())
+    rows = generator.run(40)
+    assert rows[-1] == pytest.approx(rows[-2]) and rows[-1][0] > 0.95
+    send(0, point(2.0, 0.0, 0.9), point(1.0, 0.5, 1.2))
+    assert world.spin(lambda: generator.node.drops['goal_refused'] == 1)
 
 
 def test_begins_again_where_the_arm_is(world: World, tudor: Path) -> None:

@@ -17,15 +17,18 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 import math
 
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import hard_limits, Limits, planned_limits
+from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control import settings
 from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
-from tudor_dynamics.errors import UsageError
+from tudor_dynamics.control.trajectory import Follower, MotionState
+from tudor_dynamics.errors import SignalError, UsageError
 from tudor_dynamics.signals.excitation import aprbs, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionLimits
 from tudor_dynamics.typing import FloatArray
@@ -43,7 +46,8 @@ class ReactingReference:
     """
     Reference motion, step by step, that yields to collisions.
 
-    q (joints,) [rad], retreat_time [s]; shaping: not at all by default.
+    q (joints,) [rad], retreat_time [s]; shaping: not at all by default; hard: what trajectories
+    keep to, those of planned motion by default.
     """
 
     def __init__(
@@ -53,6 +57,7 @@ class ReactingReference:
         reaction: str = 'retreat',
         retreat_time: float = 1.0,
         shaping: Shaping | None = None,
+        hard: Limits | None = None,
     ) -> None:
         if reaction not in REACTIONS:
             msg = f'reaction {reaction!r}; expected one of {", ".join(REACTIONS)}'
@@ -64,6 +69,8 @@ class ReactingReference:
             MotionLimits(limits.velocity, limits.acceleration), q, shaping or Shaping())
         self._path: deque[tuple[float, FloatArray]] = deque()
         self._length = self._back = self._since = 0.0
+        self.follower = Follower(hard or limits)
+        self.refused = ''
         self.yielding = np.zeros(len(q))
         self._stopped = self.reacting = False
 
@@ -80,14 +87,24 @@ class ReactingReference:
     @property
     def remaining(self) -> float:
         """Time until the joints rest at their targets [s]."""
+        if (progress := self.follower.progress) is not None:
+            return progress[1] - progress[0]
         return self._planner.remaining
 
     def go(self, target: FloatArray) -> bool:
         """Take a target [rad]; refused while a collision is reacted to."""
         if self.reacting:
             return False
+        self.follower.leave()
         self._planner.go(target)
         return True
+
+    def follow(self, trajectory: Trajectory, since: float) -> str:
+        """Take a trajectory; empty if it is taken, see `Follower.take`."""
+        return self.follower.take(trajectory, since, self._state(), self._planner.remaining <= 0.0)
+
+    def _state(self) -> MotionState:
+        return MotionState(self.q.copy(), self.dq.copy(), self._planner.ddq.copy())
 
     def collide(self) -> None:
         """React to a collision."""
@@ -97,12 +114,14 @@ class ReactingReference:
         self._since = 0.0
         self._stopped = False
         self._back = min(self._length, self.retreat_time)
+        self.follower.leave()
         if self.reaction in ('hold', 'retreat'):
             self._planner.brake()
 
     def stop(self) -> None:
         """Brake where the reference is, without a collision."""
         if not self.reacting:
+            self.follower.leave()
             self._planner.brake()
 
     def clear(self) -> None:
@@ -116,7 +135,7 @@ class ReactingReference:
     def step(self, dt: float) -> None:
         """Advance by a step [s]."""
         if not self.reacting:
-            self._planner.step(dt)
+            self._advance(dt)
             self._remember(dt)
             return
         self._since += dt
@@ -134,6 +153,16 @@ class ReactingReference:
             self._back = min(self._back + dt, self._length)  # the way of braking, too
             if self._planner.remaining <= 0.0:
                 self._stopped, self._since = True, 0.0
+
+    def _advance(self, dt: float) -> None:
+        """Follow a trajectory where there is one, otherwise move to the target."""
+        state, self.refused = self.follower.step(dt, self._state())
+        if self.refused:
+            self._planner.brake()
+        if state is None:
+            self._planner.step(dt)
+        else:
+            self._planner.move(state.q, state.dq)
 
     def _remember(self, dt: float) -> None:
         self._path.append((dt, self._planner.q.copy()))
@@ -186,12 +215,22 @@ def yielding_speed(strain: float, unit_scale: float, gain: float) -> float:
 # It begins again at the measured pose wherever the arm is not with its reference: what commands
 # the joints follows nobody who is somewhere else.
 
+@dataclass
+class Tolerances:
+    """How far the arm may be from a trajectory; 0 for as far as it likes."""
+
+    path: float = 0.0  # on the way [rad or m]
+    goal: float = 0.0  # at the end [rad or m]
+    goal_time: float = 0.0  # how much later than its end that is judged [s]
+
+
 class ReferenceSource:
     """
     Reference motion of an arm.
 
     retreat_time, timeout [s]; shaping: not at all by default; motion: None before the first
-    positions and while none come; halted: empty where they are; note: empty for nothing.
+    positions and while none come; halted: empty where they are; note: empty for nothing; outcome:
+    how the last trajectory ended; partial: joints that a trajectory does not name are held.
     """
 
     def __init__(
@@ -204,7 +243,12 @@ class ReferenceSource:
         self._range = joint_range(arm)
         self.reaction, self.retreat_time, self.timeout = reaction, retreat_time, timeout
         self.shaping = shaping or Shaping()
+        self.names = arm.active_joints
+        self.tolerances, self.partial = Tolerances(), True
         self.motion: ReactingReference | None = None
+        self.outcome = ''
+        self._ends: FloatArray | None = None
+        self._overdue = 0.0
         self.note = ''
         self._measured: FloatArray | None = None
         self._at = -math.inf
@@ -242,25 +286,119 @@ class ReferenceSource:
 
     def go(self, target: FloatArray) -> str:
         """Take a goal: target (joints,); returns an empty string if it is taken."""
-        motion = self.motion
-        if motion is None:
-            return 'no positions come: where the arm is, is not known'
-        if self.halted:
-            return f'no monitor watches the arm, {self.halted}'
+        if why := self._unable():
+            return why
         outside = self.hard.outside(target) | np.isinf(target)
         if outside.any():
             return (f'{target.tolist()} is outside {self.hard.lower.tolist()} .. '
                     f'{self.hard.upper.tolist()}')
-        if motion.reacting or self.collision:
-            return 'a collision is being reacted to'
-        motion.go(target)
+        assert self.motion is not None
+        self.motion.go(target)
+        self._ends, self.outcome = None, ''
         return ''
+
+    def take(self, trajectory: Trajectory, since: float = 0.0) -> str:
+        """
+        Take a trajectory, as a joint trajectory controller does.
+
+        One point is a goal, reached by a smooth move of its own time. Several are passed at their
+        times. A new one takes over at its start; until then what is driven goes on. Points whose
+        time is over are left out. Everything is checked before the first sample moves.
+
+        since: time since its start, below zero where that is to come [s]. Returns why it is
+        refused; empty if it is taken.
+        """
+        if why := self._unable() or self._unknown(trajectory.joints):
+            return why
+        assert self.motion is not None
+        places = [self.names.index(name) for name in trajectory.joints]
+        if len(trajectory.t) == 1:
+            target = np.full(len(self.names), np.nan)
+            target[places] = trajectory.q[0]
+            return self.go(target)
+        held = self.motion.follower.path
+
+        def whole(values: FloatArray | None, rest: FloatArray) -> FloatArray | None:
+            if values is None:
+                return None
+            found = np.tile(rest, (len(trajectory.t), 1))
+            found[:, places] = values
+            return found
+        none = np.zeros(len(self.names))
+        q = whole(trajectory.q, self.motion.q if held is None else held.target)
+        assert q is not None
+        try:
+            why = self.motion.follow(Trajectory(
+                self.names, trajectory.t, q, whole(trajectory.dq, none),
+                whole(trajectory.ddq, none)), since)
+        except SignalError as err:
+            return str(err)
+        if not why:
+            self._ends, self._overdue, self.outcome = q[-1], 0.0, ''
+        return why
+
+    def stop(self) -> None:
+        """Brake, and follow no trajectory any more."""
+        if self.motion is not None:
+            self.motion.stop()
+        self._end('stopped')
+
+    def _unable(self) -> str:
+        """Say why no motion can be taken now; empty where it can."""
+        if self.motion is None:
+            return 'no positions come: where the arm is, is not known'
+        if self.halted:
+            return f'no monitor watches the arm, {self.halted}'
+        return 'a collision is being reacted to' if self.reacting or self.collision else ''
+
+    def _unknown(self, names: tuple[str, ...]) -> str:
+        """Say which names are no active joint, twice there, or missing; empty if none is."""
+        unknown = [name for name in names if name not in self.names]
+        double = sorted({name for name in names if names.count(name) > 1})
+        missing = [name for name in self.names if name not in names and not self.partial]
+        found = [f'{what}: {", ".join(some)}' for what, some in (
+            ('unknown joints', unknown), ('twice', double), ('missing joints', missing)) if some]
+        return f'{"; ".join(found)}; the joints are {", ".join(self.names)}' if found else ''
+
+    def _end(self, outcome: str) -> None:
+        """Keep how a trajectory ended."""
+        if self._ends is not None:
+            self._ends, self.outcome = None, outcome
+
+    def _judge(self, motion: ReactingReference, dt: float) -> None:
+        """Stop where the arm leaves its path, and say whether it has reached the end."""
+        assert self._measured is not None
+        if self._ends is None:
+            return
+        if motion.refused:
+            self._end(f'not begun: {motion.refused}')
+            return
+        path, goal = self.tolerances.path, self.tolerances.goal
+        if motion.follower.progress is not None:
+            off = np.abs(self._measured - motion.q)
+            if motion.follower.path is not None and 0.0 < path < off.max():
+                motion.stop()
+                self._end(f'stopped: {self._worst(off)} off the path, more than {path:.3g}')
+            return
+        off = np.abs(self._measured - self._ends)
+        if goal <= 0.0 or off.max() <= goal:
+            self._end('reached')
+            return
+        self._overdue += dt
+        if self._overdue > self.tolerances.goal_time:
+            self._end(f'missed: {self._worst(off)} off the goal, more than {goal:.3g}, '
+                      f'{self.tolerances.goal_time:g} s after the end')
+
+    def _worst(self, off: FloatArray) -> str:
+        joint = int(off.argmax())
+        return f'{self.names[joint]} is {off[joint]:.3g}'
 
     def collide(self, collision: bool) -> None:
         """Take the state of the collision detector into account."""
         rising, self.collision = collision and not self.collision, collision
         if rising and self.motion is not None:
             self.motion.collide()
+            self._end('stopped: collision')
 
     def clear(self) -> None:
         """Take goals again."""
@@ -270,8 +408,8 @@ class ReferenceSource:
 
     def halt(self, cause: str) -> None:
         """Brake and take no goals for a cause, such as that nobody watches; empty to go on."""
-        if cause and not self.halted and self.motion is not None:
-            self.motion.stop()
+        if cause and not self.halted:
+            self.stop()
         self.halted = cause
 
     def step(self, now: float, dt: float) -> tuple[FloatArray, FloatArray] | None:
@@ -285,6 +423,7 @@ class ReferenceSource:
         if now - self._at > self.timeout:
             if self.motion is not None:
                 self.motion, self.note = None, 'positions stopped; it begins again with them'
+                self._end('stopped: no positions came')
             return None
         motion = self.motion
         if motion is None or self._lost(motion, dt):
@@ -294,13 +433,15 @@ class ReferenceSource:
         if self._seed is not None and not self.halted:
             self._take_targets(motion)
         motion.step(dt)
+        self._judge(motion, dt)
         return motion.q.copy(), motion.dq.copy()
 
     def _begin(self) -> ReactingReference:
         assert self._measured is not None
         place = np.clip(self._measured, self.hard.lower, self.hard.upper)
         self.motion = ReactingReference(self._limits, place, self.reaction, self.retreat_time,
-                                        shaping=self.shaping)
+                                        shaping=self.shaping, hard=self.hard)
+        self._end('stopped: the reference began again where the arm is')
         self._away = 0.0
         if self.collision:
             self.motion.collide()

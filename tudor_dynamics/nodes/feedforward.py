@@ -33,7 +33,7 @@ from tudor_dynamics.nodes.common.base import DEPTH, Figure, OK, strong, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     STATES_WITH_EFFORT, TRAJECTORY_WITH_EFFORT, WANTED_STATES, WANTED_TRAJECTORY)
 from tudor_dynamics.nodes.common.messages import (
-    floats, joint_state, JointSample, NamedReader, nanoseconds, time_message)
+    floats, joint_state, JointSample, NamedReader, time_message, trajectory_of)
 from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.feedforward import Feedforward
@@ -126,13 +126,8 @@ class FeedforwardNode(ModelNode):
 
     def _read(self, message: JointTrajectory) -> Trajectory | None:
         """Read a trajectory; None if refused."""
-        points = message.points
         try:
-            return Trajectory.from_points(
-                tuple(message.joint_names),
-                np.array([1e-9 * nanoseconds(point.time_from_start) for point in points]),
-                [point.positions for point in points], [point.velocities for point in points],
-                [point.accelerations for point in points])
+            return trajectory_of(message)
         except TudorError as err:
             self._refuse(str(err))
             return None

@@ -30,7 +30,7 @@ from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.control.damper import STRAIN_SCALE
-from tudor_dynamics.control.references import ReferenceSource, yielding_speed
+from tudor_dynamics.control.references import ReferenceSource, Tolerances, yielding_speed
 from tudor_dynamics.control.schedule import load_schedule
 from tudor_dynamics.control.shaped_motion import Shaping
 from tudor_dynamics.errors import TudorError
@@ -39,7 +39,8 @@ from tudor_dynamics.models.tuning import refiner_of
 from tudor_dynamics.nodes.common.base import Figure, latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, PAYLOAD_TOPIC, RESET, RESIDUALS)
-from tudor_dynamics.nodes.common.messages import joint_state, NamedReader
+from tudor_dynamics.nodes.common.messages import (
+    joint_state, NamedReader, nanoseconds, trajectory_of)
 from tudor_dynamics.nodes.common.runner import run
 
 LOOK = 0.5
@@ -60,6 +61,7 @@ class ReferenceGeneratorNode(TudorNode):
         Figure('shaping', lambda source: source.shaping.kind, 'source'),
         Figure('not shaped', lambda source: source.shaping.note or None, 'source'),
         Figure('monitors', lambda node: node.source and (', '.join(node.monitors) or 'none')),
+        Figure('trajectory', lambda source: _progress(source), 'source'),
         Figure('begun again', lambda source: source.note or None, 'source'))
 
     def __init__(self, **kwargs: Any) -> None:
@@ -81,6 +83,7 @@ class ReferenceGeneratorNode(TudorNode):
             return
         arm = self._arm
         self.robot = arm.name
+        self.apply()
         if self.value('mode') == 'aprbs':
             self.source.wander(self.value('seed'))
         self._names = list(arm.active_joints)
@@ -115,6 +118,10 @@ class ReferenceGeneratorNode(TudorNode):
         if self.source is not None:
             self.source.configure(self.value('reaction'), self.value('retreat_time'))
             self.source.timeout = self.value('timeout')
+            self.source.partial = self.value('allow_partial_joints_goal')
+            self.source.tolerances = Tolerances(
+                self.value('path_tolerance'), self.value('goal_tolerance'),
+                self.value('goal_time'))
 
     def _reset(self) -> str:
         if self.source is None:
@@ -133,16 +140,15 @@ class ReferenceGeneratorNode(TudorNode):
 
     def _on_goal(self, message: JointTrajectory) -> None:
         assert self.source is not None
-        names = list(message.joint_names)
-        positions = list(message.points[-1].positions) if message.points else []
-        known = [name for name in names if name in self._names]
-        if not known or len(positions) != len(names):
-            why = f'{len(positions)} positions for {names}; the joints are {self._names}'
-        else:
-            target = np.full(len(self._names), np.nan)
-            for name in known:
-                target[self._names.index(name)] = positions[names.index(name)]
-            why = self.source.go(target)
+        if not message.points:  # controllers stop at this
+            self.source.stop()
+            return
+        stamp = nanoseconds(message.header.stamp)
+        since = 1e-9 * (self.get_clock().now().nanoseconds - stamp) if stamp else 0.0
+        try:
+            why = self.source.take(trajectory_of(message), since)
+        except TudorError as err:
+            why = str(err)
         if why:
             self.drops['goal_refused'] += 1
             self.get_logger().error(f'goal refused: {why}')
@@ -234,6 +240,14 @@ class ReferenceGeneratorNode(TudorNode):
         if self._unwatched and self.monitors:
             return WARN, f'nobody watches for collisions any more: {self._unwatched}'
         return level, message
+
+
+def _progress(source: ReferenceSource) -> str | None:
+    progress = None if source.motion is None else source.motion.follower.progress
+    if progress is None:
+        return source.outcome or None
+    time, end = progress
+    return f'begins in {-time:.1f} s' if time < 0.0 else f'{time:.1f} of {end:.1f} s'
 
 
 main = partial(run, ReferenceGeneratorNode)

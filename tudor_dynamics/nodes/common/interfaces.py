@@ -192,6 +192,13 @@ REFERENCE = (
     Param('shaping_frequency', 0.0, 'first mode for zv and zvd, 0 for that of the schedule', 'Hz',
           0.0, 1e3),
     Param('shaping_damping', 0.01, 'its damping ratio', '', 0.0, 0.9),
+    Param('allow_partial_joints_goal', True, 'joints that a trajectory does not name are held, '
+          'otherwise it is refused', dynamic=True),
+    Param('path_tolerance', 0.0, 'the arm stops farther off a trajectory; 0 for never', 'rad', 0.0,
+          10.0, dynamic=True),
+    Param('goal_tolerance', 0.0, 'a trajectory is missed if the arm ends farther off; 0 for never',
+          'rad', 0.0, 10.0, dynamic=True),
+    Param('goal_time', 1.0, 'so long after its end that is judged', 's', 0.0, 60.0, dynamic=True),
     Param('retreat_time', 1.0, 'part of the path that retreat drives back', 's', 0.0, 10.0,
           dynamic=True),
     Param('comply_gain', 1000.0, 'speed of complying per strain of the contact', 'rad/s per m/m',

@@ -34,6 +34,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.bags.messages import (
     array_layout, CdrError, DATA, HEADER, joint_state_layout, Layout, motion_layout)
+from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.online.streams import Losses, Motion
 from tudor_dynamics.typing import FloatArray
@@ -99,6 +100,16 @@ def joint_state(stamp: Time, names: list[str], **fields: FloatArray) -> JointSta
     for field, values in fields.items():
         setattr(message, field, floats(values))
     return message
+
+
+def trajectory_of(message: JointTrajectory) -> Trajectory:
+    """Read the points of a trajectory; SignalError where they are none."""
+    points = message.points
+    return Trajectory.from_points(
+        tuple(message.joint_names),
+        np.array([1e-9 * nanoseconds(point.time_from_start) for point in points]),
+        [point.positions for point in points], [point.velocities for point in points],
+        [point.accelerations for point in points])
 
 
 class MotionReader:

@@ -1,0 +1,201 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Paths along a trajectory, from where the reference is, as a joint trajectory controller drives it.
+
+A path is checked whole against the hard limits before its first sample moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import BPoly, PPoly
+
+from tudor_dynamics.arm.limits import Limits
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals.motion_profile import spline
+from tudor_dynamics.typing import FloatArray
+
+ROUNDING = 1e-6
+"""So little beyond a limit is at it: messages of planners in single precision end there
+[rad, rad/s, rad/s^2; m, m/s, m/s^2]."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionState:
+    """Positions, velocities and accelerations at an instant, (joints,)."""
+
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+
+
+class Path:
+    """
+    Path from a state through the points of a trajectory, at rest after the last one.
+
+    What the points do not have (velocities, accelerations) is not kept of the state; begin: its
+    time since the start of the trajectory [s], points until then are left out. SignalError where
+    no point is to come, or the last one is in motion.
+    """
+
+    def __init__(self, state: MotionState, trajectory: Trajectory, begin: float = 0.0) -> None:
+        left = trajectory.t > begin
+        if not left.any():
+            msg = f'all points are over: the last was due {begin - trajectory.t[-1]:.3g} s ago'
+            raise SignalError(msg, remedy='stamp it with its start, or not at all')
+        if trajectory.dq is not None and np.any(np.abs(trajectory.dq[-1]) > ROUNDING):
+            raise SignalError('the last point is in motion', remedy='end the trajectory at rest')
+
+        def joined(first: FloatArray, rest: FloatArray | None) -> FloatArray | None:
+            return None if rest is None else np.vstack([first, rest[left]])
+        q = joined(state.q, trajectory.q)
+        assert q is not None
+        joined_up = replace(
+            trajectory, t=np.append(begin, trajectory.t[left]), q=q, effort=None,
+            dq=joined(state.dq, trajectory.dq), ddq=joined(state.ddq, trajectory.ddq))
+        self.begin, self.end = begin, float(trajectory.t[-1])
+        self.target = trajectory.q[-1]
+        self._names = trajectory.joints
+        self._smooth = trajectory.dq is not None
+        self._q = spline(joined_up)
+        self._dq, self._ddq = self._q.derivative(), self._q.derivative(2)
+
+    def at(self, time: float) -> MotionState:
+        """Give the state at a time since the start of the trajectory [s]."""
+        if time >= self.end:
+            rest = np.zeros_like(self.target)
+            return MotionState(self.target.copy(), rest, rest.copy())
+        time = max(time, self.begin)
+        return MotionState(self._q(time), self._dq(time), self._ddq(time))
+
+    def beyond(self, limits: Limits) -> str:
+        """
+        Say where the path leaves limits; empty where it keeps to them.
+
+        Straight lines jump in velocity at the points: no acceleration is checked on them.
+        """
+        parts = [('position', self._q, limits.lower, limits.upper),
+                 ('velocity', self._dq, -limits.velocity, limits.velocity)]
+        if self._smooth:
+            parts.append(('acceleration', self._ddq, -limits.acceleration, limits.acceleration))
+        for what, curve, lower, upper in parts:
+            lower, upper = lower - ROUNDING, upper + ROUNDING
+            # a Bernstein polynomial stays within its coefficients: beyond them, look closer
+            suspect = ((curve.c < lower) | (curve.c > upper)).any(axis=(0, 1))
+            for k in np.flatnonzero(suspect):
+                values = _extremes(curve, int(k))
+                wrong = values[(values < lower[k]) | (values > upper[k])]
+                if wrong.size:
+                    return (f'{self._names[k]} comes to {what} {wrong[np.abs(wrong).argmax()]:.4g}'
+                            f', outside {lower[k]:.4g} .. {upper[k]:.4g}')
+        return ''
+
+
+class Follower:
+    """
+    Drives along trajectories, one after the other, each from its start on.
+
+    bounds: what a path may not leave, from where the reference is on.
+    """
+
+    def __init__(self, bounds: Limits) -> None:
+        self.bounds = bounds
+        self._path: Path | None = None
+        self._time = 0.0
+        self._next: Trajectory | None = None
+        self._since = 0.0
+
+    @property
+    def path(self) -> Path | None:
+        """Give the path that is driven; None where there is none."""
+        return self._path
+
+    @property
+    def progress(self) -> tuple[float, float] | None:
+        """Time since the start of a trajectory, below 0 before it, and when it ends [s]."""
+        if self._path is not None:
+            return self._time, self._path.end
+        return None if self._next is None else (self._since, float(self._next.t[-1]))
+
+    def take(self, trajectory: Trajectory, since: float, state: MotionState, resting: bool) -> str:
+        """
+        Take a trajectory that began a time ago, or begins later where that is below zero [s].
+
+        What is driven goes on until then. Empty if it is taken, otherwise why not: of a later one
+        it is checked here what is known here, and the rest where it begins. state: of the
+        reference; resting: whether it is to stay there.
+        """
+        if since >= 0.0:
+            return self._begin(trajectory, since, state)
+        if self._path is not None:
+            state = self._path.at(self._time - since)
+        elif not resting:  # on the way to a goal: its own points are known
+            state = Path(state, trajectory).at(float(trajectory.t[0]))
+        why = Path(state, trajectory).beyond(self.bounds)
+        if not why:
+            self._next, self._since = trajectory, since
+        return why
+
+    def leave(self) -> None:
+        """Follow nothing any more, and begin nothing later."""
+        self._path = self._next = None
+
+    def step(self, dt: float, state: MotionState) -> tuple[MotionState | None, str]:
+        """
+        Advance by a step [s] from where the reference is.
+
+        Returns the state to go to, None where no trajectory is driven, and why one that was to
+        begin now does not; then none is driven any more.
+        """
+        if self._next is not None:
+            trajectory = self._next
+            self._since += dt
+            if self._since > 0.0:
+                self._next = None
+                self._time += dt - self._since  # what is driven goes on until the start
+                if why := self._begin(trajectory, 0.0, state):
+                    self.leave()
+                    return None, why
+                self._time = self._since - dt
+        if self._path is None:
+            return None, ''
+        self._time += dt
+        reached = self._path.at(self._time)
+        if self._time >= self._path.end:
+            self._path = None
+        return reached, ''
+
+    def _begin(self, trajectory: Trajectory, since: float, state: MotionState) -> str:
+        if self._path is not None:  # with its acceleration
+            state = self._path.at(self._time)
+        path = Path(state, trajectory, since)
+        why = path.beyond(self.bounds)
+        if not why:
+            self._path, self._time, self._next = path, since, None
+        return why
+
+
+def _extremes(curve: BPoly, joint: int) -> FloatArray:
+    """Give the values of a joint at both ends of all pieces, and where it turns between."""
+    own = BPoly(curve.c[:, :, joint], curve.x)
+    ends = np.concatenate([own.c[0], own.c[-1]])
+    if len(own.c) < 3:
+        return ends
+    times = PPoly.from_bernstein_basis(own.derivative()).roots(extrapolate=False)
+    return np.concatenate([ends, own(times[np.isfinite(times)])])
