@@ -15,8 +15,8 @@
 """
 sqlite3 files: their topics, and raw messages of chosen ones.
 
-rosbags reads them as fast, but nothing there bounds what a file of a few kilobytes makes SQLite do
-(tables that compute what they hold, rows without end, messages of gigabytes).
+rosbags reads them no slower, but nothing there bounds what a file of a few kilobytes makes SQLite
+do (tables that compute what they hold, rows without end, messages of gigabytes).
 """
 
 from __future__ import annotations

@@ -152,8 +152,8 @@ def reason(err: Exception) -> str:
 
 
 # All messages of a topic have one layout, or few. rosbags encodes one of each, its numbers are
-# found by the parser that also reads bags, and the columns are written over copies of it: in a
-# fiftieth of the time that rosbags takes for all (bench/read_bags.py).
+# found by the parser that also reads bags, and the columns are written over copies of it: in an
+# eighth of the time that rosbags takes for all (bench/read_bags.py).
 
 def encode(signals: Signals) -> RawMessages:
     """Encode messages, each recorded at its stamp."""
