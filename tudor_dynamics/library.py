@@ -44,7 +44,8 @@ from tudor_dynamics.identification.many_bags import ManyBags, Streaming, streams
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, compare_with_plan, Comparison)
 from tudor_dynamics.identification.passes import Spool
-from tudor_dynamics.identification.validation import part_errors, validate, Validation
+from tudor_dynamics.identification.validation import (
+    cases_of, part_errors, validated, Validation)
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
@@ -516,7 +517,7 @@ def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:
                'evaluate them apart, or use other bags')
         raise UsageError(msg)
     return Prediction(bundle.arm, tuple(data), {
-        output: {kind: validate(model, data, output, bags)
+        output: {kind: validated(cases_of(model, data), output, bags)
                  for kind, model in bundle.models[output].items()} for output in outputs})
 
 

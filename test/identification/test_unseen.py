@@ -94,7 +94,7 @@ def test_bags_of_the_validation_come_first_and_training_fills_up() -> None:
     """Until there is enough; each by a model that has not seen it."""
     test, training = bag('test', 60.0), [bag(name, 60.0) for name in 'abcd']
     model: Any = Knowing(('a', 'b', 'c', 'd'))
-    found = unseen_cases(fit, model, judged(test), left_out(training, SPEC), 'effort')
+    found = unseen_cases(fit, model, judged(test), left_out(training, SPEC))
     assert [item.choice.path for _, item in found] == ['test', 'a', 'b']
     assert sum(float(item.recording.t[-1]) for _, item in found) >= ENOUGH
     for fitted, item in found[1:]:
@@ -106,7 +106,7 @@ def test_bags_that_were_left_out_already_are_not_again() -> None:
     training = [bag(name, 20.0) for name in 'ab']
     model: Any = Knowing(('a', 'b'))
     validation = judged(*training)
-    found = unseen_cases(fit, model, validation, left_out(training, SPEC), 'effort')
+    found = unseen_cases(fit, model, validation, left_out(training, SPEC))
     assert found == validation.cases
 
 
@@ -115,7 +115,7 @@ def test_an_only_bag_is_taken_in_parts_throughout() -> None:
     whole = bag('a', 30.0)
     model: Any = Knowing(('a',))
     others = left_out([whole], SPEC)
-    found = unseen_cases(fit, model, judged(others[-1][1]), others, 'effort')
+    found = unseen_cases(fit, model, judged(others[-1][1]), others)
     assert [str(item.choice) for _, item in found] == [str(one.choice) for _, one in others]
     stamps = [stamp for _, item in found for stamp in item.recording.stamp.tolist()]
     assert len(stamps) == len(set(stamps))
@@ -129,5 +129,5 @@ def test_models_with_a_memory_are_fitted_to_nothing_else() -> None:
     def never(_: Sequence[BagData]) -> Any:
         raise AssertionError('fitted')
 
-    found = unseen_cases(never, model, validation, left_out([bag('a', 40.0)], SPEC), 'effort')
+    found = unseen_cases(never, model, validation, left_out([bag('a', 40.0)], SPEC))
     assert found == validation.cases

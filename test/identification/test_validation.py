@@ -25,8 +25,9 @@ from sample_arms import multisine, recording_of
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.fit import left_out
 from tudor_dynamics.identification.validation import (
-    leave_one_bag_out, random_split, trace, validate)
+    cases_of, method_of, random_split, trace, validated)
 from tudor_dynamics.signals.preprocessing import prepare
 from tudor_dynamics.typing import FloatArray
 
@@ -61,7 +62,8 @@ def test_no_bag_is_judged_by_what_it_taught() -> None:
         fitted.append({str(bag.choice) for bag in some})
         return Constant(np.mean([bag.recording.strain[0] for bag in some], axis=0))
 
-    found = leave_one_bag_out(fit, bags, 'strain')
+    found = validated([(fit(known), bag) for known, bag in left_out(bags, SPEC)], 'strain',
+                      method_of([], len(bags), len(bags)))
     assert found.method == 'leave one bag out, 3 bags'
     for item, names in zip(found.traces, fitted, strict=True):
         assert item.bag not in names and len(names) == 2
@@ -84,7 +86,8 @@ def test_traces_carry_time(kind: str) -> None:
 
 def test_validate() -> None:
     """Figures are over all samples of all bags."""
-    found = validate(Constant(np.zeros(2)), [_bag(3.0), _bag(4.0)], 'strain', 'two bags')
+    found = validated(cases_of(Constant(np.zeros(2)), [_bag(3.0), _bag(4.0)]), 'strain',
+                      'two bags')
     assert found.method == 'two bags'
     assert found.score.rmse == pytest.approx(np.sqrt((9 + 16) / 2))
     assert found.channels == ('a', 'b')

@@ -41,7 +41,7 @@ from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, common_outputs, filtered, found_choices, load, Unused)
 from tudor_dynamics.identification.elastic_trainer import check_arm
 from tudor_dynamics.identification.fit import FitSettings, RowTrainer
-from tudor_dynamics.identification.many_bags import FoldSums
+from tudor_dynamics.identification.many_bags import fold_models
 from tudor_dynamics.identification.next_steps import ErrorChange
 from tudor_dynamics.identification.passes import gather, Part, survey, SurveyedBag, Task
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -426,13 +426,8 @@ class _Study:
         date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
         if len(used) < 2:
             raise FitError(f'{len(used)} parts of bags can be used', remedy='give others')
-        sums = FoldSums(task)
-        for sight in date.sights:
-            sums.add(sight)
-        for place in sums.parts:
-            model, others = sums.models(place)
-            date.models[place[1]] = model
-            date.others[place[1]] = list(others.values())
+        for (_, output), (model, others) in fold_models(task, date.sights).items():
+            date.models[output], date.others[output] = model, list(others.values())
         for sight in date.sights:
             for (_, output), part in task.kept(sight).parts.items():
                 date.parts.setdefault(output, []).append(part)

@@ -18,8 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 import warnings
 
 import numpy as np
@@ -34,7 +33,8 @@ from tudor_dynamics.identification.elastic_problem import Identified
 from tudor_dynamics.identification.elastic_trainer import ElasticTrainer, Searches
 from tudor_dynamics.identification.ringdowns import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
-    judge_model, noise_floor, random_split, validate, validate_unseen, Validation, Verdict)
+    Case, cases_of, judge_model, method_of, noise_floor, random_split, validated, Validation,
+    Verdict)
 from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings
 from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
@@ -75,7 +75,6 @@ def choices_to_list(made: Sequence[Choice]) -> list[dict[str, Any]]:
 # What a model is judged by is often short: one test bag, or the end of an only one. The residuals
 # of a threshold may come from training bags as well, each predicted by a model of the others.
 
-Case = tuple[Model, BagData]
 Left = tuple[list[BagData], BagData]
 ENOUGH = 160.0
 """Motion of which thresholds hardly profit from more [s]."""
@@ -93,7 +92,7 @@ def left_out(training: Sequence[BagData], preprocessing: PreprocessingSpec) -> l
     """
     bags = list(training)
     if len(bags) > 1:
-        return [(bags[:i] + bags[i + 1:], bag) for i, bag in enumerate(bags)]
+        return [([*bags[:i], *bags[i + 1:]], bag) for i, bag in enumerate(bags)]
     count = min(PARTS, int(bags[0].recording.t[-1] / SHORTEST))
     found: list[Left] = []
     for i in range(count if count > 1 else 0):
@@ -109,7 +108,7 @@ def left_out(training: Sequence[BagData], preprocessing: PreprocessingSpec) -> l
 
 def unseen_cases(
     fit: Callable[[Sequence[BagData]], Model], model: Model, validation: Validation,
-    others: Sequence[Left], output: str,
+    others: Sequence[Left],
 ) -> tuple[Case, ...]:
     """Collect bags with models that have not seen them, until there is enough motion."""
     cases = validation.cases
@@ -136,44 +135,6 @@ def enough(more: Iterable[Case], kept: Sequence[Case] = ()) -> tuple[Case, ...]:
 
 # -- How each kind of model is fitted to bags: most from rows, some from whole stretches
 
-class Trainer(Protocol):
-    """Fits models of one kind to all bags, then to parts of them."""
-
-    identified: Identified | None
-    """What was found out about the arm from all bags; None for a kind that says nothing of it."""
-    searches: Mapping[tuple[str, ...], Identified]
-    """The same by names of bags, for the parts as well."""
-
-    def prepare(self, parts: Sequence[Sequence[BagData]]) -> None:
-        """
-        Do together what several fits will have to begin with.
-
-        Parameters
-        ----------
-        parts : sequence of sequence of BagData
-            Bags of each fit to come, all of them first.
-
-        """
-
-    def fit(self, bags: Sequence[BagData], output: str) -> Model:
-        """
-        Fit the model of one output.
-
-        Parameters
-        ----------
-        bags : sequence of BagData
-            Bags to learn from.
-        output : {'effort', 'strain'}
-            Output to be learned.
-
-        Returns
-        -------
-        Model
-            Fitted model.
-
-        """
-
-
 def blank(kind: str, arm: Arm, output: str, settings: ModelSettings) -> MemorylessModel:
     """Build a model that is not fitted yet."""
     made = KINDS[kind].model
@@ -182,49 +143,41 @@ def blank(kind: str, arm: Arm, output: str, settings: ModelSettings) -> Memoryle
 
 
 class RowTrainer:
-    """Fits models without a memory to rows of motion."""
+    """
+    Fits models without a memory to what parts of the data, such as bags, come to.
 
-    identified: Identified | None = None
-    searches: Mapping[tuple[str, ...], Identified] = MappingProxyType({})
+    Sums of an analytical model are kept by output, name of the part, and whether they have
+    triangular factors; those that are there already need no data.
+    """
 
     def __init__(self, kind: str, arm: Arm, settings: ModelSettings) -> None:
         self.kind, self.arm, self.settings = kind, arm, settings
-        self._known: dict[str, dict[tuple[str, bool], Any]] = {}
+        self.sums: dict[str, dict[tuple[str, bool], Any]] = {}
 
-    def prepare(self, parts: Sequence[Sequence[BagData]]) -> None:
-        """Do nothing: each fit takes an instant, and keeps what it knows of each bag."""
-
-    def fit(self, bags: Sequence[BagData], output: str) -> Model:
-        """Fit the model of one output; see ``Trainer``."""
-        with_payload = self.settings.payloads is not None
+    def fit(self, bags: Sequence[BagData], output: str) -> MemorylessModel:
+        """Fit the model of one output to bags."""
         model = blank(self.kind, self.arm, output, self.settings)
-        parts = {str(bag.choice): training_blocks(
-            [bag], output, with_payload=with_payload, inputs=model.inputs) for bag in bags}
-        return model.fit_parts(parts, self._known.setdefault(output, {}))
+        with_payload = self.settings.payloads is not None
+        return model.fit_parts({str(bag.choice): training_blocks(
+            [bag], output, with_payload=with_payload, inputs=model.inputs) for bag in bags},
+            self.sums.setdefault(output, {}))
+
+    def fit_sums(self, names: Iterable[str], output: str) -> MemorylessModel:
+        """Fit the model of one output to parts whose sums are kept."""
+        return blank(self.kind, self.arm, output, self.settings).fit_parts(
+            dict.fromkeys(names, lambda: ()), self.sums[output])
 
 
-TRAINERS = {'elastic': ElasticTrainer}
-"""Trainers of the kinds that learn from whole stretches; rows do for all others."""
+ELASTIC = 'elastic'
+"""The kind that learns from whole stretches; rows do for all others."""
 
 
 def check_kinds(
     kinds: Iterable[str], arm: Arm, bags: Sequence[BagData] | None = None,
 ) -> None:
     """Refuse an arm or bags that a kind cannot learn from, before hours of work and not after."""
-    for kind in kinds:
-        if kind in TRAINERS:
-            TRAINERS[kind].check(arm, bags)
-
-
-def trainer_of(
-    kind: str, arm: Arm, settings: ModelSettings, progress: Callable[[str], None],
-    kept: BagData | None, known: Searches | None = None,
-    warm: Mapping[str, float] | None = None,
-) -> Trainer:
-    """Give the trainer of a kind."""
-    if kind in TRAINERS:
-        return TRAINERS[kind](arm, settings.payloads, progress, warm, kept, known)
-    return RowTrainer(kind, arm, settings)
+    if ELASTIC in kinds:
+        ElasticTrainer.check(arm, bags)
 
 
 # -- From bags to models with a verdict: the offline tool's main job, without its command line
@@ -376,28 +329,24 @@ def fit_models(
     for note in notes:
         warnings.warn(note, TudorWarning, stacklevel=2)
     fitted = []
-    trainers = {kind: trainer_of(kind, arm, settings, progress,
-                                 None if holdout is None else holdout[0], known,
-                                 settings.elastic_start)
+    elastic = ElasticTrainer(arm, settings.payloads, progress, settings.elastic_start,
+                             None if holdout is None else holdout[0], known)
+    trainers = {kind: elastic if kind == ELASTIC else RowTrainer(kind, arm, settings)
                 for kind in settings.kinds}
     others = left_out(training, preprocessing)
-    parts = [training, *([] if test or len(training) < 2 else [known for known, _ in others])]
-    for trainer in trainers.values():
-        trainer.prepare(parts)
+    if ELASTIC in trainers:
+        elastic.prepare([training, *([] if test or len(training) < 2 else
+                                     [known for known, _ in others])])
     for output in outputs:
         noise = noise_floor(test or training, output, preprocessing)
         for kind in settings.kinds:
             progress(f'{kind} {output}')
             fitted.append(_fit_one(
-                arm, training, test, holdout, others, output, kind, settings, trainers[kind],
-                noise))
-    result = result_of(arm, preprocessing, settings, fitted, training, test,
-                       [facts_of(bag) for bag in training], [facts_of(bag) for bag in test], notes)
+                training, test, holdout, others, output, kind, settings, trainers[kind], noise))
     return replace(
-        result, elastic=next((found for trainer in trainers.values()
-                              if (found := trainer.identified) is not None), None),
-        searches={names: found for trainer in trainers.values()
-                  for names, found in trainer.searches.items()})
+        result_of(arm, preprocessing, settings, fitted, training, test,
+                  [facts_of(bag) for bag in training], [facts_of(bag) for bag in test], notes),
+        elastic=elastic.identified, searches=elastic.searches)
 
 
 def result_of(
@@ -418,29 +367,35 @@ def result_of(
 
 
 def _fit_one(
-    arm: Arm,
-    training: Sequence[BagData],
-    test: Sequence[BagData],
-    holdout: tuple[BagData, BagData] | None,
-    others: Sequence[Left],
-    output: str,
-    kind: str,
-    settings: FitSettings,
-    trainer: Trainer,
-    noise: FloatArray,
+    training: Sequence[BagData], test: Sequence[BagData],
+    holdout: tuple[BagData, BagData] | None, others: Sequence[Left], output: str, kind: str,
+    settings: FitSettings, trainer: RowTrainer | ElasticTrainer, noise: FloatArray,
 ) -> FittedOutput:
 
     def fit_bags(bags: Sequence[BagData]) -> Model:
         return trainer.fit(bags, output)
 
     def fit_arrays(motion: FloatArray, values: FloatArray) -> Model:
-        return blank(kind, arm, output, settings).fit(motion, values)
+        return blank(kind, trainer.arm, output, settings).fit(motion, values)
 
     model = fit_bags(training)
-    validation = validate_unseen(fit_bags, model, training, test, holdout, output)
-    seen = validate(model, training, output, 'the training bags themselves')
+    method = method_of([str(bag.choice) for bag in test], len(training), len(training))
+    if test:
+        cases = cases_of(model, test)
+    elif len(training) > 1:
+        cases = [(model_for(fit_bags(known), bag), bag) for known, bag in others]
+    elif holdout is not None:
+        first, last = holdout
+        share = last.recording.t[-1] / (first.recording.t[-1] + last.recording.t[-1])
+        method = f'the last {100 * share:.0f} % of the only bag, fitted to the rest'
+        cases = cases_of(fit_bags([first]), [last])
+    else:
+        raise FitError('one training bag, no test bag and nothing held out: the fit cannot be '
+                       'judged')
+    validation = validated(cases, output, method)
+    seen = validated(cases_of(model, training), output, 'the training bags themselves')
     # single samples have no past: a model with a memory has no random split
     split = (random_split(fit_arrays, training, output, inputs=model.inputs)
              if settings.random_split and not model.has_memory else None)
-    unseen = unseen_cases(fit_bags, model, validation, others, output)
+    unseen = unseen_cases(fit_bags, model, validation, others)
     return FittedOutput.judged(output, kind, model, seen, validation, unseen, noise, split)

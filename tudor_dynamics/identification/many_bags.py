@@ -16,10 +16,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 import warnings
 
 from tudor_dynamics.arm.description import Arm
@@ -30,13 +31,12 @@ from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, BagFacts, filtered, load, model_for, OUTPUTS, Unused,
     with_recorded_gauges)
 from tudor_dynamics.identification.fit import (
-    blank, enough, FitResult, FitSettings, FittedOutput, result_of)
+    enough, FitResult, FitSettings, FittedOutput, result_of, RowTrainer)
 from tudor_dynamics.identification.passes import (
     gather, judge, names_of, Part, Place, Store, survey, SurveyedBag, Task, Trial)
 from tudor_dynamics.identification.validation import (
-    method_of, noise_floor, Tally, trace, Validation)
+    cases_of, method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import TrainingBlock
 from tudor_dynamics.models.estimation import ESTIMATORS, Products, summed
 from tudor_dynamics.models.friction import term_names
 from tudor_dynamics.typing import Progress
@@ -46,82 +46,48 @@ FOLDS = 10
 """Groups of bags that are left out, one after the other (Kohavi, IJCAI 1995: ten)."""
 
 
+class FoldModels(NamedTuple):
+    """Models of one output by one of the filters."""
+
+    whole: AnalyticalModel  # of all groups of bags
+    others: Mapping[int, AnalyticalModel]  # without each group; empty where there is but one
+
+
 def fold_of(number: int, bags: int) -> int:
     """Say which group a bag is left out with: neighbours in time go together."""
     return number * min(FOLDS, bags) // bags
 
 
-@dataclass
-class FoldSums:
-    """What groups of bags came to, added up bag by bag, in their order."""
-
-    task: Task  # what was asked of every bag
-    # Filters and output, then group, to sums.
-    parts: dict[Place, dict[int, Part]] = field(default_factory=dict)
-
-    def add(self, seen: SurveyedBag) -> None:
-        """Add what was kept of a bag."""
-        kept = self.task.kept(seen)
-        for place, part in kept.parts.items():
-            folds = self.parts.setdefault(place, {})
+def fold_models(
+    task: Task, bags: Sequence[SurveyedBag], progress: Progress = lambda _: None,
+) -> dict[Place, FoldModels]:
+    """Add up what groups of bags came to, in their order; fit all, and all but each group."""
+    parts: dict[Place, dict[int, Part]] = {}
+    for seen in bags:
+        progress('add up')
+        for place, part in task.kept(seen).parts.items():
+            folds = parts.setdefault(place, {})
             known = folds.get(seen.fold)
             folds[seen.fold] = part if known is None else summed([known, part])
-
-    def models(self, place: Place) -> tuple[AnalyticalModel, dict[int, AnalyticalModel]]:
-        """
-        Fit the model of all groups, and one without each of them.
-
-        Returns others, an empty dict where there is one group alone.
-        """
-        folds = self.parts[place]
-        known: dict[tuple[str, bool], Part] = {}
+    progress('fit')
+    found = {}
+    for (number, output), folds in parts.items():
+        trainer = RowTrainer('analytical', task.arm, task.settings)
+        names = {fold: f'group {fold + 1}' for fold in folds}
+        sums = trainer.sums.setdefault(output, {})
         for fold, part in folds.items():
-            known[name_of(fold), True] = part
-            known[name_of(fold), False] = [[Products(item.gram, item.n) for item in group]
-                                           for group in part]
-        arm, settings = self.task.arm, self.task.settings
+            sums[names[fold], True] = part
+            sums[names[fold], False] = [[Products(item.gram, item.n) for item in group]
+                                        for group in part]
 
-        def fit(some: Sequence[int]) -> AnalyticalModel:
-            return _fitted(arm, place[1], settings, [name_of(fold) for fold in some], known)
+        def fit(some: Iterable[int]) -> AnalyticalModel:
+            model = trainer.fit_sums([names[fold] for fold in some], output)
+            assert isinstance(model, AnalyticalModel)
+            return model
 
-        return fit(list(folds)), {
-            fold: fit([other for other in folds if other != fold])
-            for fold in folds if len(folds) > 1}
-
-
-@dataclass
-class ErrorSums:
-    """How models did on many bags, added up bag by bag, in their order."""
-
-    # Filters and output to errors of models that have not seen the bags, and of those that have.
-    unseen: dict[Place, Tally] = field(default_factory=dict)
-    seen: dict[Place, Tally] = field(default_factory=dict)
-
-    def add(self, trial: Trial, seen: SurveyedBag) -> None:
-        """Add what was kept of a bag."""
-        judged = trial.kept(seen)
-        for total, found in ((self.unseen, judged.unseen), (self.seen, judged.seen)):
-            for place, tally in found.items():
-                total[place] = total[place] + tally if place in total else tally
-
-
-def name_of(fold: int) -> str:
-    """Name a group of bags, in a bundle."""
-    return f'group {fold + 1}'
-
-
-def _fitted(
-    arm: object, output: str, settings: FitSettings, names: Sequence[str],
-    known: Mapping[tuple[str, bool], Part],
-) -> AnalyticalModel:
-    model = blank('analytical', arm, output, settings)  # type: ignore[arg-type]
-    assert isinstance(model, AnalyticalModel)
-    return model.fit_parts(dict.fromkeys(names, _nothing), dict(known))
-
-
-def _nothing() -> Iterator[TrainingBlock]:
-    """Give no data: all sums are known."""
-    return iter(())
+        found[number, output] = FoldModels(fit(folds), {
+            out: fit(fold for fold in folds if fold != out) for out in folds if len(folds) > 1})
+    return found
 
 
 def light(model: AnalyticalModel) -> AnalyticalModel:
@@ -129,53 +95,6 @@ def light(model: AnalyticalModel) -> AnalyticalModel:
     other = copy.copy(model)
     other.data_ = {}
     return other
-
-
-@dataclass(frozen=True, eq=False)
-class Streamed:
-    """What the passes over many bags came to."""
-
-    task: Task  # what was asked of every bag
-    models: Mapping[Place, AnalyticalModel]  # filters and output to the model of all bags
-    others: Mapping[Place, Mapping[int, AnalyticalModel]]  # the same without each group of bags
-    # Bags learned from, and test bags.
-    learned: tuple[BagFacts, ...]
-    judged: tuple[BagFacts, ...]
-    unused: tuple[Unused, ...]  # bags that were left out
-    # How models did on the test bags, or on each bag left out; and on the bags learned from.
-    unseen: Mapping[Place, Tally]
-    seen: Mapping[Place, Tally]
-    # A sample of the bags, which stays in memory: for choices, thresholds and figures.
-    training: tuple[BagData, ...]
-    test: tuple[BagData, ...]
-    folds: Mapping[str, int]  # bag to the group that it is left out with
-
-    def result(self, number: int) -> FitResult:
-        """Give the fit by some of the filters."""
-        task, spec = self.task, self.task.specs[number]
-        training, test = (tuple(filtered(bag, spec) for bag in bags)
-                          for bags in (self.training, self.test))
-        fitted = [self._output(number, output, training, test) for output in task.outputs]
-        return replace(result_of(task.arm, spec, task.settings, fitted, training, test,
-                                 self.learned, self.judged), unused=self.unused)
-
-    def _output(
-        self, number: int, output: str, training: Sequence[BagData], test: Sequence[BagData],
-    ) -> FittedOutput:
-        place = number, output
-        model, others = self.models[place], self.others[place]
-        left = [(model_for(others[self.folds[str(bag.choice)]], bag), bag) for bag in training]
-        cases = [(model_for(model, bag), bag) for bag in test] if test else left
-        method = method_of([bag.bag for bag in self.judged], len(self.learned),
-                           len({*self.folds.values()}))
-        validation = Validation(
-            method, self.unseen[place].score(model.channels),
-            tuple(trace(at, bag, output) for at, bag in cases), model.channels, tuple(cases))
-        seen = Validation('the training bags themselves',
-                          self.seen[place].score(model.channels), (), model.channels)
-        noise = noise_floor(test or training, output, self.task.specs[number])
-        return FittedOutput.judged(output, 'analytical', model, seen, validation,
-                                   enough([*cases, *(left if test else ())]), noise)
 
 
 FROM = 33
@@ -256,29 +175,56 @@ class ManyBags:
 
     def fits(self, chosen: Choices, specs: Sequence[PreprocessingSpec]) -> list[FitResult]:
         """Go through all bags twice more: multiplied out, judged."""
-        done = self._streamed(Task(chosen.arm, tuple(specs), self.outputs, chosen.settings,
-                                   self.base, self.streaming.store))
-        return [done.result(number) for number in range(len(specs))]
+        task = Task(chosen.arm, tuple(specs), self.outputs, chosen.settings, self.base,
+                    self.streaming.store)
+        known, learned = self._gathered(task)
+        models = fold_models(task, known, self.progress)
+        judged, unseen, seen = self._judged(task, known, models)
+        folds = {str(bag.choice): bag.fold for bag in known}
+        method = method_of([bag.bag for bag in judged], len(known), len({*folds.values()}))
+        results = []
+        for number, spec in enumerate(specs):
+            training = [filtered(bag, spec) for bag in self.held if str(bag.choice) in folds]
+            test = [filtered(bag, spec) for bag in self.held_test]
+            fitted = []
+            for output in self.outputs:
+                model, others = models[number, output]
+                left = [(model_for(others[folds[str(bag.choice)]], bag), bag) for bag in training]
+                cases = cases_of(model, test) if test else left
+                fitted.append(FittedOutput.judged(
+                    output, 'analytical', model,
+                    Validation('the training bags themselves',
+                               seen[number, output].score(model.channels), (), model.channels),
+                    Validation(method, unseen[number, output].score(model.channels),
+                               tuple(trace(at, bag, output) for at, bag in cases),
+                               model.channels, tuple(cases)),
+                    enough([*cases, *(left if test else ())]),
+                    noise_floor(test or training, output, spec)))
+            results.append(replace(result_of(
+                task.arm, spec, task.settings, fitted, training, test, learned, judged),
+                unused=tuple(self.unused)))
+        return results
 
-    def _streamed(self, task: Task) -> Streamed:
-        training, test = self.training, self.test
-        facts = gather([(task, training)], self.streaming.jobs, self._count('multiply out'))
-        used = [(seen, item) for seen, item in zip(training, facts, strict=True)
+    def _gathered(self, task: Task) -> tuple[list[SurveyedBag], list[BagFacts]]:
+        """Multiply out the training bags; give those that can be used, and their facts."""
+        facts = gather([(task, self.training)], self.streaming.jobs, self._count('multiply out'))
+        used = [seen for seen, item in zip(self.training, facts, strict=True)
                 if not isinstance(item, Unused)]
         self._leave_out([item for item in facts if isinstance(item, Unused)])
-        if len(used) < 2:
-            raise FitError(f'of {len(training)} bags {len(used)} can be used: {self.unused[0]}',
-                           remedy='give others')
-        known = [replace(seen, fold=fold_of(i, len(used))) for i, (seen, _) in enumerate(used)]
-        sums = FoldSums(task)
-        for seen in known:
-            self.progress('add up')
-            sums.add(seen)
-        self.progress('fit')
-        models, others = {}, {}
-        for place in sums.parts:
-            models[place], others[place] = sums.models(place)
-        trials = _trials(task, known, test, models, others)
+        self._refuse_few(used, self.training)
+        return ([replace(seen, fold=fold_of(i, len(used))) for i, seen in enumerate(used)],
+                [item for item in facts if not isinstance(item, Unused)])
+
+    def _judged(
+        self, task: Task, known: Sequence[SurveyedBag], models: Mapping[Place, FoldModels],
+    ) -> tuple[list[BagFacts], dict[Place, Tally], dict[Place, Tally]]:
+        """
+        Let models predict all bags.
+
+        Returns the test bags, and by filters and output the sums of models that have not seen a
+        bag, and of those that have.
+        """
+        trials = _trials(task, known, self.test, models)
         answers = judge(trials, self.streaming.jobs, self._count('judge'))
         lost = [item for item in answers[:len(known)] if isinstance(item, Unused)]
         if lost:
@@ -286,20 +232,26 @@ class ManyBags:
                            remedy='fit again, and leave the bags alone meanwhile')
         judged = [item for item in answers[len(known):] if not isinstance(item, Unused)]
         self._leave_out([item for item in answers[len(known):] if isinstance(item, Unused)])
-        if test and not judged:
-            raise FitError(f'no test bag can be used: {self.unused[-1]}', remedy='give others')
-        errors = ErrorSums()
-        for (trial, seen), item in zip(
-                [(trial, seen) for trial in trials for seen in trial.bags], answers, strict=True):
+        self._refuse_no_test(judged, self.test)
+        sums: tuple[dict[Place, Tally], dict[Place, Tally]] = ({}, {})
+        asked = [(trial, seen) for trial in trials for seen in trial.bags]
+        for (trial, seen), item in zip(asked, answers, strict=True):
             if not isinstance(item, Unused):
-                errors.add(trial, seen)
+                errors = trial.kept(seen)
+                for total, found in zip(sums, (errors.unseen, errors.seen), strict=True):
+                    for place, tally in found.items():
+                        total[place] = total[place] + tally if place in total else tally
         task.store.forget(names_of(trials))
-        folds = {str(item.choice): item.fold for item in known}
-        return Streamed(
-            task, models, others, tuple(item for _, item in used), tuple(judged),
-            tuple(self.unused), errors.unseen, errors.seen,
-            tuple(bag for bag in self.held if str(bag.choice) in folds), tuple(self.held_test),
-            folds)
+        return judged, *sums
+
+    def _refuse_few(self, used: Sequence[object], given: Sequence[object]) -> None:
+        if len(used) < 2:
+            raise FitError(f'of {len(given)} bags {len(used)} can be used: {self.unused[0]}',
+                           remedy='give others')
+
+    def _refuse_no_test(self, used: Sequence[object], given: Sequence[object]) -> None:
+        if given and not used:
+            raise FitError(f'no test bag can be used: {self.unused[-1]}', remedy='give others')
 
     def _usable(
         self, training: Sequence[SurveyedBag | Unused], test: Sequence[SurveyedBag | Unused],
@@ -327,11 +279,8 @@ class ManyBags:
                                    remedy='give another recording')
                 wrong.append(copy)
         self._leave_out(wrong)
-        if len(found[0]) < 2:
-            raise FitError(f'of {len(training)} bags {len(found[0])} can be used: '
-                           f'{self.unused[0]}', remedy='give others')
-        if test and not found[1]:
-            raise FitError(f'no test bag can be used: {self.unused[-1]}', remedy='give others')
+        self._refuse_few(found[0], training)
+        self._refuse_no_test(found[1], test)
         return found
 
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
@@ -384,14 +333,13 @@ class ManyBags:
 
 def _trials(
     task: Task, known: Sequence[SurveyedBag], test: Sequence[SurveyedBag],
-    models: Mapping[Place, AnalyticalModel],
-    others: Mapping[Place, Mapping[int, AnalyticalModel]],
+    models: Mapping[Place, FoldModels],
 ) -> list[Trial]:
     """Let each group of bags be judged by models of the others, or test bags by those of all."""
-    whole = {place: light(model) for place, model in models.items()}
+    whole = {place: light(model) for place, (model, _) in models.items()}
     found = []
     for fold in dict.fromkeys(seen.fold for seen in known):
-        blind = {} if test else {place: light(of[fold]) for place, of in others.items()}
+        blind = {} if test else {place: light(of[fold]) for place, (_, of) in models.items()}
         found.append(Trial(task, tuple(seen for seen in known if seen.fold == fold), blind,
                            whole))
     return [*found, Trial(task, tuple(test), whole, {})] if test else found

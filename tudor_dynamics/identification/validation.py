@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.dataset import BagData, model_for
+from tudor_dynamics.identification.dataset import all_stretches, BagData, model_for
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Inputs, Model
 from tudor_dynamics.models.estimation import Products, rescaled, squared_residuals
@@ -275,7 +275,8 @@ def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -
 
     Returns (channels,) [its unit].
     """
-    scale = float(np.sqrt(_squares(ORDER)))
+    # what a difference makes of white noise: binomial coefficients, squared and summed
+    scale = math.sqrt(math.comb(2 * ORDER, ORDER))
     found = []
     for bag in data:
         raw = getattr(bag.recording, output)
@@ -289,14 +290,6 @@ def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -
     return np.median(found, axis=0) if found else np.zeros(0)
 
 
-def _squares(order: int) -> float:
-    """Sum the squares of the coefficients of a difference."""
-    weights = np.array([1.0])
-    for _ in range(order):
-        weights = np.convolve(weights, [1.0, -1.0])
-    return float(np.sum(weights**2))
-
-
 # -- Validation: errors of a model on motion that it has not seen.
 #
 # By whole bag, as Malzahn et al. do by whole stimuli: the samples of one bag are neighbours in
@@ -307,6 +300,10 @@ STANDING = 0.02
 """Slower joints stand [rad/s or m/s]."""
 SLOW = 0.05
 """The same as a share of the largest speed, where that is less."""
+
+
+Case = tuple[Model, BagData]
+"""A bag with the model that is to predict it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,8 +332,7 @@ class Validation:
     score: Score  # figures over all samples of all bags
     traces: tuple[Trace, ...]  # one for each bag
     channels: tuple[str, ...]  # names of the channels
-    # Each bag with the model that predicted it; empty for a random split.
-    cases: tuple[tuple[Model, BagData], ...] = ()
+    cases: tuple[Case, ...] = ()  # empty for a random split
 
     def __repr__(self) -> str:
         """Write how it was done, and the fit of each channel."""
@@ -360,34 +356,17 @@ def trace(model: Model, data: BagData, output: str) -> Trace:
     return Trace(str(data.choice), t, stamp, measured, predicted, moving)
 
 
-def validate(
-    model: Model, data: Sequence[BagData], output: str, method: str,
-) -> Validation:
-    """Judge a fitted model on bags."""
-    cases = [(model_for(model, bag), bag) for bag in data]
-    return _summary([trace(at, bag, output) for at, bag in cases], model.channels, method, cases)
+def cases_of(model: Model, data: Sequence[BagData]) -> list[Case]:
+    """Let a fitted model predict bags, each with its own payload."""
+    return [(model_for(model, bag), bag) for bag in data]
 
 
-def _summary(
-    traces: list[Trace],
-    channels: tuple[str, ...],
-    method: str,
-    cases: Sequence[tuple[Model, BagData]] = (),
-) -> Validation:
-    total = reduce(operator.add, (item.tally() for item in traces))
-    return Validation(method, total.score(channels), tuple(traces), channels, tuple(cases))
-
-
-def leave_one_bag_out(
-    fit: Callable[[Sequence[BagData]], Model], data: Sequence[BagData], output: str,
-) -> Validation:
-    """Predict each bag by a model fitted to the others."""
-    traces, cases = [], []
-    for i, bag in enumerate(data):
-        model = model_for(fit([other for j, other in enumerate(data) if j != i]), bag)
-        traces.append(trace(model, bag, output))
-        cases.append((model, bag))
-    return _summary(traces, model.channels, method_of([], len(data), len(data)), cases)
+def validated(cases: Sequence[Case], output: str, method: str) -> Validation:
+    """Judge bags by the model that is to predict each of them."""
+    traces = tuple(trace(model, bag, output) for model, bag in cases)
+    channels = cases[0][0].channels
+    return Validation(method, reduce(operator.add, (item.tally() for item in traces)).score(
+        channels), traces, channels, tuple(cases))
 
 
 def method_of(tests: Sequence[str], bags: int, groups: int) -> str:
@@ -398,49 +377,23 @@ def method_of(tests: Sequence[str], bags: int, groups: int) -> str:
             f'leave one of {groups} groups of bags out, {bags} bags')
 
 
-def validate_unseen(
-    fit: Callable[[Sequence[BagData]], Model], model: Model,
-    training: Sequence[BagData], test: Sequence[BagData],
-    holdout: tuple[BagData, BagData] | None, output: str,
-) -> Validation:
-    """Judge by what a model has not seen: test bags, each bag left out, or a part held out."""
-    if test:
-        return validate(model, test, output, method_of(
-            [str(bag.choice) for bag in test], len(training), len(training)))
-    if len(training) > 1:
-        return leave_one_bag_out(fit, training, output)
-    if holdout is None:
-        msg = 'one training bag, no test bag and nothing held out: the fit cannot be judged'
-        raise FitError(msg)
-    first, last = holdout
-    share = last.recording.t[-1] / (first.recording.t[-1] + last.recording.t[-1])
-    return validate(fit([first]), [last], output,
-                    f'the last {100 * share:.0f} % of the only bag, fitted to the rest')
-
-
 def random_split(
-    fit: Callable[[FloatArray, FloatArray], Model],
-    data: Sequence[BagData],
-    output: str,
-    *,
-    inputs: Inputs,
-    seed: int = 0,
+    fit: Callable[[FloatArray, FloatArray], Model], data: Sequence[BagData], output: str, *,
+    inputs: Inputs, seed: int = 0,
 ) -> Validation:
     """Train on a random half of the samples and test on the other (optimistic)."""
     generator = np.random.default_rng(seed)
-    motions, values, halves, times, stamps = [], [], [], [], []
-    for bag in data:
-        for s in bag.stretches:
-            motions.append(inputs(s)[s.decimation.keep])
-            values.append(s.decimation(getattr(s, output)))
-            halves.append(generator.permutation(s.n_kept) < s.n_kept // 2)
-            times.append(s.t[s.decimation.keep])
-            stamps.append(s.stamp[s.decimation.keep])
-    motion, value, train = np.vstack(motions), np.vstack(values), np.concatenate(halves)
+    stretches = list(all_stretches(data))
+    motion = np.vstack([inputs(s)[s.decimation.keep] for s in stretches])
+    value = np.vstack([s.decimation(getattr(s, output)) for s in stretches])
+    train = np.concatenate([generator.permutation(s.n_kept) < s.n_kept // 2 for s in stretches])
+    t, stamp = (np.concatenate([getattr(s, name)[s.decimation.keep] for s in stretches])
+                for name in ('t', 'stamp'))
     model = fit(motion[train], value[train])
-    item = Trace('random half', np.concatenate(times)[~train], np.concatenate(stamps)[~train],
-                 value[~train], model.predict(motion[~train]))
-    return _summary([item], model.channels, 'random half of the samples (optimistic)')
+    item = Trace('random half', t[~train], stamp[~train], value[~train],
+                 model.predict(motion[~train]))
+    return Validation('random half of the samples (optimistic)',
+                      item.tally().score(model.channels), (item,), model.channels)
 
 
 # -- A verdict in words: may this model be used to predict, and why
@@ -513,15 +466,16 @@ def judge(
     total = math.sqrt(sum(floor**2 for floor in floors.values()) / len(floors))
     level = level_of(validation.score, total)
     reasons = [_figures(validation)]
-    reasons += [f'{name}: {_limited(scores[name], floors[name])}' for name in scores
-                if name not in still
-                and scores[name].rmse <= NOISE_LIMITED * floors[name]]
+    reasons += [f'{name}: an error of {item.rmse:.3g} at a noise of {floors[name]:.3g} is all '
+                'that there is to get' for name, item in scores.items()
+                if name not in still and item.rmse <= NOISE_LIMITED * floors[name]]
     doubts = [_dead(still, validation.method)] if still else []
+    order = list(Grade)
     doubts += [f'channel {name} alone has {scores[name].fit:.1f} %, relative error '
                f'{100.0 * scores[name].relative_error:.0f} %: '
                f'{"do not use it" if levels[name] is Grade.DO_NOT_USE else "usable"}'
                for name in sorted(scores, key=lambda key: scores[key].fit)
-               if name not in still and _worse(levels[name], level)]
+               if name not in still and order.index(levels[name]) > order.index(level)]
     if training_fit - validation.score.fit > LARGEST_GAP:
         doubts.append(f'{training_fit - max(validation.score.fit, -1e6):.0f} points worse than '
                       'in training: the bags differ, or are too short')
@@ -536,11 +490,6 @@ def judge(
     return Verdict(level, tuple(reasons + doubts), levels)
 
 
-def _worse(one: Grade, other: Grade) -> bool:
-    order = list(Grade)
-    return order.index(one) > order.index(other)
-
-
 def _figures(validation: Validation) -> str:
     fit = max(validation.score.fit, -1e6)
     bound = (f'>= {GOOD_FIT:g}' if fit >= GOOD_FIT else
@@ -548,10 +497,6 @@ def _figures(validation: Validation) -> str:
     shown = math.floor(10.0 * fit) / 10.0  # never rounded up over a bound
     return (f'fit {shown:.1f} % ({bound}) on {validation.method}, relative error '
             f'{100.0 * validation.score.relative_error:.1f} %')
-
-
-def _limited(score: ChannelScore, noise: float) -> str:
-    return (f'an error of {score.rmse:.3g} at a noise of {noise:.3g} is all that there is to get')
 
 
 def _dead(channels: Sequence[str], method: str) -> str:
