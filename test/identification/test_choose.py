@@ -27,7 +27,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification.choice import (
-    Choices, choose, friction_words, LeftOut, paid, WideRows)
+    Choices, choose, friction_words, LeftOut, paid)
 from tudor_dynamics.identification.dataset import BagChoice, BagData, filtered, training_blocks
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -165,8 +165,7 @@ def test_left_out_errors_are_those_of_a_model() -> None:
     """Products less a part, solved, give what a model does that is fitted to the other bags."""
     arm = _arm(friction=['viscous', 'coulomb', 'offset'])
     bags = [_bag(_recording(arm, seed, seconds=10.0)) for seed in range(6)]
-    rows = WideRows(arm, 'effort', arm.joints, bags, 'exact')
-    found = LeftOut(rows).errors(arm.joints)
+    found = LeftOut(arm, 'effort', arm.joints, bags, 'exact').errors(arm.joints)
     assert found.shape == (6, 3)
     model = AnalyticalModel(EffortRegressor(arm), 3).fit_blocks(
         training_blocks(bags[1:], 'effort'))

@@ -148,7 +148,7 @@ def test_standstill_at_the_ends(before: float, behind: float, note: str) -> None
     q = np.concatenate([np.zeros(round(100 * before)), moving, np.zeros(round(100 * behind))])
     recording = recording_of(np.column_stack([q, 0.0 * q]), 100.0, effort=np.zeros((len(q), 2)))
     begin, end = motion_span(recording)
-    assert standstill_note(recording, (begin, end)) == note
+    assert standstill_note(recording) == note
     assert begin == pytest.approx(max(0.0, before - 0.5) if before > 1.0 else 0.0, abs=0.1)
     bag = filtered(BagData(BagChoice('bag'), recording, ()), PreprocessingSpec(rate=None))
     stretch, = bag.stretches

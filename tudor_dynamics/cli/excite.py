@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import asdict
 import math
 from pathlib import Path
 import time
@@ -33,7 +34,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import whole
 from tudor_dynamics.identification.excitation import CLEARANCE, ExpectedError
 from tudor_dynamics.identification.excitation_plan import (
-    bounds_of, default_highest, ExcitationReport, KINDS, make_plan, Order, PICTURE, Plan,
+    bounds_of, Conditions, default_highest, KINDS, make_plan, Order, PICTURE, Plan,
     plan_head, plan_of, STAGES, Target, target_of_arm, target_of_model, write_plan)
 from tudor_dynamics.identification.next_steps import Comparison
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -45,21 +46,18 @@ from tudor_dynamics.typing import FloatArray
 
 # -- How well motions show an arm's parameters, as a table and as plain values
 
-def condition_values(report: ExcitationReport) -> dict[str, Any]:
+def condition_values(report: Conditions) -> dict[str, Any]:
     """Give the condition numbers of a motion as plain values."""
-    return {output: [{'channels': list(group.channels), 'condition': group.condition,
-                      'parameters': group.parameters, 'weakest': group.weakest}
-                     for group in groups]
-            for output, groups in (('effort', report.effort), ('strain', report.strain))}
+    return {output: [asdict(group) for group in groups] for output, groups in report.items()}
 
 
-def print_conditions(names: Sequence[str], reports: Sequence[ExcitationReport]) -> None:
+def print_conditions(names: Sequence[str], reports: Sequence[Conditions]) -> None:
     """Print the condition numbers of motions."""
     table = new_table('condition numbers of the regressors: below 30 good, above 1000 poor',
                       names=('motion', 'output', 'channels', 'shown least'),
                       figures=('condition', 'parameters'))
     for name, report in zip(names, reports, strict=True):
-        for output, groups in (('effort', report.effort), ('strain', report.strain)):
+        for output, groups in report.items():
             for group in groups:
                 table.add_row(name, output, ', '.join(group.channels), group.weakest,
                               f'{group.condition:.1f}', str(group.parameters))

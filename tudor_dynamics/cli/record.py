@@ -143,7 +143,7 @@ def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
         if args.best_of > 1:
             motion = best_seed(
                 arm, lambda seed: stimulus_motion(arm, args.excitation, args.seconds, seed, dt),
-                range(motion, motion + args.best_of)).seed
+                range(motion, motion + args.best_of))
         result.append(StimulusSpec(
             args.payload, args.seconds, args.rate, 0.0 if args.no_damping else 1.0,
             args.excitation, motion, noise, push, args.pushes, _imperfections(args.ideal),

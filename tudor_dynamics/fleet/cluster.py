@@ -22,16 +22,17 @@ the work on them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 import re
 from tempfile import TemporaryDirectory
-from typing import Any, overload
+from typing import Any
 import warnings
 
 from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
@@ -109,29 +110,29 @@ class Cluster:
         return sum(self.client.nthreads().values())
 
     def run(
-        self, work: Callable[[Piece, Count], Result], pieces: Sequence[Piece],
+        self, work: Callable[[Piece, Count], Result], pieces: Iterable[Piece],
         progress: Callable[[int], None],
     ) -> list[Result]:
-        """Do pieces of work, in their order."""
+        """Do pieces of work, in their order; a piece is taken when its turn comes."""
         from distributed import as_completed, KilledWorker
-        known, steps, taken = versions(), 0, 0
+        known, steps = versions(), 0
         results: dict[int, Result] = {}
         running: dict[Any, int] = {}
-        done = as_completed(loop=self.client.loop)
+        done, waiting = as_completed(loop=self.client.loop), enumerate(pieces)
         try:
-            while len(results) < len(pieces):
+            while True:
                 # a piece may be large: no more than a few are on their way
                 room = AHEAD * (1 + self.width()) - len(running)
-                for number in range(taken, min(taken + max(room, 0), len(pieces))):
-                    future = self.client.submit(_piece, work, pieces[number], known, pure=False)
+                for number, piece in islice(waiting, max(room, 0)):
+                    future = self.client.submit(_piece, work, piece, known, pure=False)
                     running[future] = number
                     done.add(future)
-                taken = len(results) + len(running)
+                if not running:
+                    return [results[number] for number in range(len(results))]
                 future = next(done)
                 results[running.pop(future)], more = future.result()
                 steps += more
                 progress(steps)
-            return [results[number] for number in range(len(pieces))]
         except KilledWorker:
             raise ProcessError('a piece of work ended several workers, one after the other',
                                remedy='look whether their memory is enough') from None
@@ -145,7 +146,7 @@ class Cluster:
         self, work: Work, trials: Sequence[Trial], progress: Callable[[int], None],
     ) -> list[Answer]:
         """Send each bag with the work on it, as its turn comes."""
-        return self.run(unpacked, Parcels(work, trials), progress)
+        return self.run(unpacked, (packed(work, trial) for trial in trials), progress)
 
 
 @lru_cache
@@ -178,27 +179,6 @@ class Parcel:
     trial: Trial  # what is asked of the only bag in it
     name: str  # name of the bag's directory or file
     files: Mapping[str, bytes]  # its files; under no name if the bag is a file itself
-
-
-class Parcels(Sequence[Parcel]):
-    """Parcels that are packed when they are taken, so that few bags are held at a time."""
-
-    def __init__(self, work: Work, trials: Sequence[Trial]) -> None:
-        self._work, self._trials = work, trials
-
-    def __len__(self) -> int:
-        return len(self._trials)
-
-    @overload
-    def __getitem__(self, number: int) -> Parcel: ...
-
-    @overload
-    def __getitem__(self, number: slice) -> list[Parcel]: ...
-
-    def __getitem__(self, number: int | slice) -> Parcel | list[Parcel]:
-        if isinstance(number, slice):
-            return [self[k] for k in range(*number.indices(len(self)))]
-        return packed(self._work, self._trials[number])
 
 
 def packed(work: Work, trial: Trial) -> Parcel:

@@ -24,9 +24,8 @@ from typing import Any
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.identification.dataset import all_stretches, BagData, Unused
+from tudor_dynamics.identification.dataset import all_stretches, BagData, SurveyedBag, Unused
 from tudor_dynamics.identification.next_steps import change_of, ErrorChange
-from tudor_dynamics.identification.passes import SurveyedBag
 from tudor_dynamics.identification.ringdowns import clear_ring, standstills
 from tudor_dynamics.identification.settings import LEAST_SPREAD, SIGMAS
 from tudor_dynamics.identification.validation import part_errors, PartErrors

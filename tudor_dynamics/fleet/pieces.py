@@ -29,11 +29,11 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import TudorError, TudorWarning
 from tudor_dynamics.files import source_digest, write_whole
 from tudor_dynamics.fleet.comparison import Observation, Quantity, rings, stiffness_quantities
-from tudor_dynamics.identification.dataset import BagChoice, load, Unused
+from tudor_dynamics.identification.dataset import BagChoice, load, SurveyedBag, Unused
 from tudor_dynamics.identification.elastic_problem import records_of
 from tudor_dynamics.identification.elastic_search import identify
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.identification.passes import PARTS, SurveyedBag, Task
+from tudor_dynamics.identification.passes import PARTS, Task
 from tudor_dynamics.library import fit
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.elastic.model import PhysicalParameter

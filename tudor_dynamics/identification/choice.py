@@ -93,8 +93,14 @@ def joint_with(joint: JointSpec, column: Column) -> JointSpec:
         'stribeck_velocity': column.decay or joint.stribeck_velocity})
 
 
-class WideRows:
-    """Rows of an output for all candidates."""
+class LeftOut:
+    """
+    Rows of an output for all candidates, and their errors on parts that are left out, each once.
+
+    A candidate with more in it is taken where the left-out parts clearly pay for it, by the rule
+    of one standard error (Breiman et al., Classification and Regression Trees, 1984, Section
+    3.4.3): the gain over all parts has to exceed its own scatter between them.
+    """
 
     def __init__(
         self, arm: Arm, output: str, candidates: Sequence[JointSpec], bags: Sequence[BagData],
@@ -125,17 +131,13 @@ class WideRows:
         self._regressor = rows
         self.columns = np.array(sorted(kept), dtype=np.intp)
         self.scaled = self.scaled[self.columns]
-        self.parts = [part for bag in bags
-                      for part in self._parts(bag, len(bags), payloads is not None)]
-        self._loads: FloatArray | None = None
-        self.power = np.sum([np.sum(part.output ** 2, axis=0) for part in self.parts], axis=0)
+        self.n_columns = len(self.columns) + self._widest * len(self.terms)
+        self._rows = [part for bag in bags for part in self._parts_of(
+            bag, len(bags), payloads is not None)]
+        self.power = np.sum([np.sum(part.output ** 2, axis=0) for part in self._rows], axis=0)
+        self._multiply_out(None)
 
-    @property
-    def n_columns(self) -> int:
-        """Give the number of all columns, friction included."""
-        return len(self.columns) + self._widest * len(self.terms)
-
-    def _parts(self, bag: BagData, bags: int, with_payload: bool) -> list[CandidateRows]:
+    def _parts_of(self, bag: BagData, bags: int, with_payload: bool) -> list[CandidateRows]:
         pieces = []
         for stretch in bag.stretches:
             motion = stretch.motion
@@ -177,17 +179,18 @@ class WideRows:
 
         parameters (channels, columns).
         """
-        self._loads = parameters[:, :len(self.columns)]
+        self._multiply_out(parameters[:, :len(self.columns)])
 
-    def products(self) -> list[list[Products]]:
-        """Give the products of each part and channel, on all columns."""
-        return [self._products(part) for part in self.parts]
+    def _multiply_out(self, parameters: FloatArray | None) -> None:
+        self._parts = [self._products(part, parameters) for part in self._rows]
+        self._total = [reduce(add, channel) for channel in zip(*self._parts, strict=True)]
 
-    def _products(self, part: CandidateRows) -> list[Products]:
+    def _products(self, part: CandidateRows, parameters: FloatArray | None) -> list[Products]:
+        """Give the products of each channel, on all columns."""
         speed = part.speed
-        if self._loads is not None:
+        if parameters is not None:
             speed = speed.copy()
-            loads = np.abs(np.einsum('kcp,cp->kc', part.bodies, self._loads))
+            loads = np.abs(np.einsum('kcp,cp->kc', part.bodies, parameters))
             for i, columns in enumerate(self.terms):
                 for k, column in enumerate(columns):
                     if TERMS[term_of(column.kind)].loaded:
@@ -196,8 +199,6 @@ class WideRows:
         for channel in range(part.output.shape[1]):
             friction = [speed[:, i] * self._reach[channel, i] for i in range(len(self._reach))]
             wide = np.hstack([part.bodies[:, channel], *friction])
-            if not friction:
-                wide = np.hstack([wide, np.zeros((len(wide), self.n_columns - wide.shape[1]))])
             product = Products.empty(self.n_columns)
             product.add(wide, part.output[:, channel])
             found.append(product)
@@ -212,37 +213,6 @@ class WideRows:
                     for i, joint in enumerate(joints) for column in columns_of(joint)]
         return np.concatenate([bodies, np.array(friction, dtype=np.intp)])
 
-
-# -- Errors of candidates on parts of the training data that they were not fitted to.
-#
-# A candidate with more in it is taken where the left-out parts clearly pay for it, by the rule of
-# one standard error (Breiman et al., Classification and Regression Trees, 1984, Section 3.4.3):
-# the gain over all parts has to exceed its own scatter between them.
-
-LEAST_GAIN = 0.01
-"""Part of the error that a choice has to bring: less is no reason for more parameters."""
-
-
-def paid(before: FloatArray, after: FloatArray, least: float = LEAST_GAIN) -> bool:
-    """Say whether left-out parts clearly pay for a candidate: before, after (parts,)."""
-    gains = before - after
-    if not np.all(np.isfinite(gains)) or not before.sum() > 0.0:
-        return False
-    scatter = float(np.std(gains, ddof=1)) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
-    return bool(np.sqrt(after.sum() / before.sum()) < 1.0 - least and gains.sum() > scatter)
-
-
-class LeftOut:
-    """Errors of candidates on parts that are left out, each once."""
-
-    def __init__(self, rows: WideRows) -> None:
-        self.rows = rows
-        self._renew()
-
-    def _renew(self) -> None:
-        self._parts = self.rows.products()
-        self._total = [reduce(add, channel) for channel in zip(*self._parts, strict=True)]
-
     def errors(
         self, joints: Sequence[JointSpec], *, shared: bool = False, weighted: bool = True,
         constants: FloatArray | None = None,
@@ -253,8 +223,8 @@ class LeftOut:
         constants (channels,); returns (parts, channels), infinite where a fit has too few samples.
         """
         errors = np.zeros((len(self._parts), len(self._total)))
-        for channels, kept in self.rows.groupings[shared]:
-            places = self.rows.taken(joints, kept)
+        for channels, kept in self.groupings[shared]:
+            places = self.taken(joints, kept)
             for k, part in enumerate(self._parts):
                 others = [_narrow(self._total[i], places, part[i]) for i in channels]
                 try:
@@ -274,20 +244,15 @@ class LeftOut:
 
         Returns parameters (channels, columns) and constants (channels,).
         """
-        full = np.zeros((len(self._total), self.rows.n_columns))
+        full = np.zeros((len(self._total), self.n_columns))
         constants = None
-        for channels, kept in self.rows.groupings[shared]:
-            places = self.rows.taken(joints, kept)
+        for channels, kept in self.groupings[shared]:
+            places = self.taken(joints, kept)
             parameters, constants = self._solve(
                 [_narrow(self._total[i], places) for i in channels], places, shared, True, None)
             for i, values in zip(channels, parameters, strict=True):
                 full[i, places] = values
         return full, constants
-
-    def assume(self, parameters: FloatArray) -> None:
-        """Take parameters by which loads are known; see ``WideRows.assume``."""
-        self.rows.assume(parameters)
-        self._renew()
 
     def _solve(
         self, products: list[Products], places: NDArray[np.intp], shared: bool, weighted: bool,
@@ -295,11 +260,11 @@ class LeftOut:
     ) -> tuple[list[FloatArray], FloatArray | None]:
         if not shared:
             return [solve(products, weighted=weighted).parameters] * len(products), None
-        bodies = places < len(self.rows.columns)
+        bodies = places < len(self.columns)
         scaled = np.zeros(len(places), dtype=bool)
-        scaled[bodies] = self.rows.scaled[places[bodies]]
+        scaled[bodies] = self.scaled[places[bodies]]
         if constants is None:
-            constants = find_constants(products, scaled, self.rows.unknown).values
+            constants = find_constants(products, scaled, self.unknown).values
         common = solve([rescaled(product, scaled, value) for product, value in
                         zip(products, constants, strict=True)], weighted=weighted).parameters
         return [np.where(scaled, common / value, common) for value in constants], constants
@@ -313,6 +278,19 @@ def _narrow(
     if without is None:
         return Products(gram, n)
     return Products(gram - without.gram[np.ix_(index, index)], n - without.n)
+
+
+LEAST_GAIN = 0.01
+"""Part of the error that a choice has to bring: less is no reason for more parameters."""
+
+
+def paid(before: FloatArray, after: FloatArray) -> bool:
+    """Say whether left-out parts clearly pay for a candidate: before, after (parts,)."""
+    gains = before - after
+    if not np.all(np.isfinite(gains)) or not before.sum() > 0.0:
+        return False
+    scatter = float(np.std(gains, ddof=1)) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
+    return bool(np.sqrt(after.sum() / before.sum()) < 1.0 - LEAST_GAIN and gains.sum() > scatter)
 
 
 # -- Friction terms for each joint: added one after the other, as long as left-out parts pay
@@ -494,14 +472,16 @@ class _Chooser:
         settings = replace(self.settings, shared=self.shared).settled()
         return Choices(self.arm.with_joints(changes), self.spec, settings, tuple(self.made))
 
-    def _rows(self, output: str, bags: Sequence[BagData], joints: Sequence[JointSpec]) -> WideRows:
-        return WideRows(self.arm, output, joints, bags, self.settings.strain_form,
-                        payloads=self.settings.payloads)
+    def _left_out(
+        self, output: str, bags: Sequence[BagData], joints: Sequence[JointSpec],
+    ) -> LeftOut:
+        return LeftOut(self.arm, output, joints, bags, self.settings.strain_form,
+                       payloads=self.settings.payloads)
 
     def _grouped(self, left_out: LeftOut) -> tuple[FloatArray, bool]:
         """Give the errors of parameters shared or not, whichever is open and pays."""
-        joints = self.joints if left_out.rows.output == 'effort' else []
-        if True not in left_out.rows.groupings:
+        joints = self.joints if left_out.output == 'effort' else []
+        if True not in left_out.groupings:
             return left_out.errors(joints), False
         if self.settings.shared is not None:
             return left_out.errors(joints, shared=self.settings.shared), self.settings.shared
@@ -512,13 +492,14 @@ class _Chooser:
     def _choose_filter(self) -> None:
         candidates = [('causal', self.spec),
                       (f'causal, all signals behind {OUTPUT_CUTOFF:g} Hz',
-                       self._with({'output_cutoff': OUTPUT_CUTOFF})),
+                       self.spec.model_copy(update={'output_cutoff': OUTPUT_CUTOFF})),
                       ('zero-phase (causal beside the robot)',
-                       self._with({'filter': 'zero_phase'}))]
+                       self.spec.model_copy(update={'filter': 'zero_phase'}))]
         if self.spec.cutoff is None:
             half = 0.05 / self.bags[0].recording.dt
-            candidates.append((f'zero-phase with {half:.3g} Hz (causal beside the robot)',
-                               self._with({'filter': 'zero_phase', 'cutoff': half})))
+            candidates.append((
+                f'zero-phase with {half:.3g} Hz (causal beside the robot)',
+                self.spec.model_copy(update={'filter': 'zero_phase', 'cutoff': half})))
         best = first = self._relative(self.spec)
         name, spec = candidates[0]
         for label, candidate in candidates[1:]:
@@ -532,24 +513,19 @@ class _Chooser:
         self.made.append(Choice('filters', name, candidates[0][0], _percent(best),
                                 _percent(first)))
 
-    def _with(self, changes: dict[str, Any]) -> PreprocessingSpec:
-        return self.spec.model_copy(update=changes)
-
     def _relative(self, spec: PreprocessingSpec) -> FloatArray:
         """Give relative squared errors of each part, the mean of all outputs, as they are used."""
         total: FloatArray = np.zeros(1)
         bags = [filtered(bag, spec) for bag in self.bags]
         for output in self.outputs:
-            rows = self._rows(output, bags, self.joints)
-            errors, _ = self._grouped(LeftOut(rows))
-            total = total + errors.sum(axis=1) / rows.power.sum()
+            left_out = self._left_out(output, bags, self.joints)
+            total = total + self._grouped(left_out)[0].sum(axis=1) / left_out.power.sum()
         return total / len(self.outputs)
 
     def _choose_effort(self) -> None:
         bags = [filtered(bag, self.spec) for bag in self.bags]
-        rows = self._rows('effort', bags, all_candidates(self.joints, self.without))
-        left_out = LeftOut(rows)
-        power = float(rows.power.sum())
+        left_out = self._left_out('effort', bags, all_candidates(self.joints, self.without))
+        power = float(left_out.power.sum())
         start = list(self.joints)
 
         def percent(errors: FloatArray) -> float:
@@ -564,7 +540,7 @@ class _Chooser:
         if self.joints != start or any(is_open(joint) for joint in start):
             self.made.append(Choice('friction', friction_words(self.joints),
                                     friction_words(start), percent(after), percent(before)))
-        if True in rows.groupings and self.settings.shared is None:
+        if True in left_out.groupings and self.settings.shared is None:
             separate, shared = (left_out.errors(self.joints, shared=own) for own in (False, True))
             self.shared = paid(separate.sum(axis=1), shared.sum(axis=1))
             words = 'parameters of its own for each current', 'one set for all currents'

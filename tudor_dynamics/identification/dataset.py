@@ -22,7 +22,7 @@ import glob
 import os
 from pathlib import Path
 import re
-from typing import Any, Protocol
+from typing import Any
 import warnings
 
 import numpy as np
@@ -67,8 +67,9 @@ def motion_span(recording: Recording) -> tuple[float, float]:
             end if end < t[-1] - STANDSTILL_KEPT else float(t[-1]))
 
 
-def standstill_note(recording: Recording, span: tuple[float, float]) -> str:
-    """Say what of a recording is left out because nothing moves: span [s]."""
+def standstill_note(recording: Recording) -> str:
+    """Say what of a recording is left out because nothing moves."""
+    span = motion_span(recording)
     parts = [f'{length:.1f} s at the {end}' for length, end in (
         (span[0], 'begin'), (float(recording.t[-1]) - span[1], 'end')) if length > 0.0]
     return f'standstill of {" and ".join(parts)} is left out' if parts else ''
@@ -232,6 +233,16 @@ class BagData:
         return sum(stretch.n_kept for stretch in self.stretches)
 
 
+@dataclass(frozen=True)
+class SurveyedBag:
+    """A bag before it is read."""
+
+    choice: BagChoice  # bag, or part of one, as it was given
+    checksum: str  # SHA-256 over its storage files
+    payload: float | None = None  # mass at the tip, as given or as its metadata say [kg]
+    fold: int = -1  # which bags it is left out with
+
+
 def cut(recording: Recording, choice: BagChoice) -> Recording:
     """Take a part of a recording by time."""
     if (choice.begin, choice.end, choice.seconds) == (0.0, 1.0, False):
@@ -290,7 +301,7 @@ def load(
     if whole:
         return BagData(choice, recording, tuple(prepare(recording, preprocessing)), payload,
                        timing)
-    note = standstill_note(recording, motion_span(recording))
+    note = standstill_note(recording)
     if note:
         recording = replace(recording, warnings=(*recording.warnings, note))
     return filtered(BagData(choice, recording, (), payload, timing), preprocessing)
@@ -419,17 +430,6 @@ def facts_of(bag: BagData) -> BagFacts:
 
 # -- Which payload each bag was recorded with, and models that know of it
 
-class Loaded(Protocol):
-    """A bag of which it is said what the arm carried."""
-
-    @property
-    def choice(self) -> BagChoice:
-        """Bag, or part of one."""
-
-    @property
-    def payload(self) -> float | None:
-        """Mass at the tip, where it is known [kg]."""
-
 
 def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[str, float]:
     """Read ``BAG=KG`` arguments [kg]."""
@@ -453,7 +453,9 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
     return found
 
 
-def payload_range(training: Sequence[Loaded], test: Sequence[Loaded]) -> Range | None:
+def payload_range(
+    training: Sequence[BagData | SurveyedBag], test: Sequence[BagData | SurveyedBag],
+) -> Range | None:
     """
     Find the payloads of a fit.
 

@@ -57,39 +57,20 @@ MAX_TABLE = 10_000_000
 
 @dataclass(frozen=True)
 class KnownPush:
-    """
-    A push that was applied on purpose.
+    """A push that was applied on purpose."""
 
-    Attributes
-    ----------
-    begin, end : int
-        Stamps of its first and last sample [ns].
-    force : float
-        Largest force [N]; NaN where it is not known.
-
-    """
-
+    # Stamps of its first and last sample [ns].
     begin: int
     end: int
-    force: float = float('nan')
+    force: float = float('nan')  # largest force [N]; NaN where it is not known
 
 
 @dataclass(frozen=True)
 class Truth:
-    """
-    The pushes of a bag, as far as they are known.
+    """The pushes of a bag, as far as they are known."""
 
-    Attributes
-    ----------
-    source : str
-        Where that is known from; empty where it is not.
-    pushes : tuple of KnownPush
-        Pushes that are known, in order.
-
-    """
-
-    source: str = ''
-    pushes: tuple[KnownPush, ...] = ()
+    source: str = ''  # where that is known from; empty where it is not
+    pushes: tuple[KnownPush, ...] = ()  # in order
 
     @property
     def known(self) -> bool:
@@ -105,26 +86,9 @@ def find_truth(path: str, topic: str | None = None, clock: str = 'joint_states')
     """
     Read the pushes of a bag from a topic.
 
-    Parameters
-    ----------
-    path : str
-        Bag that may have pushes.
-    topic : str, optional
-        WrenchStamped, or Bool that is true while the arm is touched; by default
-        ``applied_wrench``, which may be missing.
-    clock : str
-        JointState topic with the stamps of the recording.
-
-    Returns
-    -------
-    Truth
-        Unknown where no topic is named and there is no ``applied_wrench``.
-
-    Raises
-    ------
-    BagError
-        If the topic that was named is missing, or of another type.
-
+    topic: WrenchStamped, or Bool that is true while the arm is touched; by default
+    ``applied_wrench``, without which nothing is known; clock: JointState topic with the stamps of
+    the recording.
     """
     name = topic or TOPIC
     bag = open_bag(path)
@@ -166,24 +130,10 @@ def _flagged(stamp: NDArray[np.int64], touched: NDArray[np.bool_]) -> tuple[Know
 
 def table_of_pushes(path: str | Path) -> list[tuple[float, float]]:
     """
-    Read a table of pushes, as a person writes it down.
+    Read a table of pushes, as a person writes it down; returns begin and end of each [s].
 
-    Parameters
-    ----------
-    path : str or Path
-        Text with a line ``BEGIN,END`` for each push, seconds since the beginning of the bag; a
-        first line may name the columns, what follows a ``#`` is a comment.
-
-    Returns
-    -------
-    list of (float, float)
-        Begin and end of each push [s].
-
-    Raises
-    ------
-    UsageError
-        If the file cannot be read or is no such table.
-
+    It has a line ``BEGIN,END`` for each push, seconds since the beginning of the bag; a first line
+    may name the columns, what follows a ``#`` is a comment.
     """
     try:
         text = read_bounded(Path(path), MAX_TABLE).decode()
@@ -213,24 +163,9 @@ def truth_of_table(
     rows: Sequence[tuple[float, float]], recording: Recording, source: str, begun: float = 0.0,
 ) -> Truth:
     """
-    Put a table of pushes on the stamps of a recording.
+    Put a table of pushes on the stamps of a recording, which may be a part of a bag.
 
-    Parameters
-    ----------
-    rows : sequence of (float, float)
-        Begin and end of each push [s].
-    recording : Recording
-        Signals of the bag, or of a part of it.
-    source : str
-        Name of the table.
-    begun : float
-        Time at which the part begins in its bag [s].
-
-    Returns
-    -------
-    Truth
-        Pushes by stamps.
-
+    rows: begin and end of each push [s]; begun: when the part begins in its bag [s].
     """
     first = int(recording.stamp[0]) - round(begun * 1e9)
     return Truth(source, tuple(KnownPush(first + round(begin * 1e9), first + round(end * 1e9))
@@ -312,14 +247,14 @@ class WatchedBag:
         return np.array([item.event.stamp for item in self.sightings], dtype=np.int64)
 
 
-def push_of(stamp: int, pushes: Sequence[KnownPush], late: float = AFTERMATH) -> int | None:
+def push_of(stamp: int, pushes: Sequence[KnownPush]) -> int | None:
     """
     Find the push that an event belongs to.
 
-    stamp [ns], late [s]; returns None where it is over for longer.
+    stamp [ns]; returns None where it is over for longer than its aftermath.
     """
     begun = [i for i, push in enumerate(pushes) if push.begin - _EARLY <= stamp]
-    if not begun or stamp > pushes[begun[-1]].end + round(late * 1e9):
+    if not begun or stamp > pushes[begun[-1]].end + round(AFTERMATH * 1e9):
         return None
     return begun[-1]
 
@@ -396,8 +331,8 @@ class _Log:
 
     stamps: list[int] = field(default_factory=list)
     ratios: list[float] = field(default_factory=list)
-    under_way: list[_Open] = field(default_factory=list)
-    closed: list[_Open] = field(default_factory=list)
+    events: list[_Open] = field(default_factory=list)
+    under_way: _Open | None = None  # the last of the events, until it is over
 
     def add(self, found: Found, watch: Watch) -> None:
         """Take the samples that became known, and the level after them."""
@@ -406,41 +341,31 @@ class _Log:
             stamp, ratio = excess.residual.motion.stamp, float(excess.collision.max())
             self.stamps.append(stamp)
             self.ratios.append(ratio)
-            if self.under_way and ratio >= 1.0:
-                self.under_way[-1].last = stamp
-                if ratio > self.under_way[-1].ratio:
-                    self.under_way[-1].ratio = ratio
-                    self.under_way[-1].channel = self._channel(
-                        self.under_way[-1].event, excess.collision)
+            if self.under_way is not None and ratio >= 1.0:
+                self.under_way.last = stamp
+                if ratio > self.under_way.ratio:
+                    self.under_way.ratio = ratio
+                    self.under_way.channel = list(self.under_way.event.ratios)[
+                        int(np.argmax(excess.collision))]
         for event in found.events:
-            self.close()
             channel = max(event.ratios, key=lambda name: event.ratios[name])
-            self.under_way = [_Open(
+            self.under_way = _Open(
                 event, event.ratios[channel], channel, event.stamp,
-                None if watch.contact is None else watch.contact.record())]
-        if self.under_way and self.under_way[-1].touched is not None:
+                None if watch.contact is None else watch.contact.record())
+            self.events.append(self.under_way)
+        if self.under_way is not None and self.under_way.touched is not None:
             for estimate in found.contacts:
-                self.under_way[-1].touched.add(estimate)
+                self.under_way.touched.add(estimate)
         if level is not Level.COLLISION:
-            self.close()
-
-    @staticmethod
-    def _channel(event: CollisionEvent, ratios: FloatArray) -> str:
-        return list(event.ratios)[int(np.argmax(ratios))]
-
-    def close(self) -> None:
-        """End the event that is under way."""
-        self.closed += self.under_way
-        self.under_way = []
+            self.under_way = None
 
     def sightings(self, first: int, truth: Truth) -> tuple[DetectedEvent, ...]:
         """Give what was found, by the time since a stamp."""
-        self.close()
         return tuple(DetectedEvent(
             item.event, (item.event.stamp - first) * 1e-9, item.channel, item.ratio,
             (item.last - item.event.onset) * 1e-9, push_of(item.event.stamp, truth.pushes),
             (item.touched.summary() or None) if item.touched is not None else None)
-            for item in self.closed)
+            for item in self.events)
 
 
 def watch_bag(

@@ -58,37 +58,31 @@ class GroupCondition:
 
     channels: tuple[str, ...]  # joints or gauges
     condition: float  # condition number of the regressor with columns of unit length
-    weakest: str  # parameter that the motion excites least in relation to the others
     parameters: int  # number of base parameters
+    weakest: str  # parameter that the motion excites least in relation to the others
 
 
-@dataclass(frozen=True)
-class ExcitationReport:
-    """Conditioning of all outputs."""
-
-    # Groups of joints; groups of gauges, empty where the arm has none.
-    effort: tuple[GroupCondition, ...]
-    strain: tuple[GroupCondition, ...]
-
-    @property
-    def worst(self) -> float:
-        """Largest condition number of all."""
-        return max(item.condition for item in (*self.effort, *self.strain))
+Conditions = dict[str, list[GroupCondition]]
+"""Output to groups of its channels; of the strain none where the arm has no gauges."""
 
 
-def excitation_report(arm: Arm, reference: Reference, *, form: str = 'exact') -> ExcitationReport:
+def worst(report: Conditions) -> float:
+    """Give the largest condition number of all outputs."""
+    return max(item.condition for groups in report.values() for item in groups)
+
+
+def excitation_report(arm: Arm, reference: Reference) -> Conditions:
     """Judge a motion by the regressors of an arm."""
     every = max(int(round(1.0 / (REPORT_RATE * reference.dt))), 1)
-    motion = reference.motion[::every]
-    return ExcitationReport(
-        _conditions(EffortRegressor(arm), motion, len(arm.active_joints)),
-        _conditions(StrainRegressor(arm, form), motion, len(arm.active_joints))
-        if arm.gauges else ())
+    motion, joints = reference.motion[::every], len(arm.active_joints)
+    return {'effort': _conditions(EffortRegressor(arm), motion, joints),
+            'strain': _conditions(StrainRegressor(arm, 'exact'), motion, joints)
+            if arm.gauges else []}
 
 
 def _conditions(
     regressor: EffortRegressor | StrainRegressor, motion: FloatArray, joints: int,
-) -> tuple[GroupCondition, ...]:
+) -> list[GroupCondition]:
     rows = regressor.rows(motion)
     result = []
     for group, base in zip(regressor.groups, base_sets(regressor, joints), strict=True):
@@ -102,30 +96,13 @@ def _conditions(
             condition = float(values[0] / values[-1]) if values[-1] > 0.0 else np.inf
             weakest = int(np.argmax(np.abs(vectors[-1])))
         channels = tuple(regressor.channels[i] for i in group)
-        result.append(GroupCondition(channels, float(condition), names[weakest], len(names)))
-    return tuple(result)
+        result.append(GroupCondition(channels, float(condition), len(names), names[weakest]))
+    return result
 
 
-@dataclass(frozen=True)
-class ChosenSeed:
-    """A seed, the report of its motion, and the worst condition number of each seed tried."""
-
-    seed: int  # seed with the best motion
-    report: ExcitationReport  # condition numbers of its motion
-    tried: dict[int, float]  # worst condition number of each seed tried
-
-
-def best_seed(
-    arm: Arm, make: Callable[[int], Reference], seeds: Sequence[int],
-) -> ChosenSeed:
-    """Choose the seed whose motion has the least worst condition number."""
-    if not seeds:
-        msg = 'no seed to try; give at least one'
-        raise SignalError(msg)
-    reports = {seed: excitation_report(arm, make(seed)) for seed in seeds}
-    tried = {seed: report.worst for seed, report in reports.items()}
-    best = min(seeds, key=lambda seed: tried[seed])
-    return ChosenSeed(best, reports[best], tried)
+def best_seed(arm: Arm, make: Callable[[int], Reference], seeds: Sequence[int]) -> int:
+    """Choose the seed, of one at least, whose motion has the least worst condition number."""
+    return min(seeds, key=lambda seed: worst(excitation_report(arm, make(seed))))
 
 
 # -- The search for the motion that shows the parameters best, within all limits.
@@ -463,51 +440,21 @@ class _Head(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class PlanFolder:
-    """
-    A plan that was read.
+    """A plan that was read."""
 
-    Attributes
-    ----------
-    path : Path
-        Folder that it was read from.
-    arm : str
-        Name of the arm.
-    trajectory : Trajectory
-        Motion that was planned.
-    noise : Noise
-        Noise that was stated.
-    stated : bool
-        Whether anybody stated it.
-
-    """
-
-    path: Path
-    arm: str
-    trajectory: Trajectory
-    noise: Noise
-    stated: bool
+    path: Path  # folder that it was read from
+    arm: str  # name of the arm
+    trajectory: Trajectory  # motion that was planned
+    noise: Noise  # noise that was stated
+    stated: bool  # whether anybody stated it
 
 
 def plan_head(plan: Plan, arm: Arm, facts: dict[str, Any], *, stated: bool) -> dict[str, Any]:
     """
-    Say what is planned as plain values.
+    Say what is planned as plain values: the content of ``plan.json``.
 
-    Parameters
-    ----------
-    plan : Plan
-        Motion and what it will show.
-    arm : Arm
-        Arm that is to move.
-    facts : dict
-        What was asked for.
-    stated : bool
-        Whether the noise was stated, or is 1 for want of anything better.
-
-    Returns
-    -------
-    dict
-        Content of ``plan.json``.
-
+    facts: what was asked for; stated: whether the noise was stated, or is 1 for want of anything
+    better.
     """
     joints = arm.active_joints
 
@@ -533,67 +480,19 @@ def plan_head(plan: Plan, arm: Arm, facts: dict[str, Any], *, stated: bool) -> d
 
 
 def write_plan(folder: Path, plan: Plan, head: dict[str, Any]) -> None:
-    """
-    Write a plan, but for its picture.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder that is there, and empty.
-    plan : Plan
-        Motion and what it will show.
-    head : dict
-        Content of ``plan.json``, see `plan_head`.
-
-    """
+    """Write a plan, but for its picture, into an empty folder; head: of `plan_head`."""
     write_whole(folder / TABLE, plan.trajectory.table())
     write_trajectories(folder / BAG, [Sent(plan.trajectory, time=STAMP, stamp=STAMP)])
     write_whole(folder / HEAD, json.dumps(head, indent=2, allow_nan=False).encode() + b'\n')
 
 
 def read_motion(path: Path) -> Trajectory:
-    """
-    Read the motion of a plan.
-
-    Parameters
-    ----------
-    path : Path
-        Folder of a plan, or a table as there is one in it.
-
-    Returns
-    -------
-    Trajectory
-        Motion.
-
-    Raises
-    ------
-    BagError
-        If it cannot be read.
-
-    """
+    """Read the motion of a plan: of its folder, or of a table as there is one in it."""
     return read_trajectory(path / TABLE if path.is_dir() else path)
 
 
 def read_plan(path: str | Path) -> PlanFolder:
-    """
-    Read a plan.
-
-    Parameters
-    ----------
-    path : str or Path
-        Folder that ``tudor excite`` wrote.
-
-    Returns
-    -------
-    PlanFolder
-        Motion, and the noise that it was judged with.
-
-    Raises
-    ------
-    UsageError, BagError
-        If it is no such folder, or damaged.
-
-    """
+    """Read the folder that ``tudor excite`` wrote."""
     path = Path(path)
     try:
         text = read_bounded(path / HEAD, MAX_HEAD_BYTES).decode()

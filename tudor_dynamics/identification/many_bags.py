@@ -28,12 +28,12 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, BagFacts, filtered, load, model_for, OUTPUTS, Unused,
+    BagChoice, BagData, BagFacts, filtered, load, model_for, OUTPUTS, SurveyedBag, Unused,
     with_recorded_gauges)
 from tudor_dynamics.identification.fit import (
     enough, FitResult, FitSettings, FittedOutput, result_of, RowTrainer)
 from tudor_dynamics.identification.passes import (
-    gather, judge, names_of, Part, Place, Store, survey, SurveyedBag, Task, Trial)
+    gather, judge, names_of, Part, Place, Store, survey, Task, Trial)
 from tudor_dynamics.identification.validation import (
     cases_of, method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel

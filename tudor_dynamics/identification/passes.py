@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 import hashlib
 import json
@@ -41,15 +41,14 @@ from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, FitError, TudorError, TudorWarning
 from tudor_dynamics.files import source_digest
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, BagFacts, facts_of, filtered, load, model_for, OUTPUTS, training_blocks,
-    Unused)
+    BagChoice, BagData, BagFacts, facts_of, filtered, load, model_for, OUTPUTS, SurveyedBag,
+    training_blocks, Unused)
 from tudor_dynamics.identification.fit import blank, FitSettings
 from tudor_dynamics.identification.validation import Tally, trace
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_io import dump_npz, load_npz
 from tudor_dynamics.models.estimation import Products
 from tudor_dynamics.parallel import Count, in_processes, in_threads, width, workers
-from tudor_dynamics.typing import FloatArray
 
 
 PARTS = ('arm', 'bags', 'signals', 'models', 'identification')
@@ -121,16 +120,6 @@ class Spool(Memory):
         self._file.write(content)
 
 
-@dataclass(frozen=True)
-class SurveyedBag:
-    """A bag before it is read."""
-
-    choice: BagChoice  # bag, or part of one, as it was given
-    checksum: str  # SHA-256 over its storage files
-    payload: float | None = None  # mass at the tip, as given or as its metadata say [kg]
-    fold: int = -1  # which bags it is left out with
-
-
 @dataclass(frozen=True, eq=False)
 class Task:
     """What is asked of every bag."""
@@ -172,7 +161,7 @@ class Task:
     def kept(self, seen: SurveyedBag) -> BagSums:
         """Read what a bag came to, which has to be there."""
         name = self.name(seen, '.npz')
-        return _there(read_bag(self.store, name), self.store, name)
+        return _there(loaded_sums(self.store.read(name) or b''), self.store, name)
 
     @cached_property
     def _digest(self) -> str:
@@ -210,8 +199,8 @@ class Trial:
 
     def kept(self, seen: SurveyedBag) -> BagErrors:
         """Read how the models did on a bag, which has to be there."""
-        name = self.name(seen)
-        return _there(read_judged(self.task.store, name), self.task.store, name)
+        name, store = self.name(seen), self.task.store
+        return _there(loaded_errors(store.read(name) or b''), store, name)
 
     @cached_property
     def _digest(self) -> str:
@@ -242,21 +231,25 @@ class BagErrors:
     seen: Mapping[Place, Tally]
 
 
-def write_bag(store: Store, name: str, bag: BagSums) -> None:
-    """Keep what a bag came to."""
+def dumped_sums(bag: BagSums) -> bytes:
+    """Write what a bag came to: Gram matrices, triangular factors filled up with zeros."""
     arrays: dict[str, Any] = {'facts': np.frombuffer(json.dumps(
         asdict(bag.facts)).encode(), np.uint8)}
     for (number, output), part in bag.parts.items():
         for i, group in enumerate(part):
-            arrays[f'{number} {output} {i}'] = np.array([_matrices(item) for item in group])
+            matrices = np.zeros((len(group), 2, *group[0].gram.shape))
+            for both, item in zip(matrices, group, strict=True):
+                assert item.triangle is not None
+                both[0], both[1, :len(item.triangle)] = item.gram, item.triangle
+            arrays[f'{number} {output} {i}'] = matrices
             arrays[f'{number} {output} {i} n'] = np.array([item.n for item in group])
-    store.write(name, dump_npz(arrays))
+    return dump_npz(arrays)
 
 
-def read_bag(store: Store, name: str) -> BagSums | None:
+def loaded_sums(content: bytes) -> BagSums | None:
     """Read what a bag came to; None where nothing whole is kept."""
     try:
-        arrays = load_npz(store.read(name) or b'', Path(name))
+        arrays = load_npz(content, Path('sums'))
         facts = _facts(json.loads(arrays.pop('facts').astype(np.uint8).tobytes()))
         parts: dict[Place, Part] = {}
         for name, values in arrays.items():
@@ -274,23 +267,28 @@ def read_bag(store: Store, name: str) -> BagSums | None:
     return BagSums(facts, parts)
 
 
-def write_judged(store: Store, name: str, judged: BagErrors) -> None:
-    """Keep how models did on a bag."""
-    store.write(name, json.dumps({'facts': asdict(judged.facts)} | {
-        models: [[*place, _plain(tally)] for place, tally in getattr(judged, models).items()]
-        for models in ('unseen', 'seen')}).encode())
+def dumped_errors(judged: BagErrors) -> bytes:
+    """Write how models did on a bag."""
+    return json.dumps({'facts': asdict(judged.facts)} | {
+        models: [[*place, asdict(tally)] for place, tally in getattr(judged, models).items()]
+        for models in ('unseen', 'seen')}, default=np.ndarray.tolist).encode()
 
 
-def read_judged(store: Store, name: str) -> BagErrors | None:
+def loaded_errors(content: bytes) -> BagErrors | None:
     """Read how models did on a bag; None where nothing whole is kept."""
     try:
-        content = json.loads(store.read(name) or b'')
+        found = json.loads(content)
         unseen, seen = ({(int(number), str(output)): _tally(values)
-                         for number, output, values in content[models]}
+                         for number, output, values in found[models]}
                         for models in ('unseen', 'seen'))
-        return BagErrors(_facts(content['facts']), unseen, seen)
+        return BagErrors(_facts(found['facts']), unseen, seen)
     except (ValueError, KeyError, TypeError):
         return None
+
+
+def _tally(content: dict[str, Any]) -> Tally:
+    return Tally(**{key: np.array(value) if isinstance(value, list) else value
+                    for key, value in content.items()})  # type: ignore[arg-type]
 
 
 def _there(found: Item | None, store: Store, name: str) -> Item:
@@ -303,25 +301,6 @@ def _there(found: Item | None, store: Store, name: str) -> Item:
 
 def _facts(content: dict[str, Any]) -> BagFacts:
     return BagFacts(**{**content, 'warnings': tuple(content['warnings'])})
-
-
-def _plain(tally: Tally) -> list[Any]:
-    values = (getattr(tally, item.name) for item in fields(Tally))
-    return [value.tolist() if isinstance(value, np.ndarray) else value for value in values]
-
-
-def _tally(values: Sequence[Any]) -> Tally:
-    given = zip(fields(Tally), values, strict=True)
-    content: dict[str, Any] = {item.name: np.array(value) if isinstance(value, list) else value
-                               for item, value in given}
-    return Tally(**content)
-
-
-def _matrices(product: Products) -> FloatArray:
-    factor = np.zeros_like(product.gram)
-    assert product.triangle is not None
-    factor[:len(product.triangle)] = product.triangle
-    return np.array([product.gram, factor])
 
 
 EACH = 8
@@ -363,7 +342,7 @@ def survey(
 
 def gather(
     asked: Sequence[tuple[Task, Sequence[SurveyedBag]]], jobs: int, progress: Progress,
-) -> list[BagFacts | Unused]:
+) -> Found:
     """Multiply out many bags, and keep what each came to."""
     trials = [Trial(task, tuple(bags), {}, {}) for task, bags in asked]
     return _gone_through(_gather, trials, _sums, jobs, progress)
@@ -373,44 +352,40 @@ def _sums(trial: Trial, seen: SurveyedBag) -> str:
     return trial.task.name(seen, '.npz')
 
 
-def _gather(trial: Trial, count: Count) -> list[BagFacts | Unused]:
+def _gather(trial: Trial, count: Count) -> Found:
     task = trial.task
     models: dict[str, AnalyticalModel] = {}
 
     def products(seen: SurveyedBag) -> BagFacts:
         name = _sums(trial, seen)
-        kept = read_bag(task.store, name)
+        kept = loaded_sums(task.store.read(name) or b'')
         if kept is None:
             for output in () if models else task.outputs:  # only where there is anything to do
                 model = blank('analytical', task.arm, output, task.settings)
                 assert isinstance(model, AnalyticalModel)
                 models[output] = model
-            kept = _multiplied(task, _complete(task, task.read(seen)), models)
-            write_bag(task.store, name, kept)
+            data = _by_each_filter(task, seen)
+            kept = BagSums(facts_of(data[0]), {
+                (number, output): model.products(training_blocks(
+                    [bag], output, with_payload=task.with_payload, inputs=model.inputs),
+                    triangular=True)
+                for number, bag in enumerate(data) for output, model in models.items()})
+            task.store.write(name, dumped_sums(kept))
         return kept.facts
     return _each(trial.bags, products, count, task.base)
 
 
-def _multiplied(task: Task, bag: BagData, models: dict[str, AnalyticalModel]) -> BagSums:
-    parts = {}
-    for number, spec in enumerate(task.specs):
-        data = bag if number == 0 else filtered(bag, spec)
-        for output, model in models.items():
-            blocks = training_blocks([data], output, with_payload=task.with_payload,
-                                     inputs=model.inputs)
-            parts[number, output] = model.products(blocks, triangular=True)
-    return BagSums(facts_of(bag), parts)
-
-
-def _complete(task: Task, bag: BagData) -> BagData:
+def _by_each_filter(task: Task, seen: SurveyedBag) -> list[BagData]:
+    """Read a bag once, and filter it in all the ways that are asked for."""
+    bag = task.read(seen)
     lacking = [output for output in OUTPUTS if output in task.outputs and not bag.has(output)]
     if lacking:
         raise BagError(f'no {" and no ".join(lacking)}, which other bags have',
                        place=str(bag.choice), remedy='fit it apart')
-    return bag
+    return [bag, *(filtered(bag, spec) for spec in task.specs[1:])]
 
 
-def judge(trials: Sequence[Trial], jobs: int, progress: Progress) -> list[BagFacts | Unused]:
+def judge(trials: Sequence[Trial], jobs: int, progress: Progress) -> Found:
     """Let models predict many bags, and keep how they did."""
     return _gone_through(_judge, trials, Trial.name, jobs, progress)
 
@@ -449,20 +424,19 @@ def _taken(store: Store, answer: Answer) -> Found:
     return found
 
 
-def _judge(trial: Trial, count: Count) -> list[BagFacts | Unused]:
+def _judge(trial: Trial, count: Count) -> Found:
     task = trial.task
 
     def tallies(seen: SurveyedBag) -> BagFacts:
         name = trial.name(seen)
-        judged = read_judged(task.store, name)
+        judged = loaded_errors(task.store.read(name) or b'')
         if judged is None:
-            bag = _complete(task, task.read(seen))
-            data = [bag, *(filtered(bag, spec) for spec in task.specs[1:])]
-            judged = BagErrors(facts_of(bag), *(
-                {(number, output): trace(model_for(model, bag), data[number], output).tally()
+            data = _by_each_filter(task, seen)
+            judged = BagErrors(facts_of(data[0]), *(
+                {(number, output): trace(model_for(model, data[0]), data[number], output).tally()
                  for (number, output), model in models.items()}
                 for models in (trial.unseen, trial.seen)))
-            write_judged(task.store, name, judged)
+            task.store.write(name, dumped_errors(judged))
         return judged.facts
     return _each(trial.bags, tallies, count, task.base)
 
