@@ -16,12 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 import os
 from pathlib import Path
 import time
-from typing import Any, TYPE_CHECKING, TypeVar
+from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
 import warnings
 
 import numpy as np
@@ -51,7 +52,7 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
 from tudor_dynamics.models.bundle_io import check_target, save_bundle
-from tudor_dynamics.models.estimation import Products, triangular
+from tudor_dynamics.models.estimation import triangular
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.monitor import MonitorSettings
@@ -233,8 +234,7 @@ def fit(
         progress=progress).bundle
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(NamedTuple):
     """A fit with all that was found, for who wants more than the models."""
 
     result: FitResult
@@ -259,24 +259,24 @@ def fit_choices(
     check_choices(training, test)
     if out is not None:
         check_target(out, overwrite=overwrite)
-    clock = Clock()
-    bags = _source(arm, training, test, preprocessing, settings, payloads, streaming, progress)
-    clock.lap('read and filter')
-    result = fit_bags(bags, settings, progress, ignore_payload=ignore_payload)
-    clock.lap('fit and validate')
-    planned = None if plan is None else compare_with_plan(result, plan)
-    progress('collision thresholds')
-    assessment = assess(result)
-    bundle = bundle_of(result, assessment)
-    clock.lap('collision thresholds')
+    seconds: dict[str, float] = {}
+    with _timed(seconds, 'read and filter'):
+        bags = _source(arm, training, test, preprocessing, settings, payloads, streaming, progress)
+    with _timed(seconds, 'fit and validate'):
+        result = fit_bags(bags, settings, progress, ignore_payload=ignore_payload)
+    with _timed(seconds, 'collision thresholds'):
+        planned = None if plan is None else compare_with_plan(result, plan)
+        progress('collision thresholds')
+        assessment = assess(result)
+        bundle = bundle_of(result, assessment)
     if out is not None:
         from tudor_dynamics.show.page import report_bytes  # plots are slow to import
 
-        progress('report')
-        save_bundle(bundle, out, overwrite=overwrite, extra={
-            'report.html': report_bytes(result, assessment, planned=planned)})
-        clock.lap('save and report')
-    return Fit(result, assessment, bundle, planned, clock.seconds)
+        with _timed(seconds, 'save and report'):
+            progress('report')
+            save_bundle(bundle, out, overwrite=overwrite, extra={
+                'report.html': report_bytes(result, assessment, planned=planned)})
+    return Fit(result, assessment, bundle, planned, seconds)
 
 
 def _source(
@@ -292,19 +292,13 @@ def _source(
     return HeldBags(arm, training, test, spec, payloads, progress)
 
 
-class Clock:
-    """What took how long."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = self._begun = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        """End a stage."""
-        now = time.perf_counter()
-        self.seconds[name] = round(now - self._last, 3)
-        self.seconds['total'] = round(now - self._begun, 3)
-        self._last = now
+@contextmanager
+def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    """Note how long a stage takes, and all of them [s]."""
+    begun = time.perf_counter()
+    yield
+    seconds[stage] = round(time.perf_counter() - begun, 3)
+    seconds['total'] = round(sum(seconds.values()) - seconds.get('total', 0.0), 3)
 
 
 def _by_path(payloads: Mapping[str, float], bags: Sequence[BagChoice]) -> dict[str, float]:
@@ -322,11 +316,7 @@ def _by_path(payloads: Mapping[str, float], bags: Sequence[BagChoice]) -> dict[s
 
 # -- Bags added to a model, or taken from it, without going through the others again
 
-Part = list[list[Products]]
-
-
-@dataclass(frozen=True, eq=False)
-class Changed:
+class Changed(NamedTuple):
     """A bundle with other bags."""
 
     # Its models are those of a fit to all its bags with the same choices. Validation and
@@ -354,29 +344,35 @@ def change_bags(
     if not {*names} - {*drop} and not keys:
         raise UsageError('no bag would be left to learn from', remedy='drop fewer bags')
     facts = dict(bundle.facts)
-    listed = facts.get('training')
-    training = [item for item in (listed if isinstance(listed, list) else [])
-                if isinstance(item, dict) and item.get('bag') not in drop]
+    training = [item for item in _training(facts) if item.get('bag') not in drop]
     data = [load(choice, bundle.arm, bundle.preprocessing, learn=True) for choice in choices]
     _refuse_copies(data, training)
     facts['training'] = [*training, *(facts_of(bag).as_dict() for bag in data)]
     history = facts.get('changed')
     facts['changed'] = [*(history if isinstance(history, list) else []),
                         {'added': keys, 'dropped': list(drop)}]
-    models = _changed(bundle.arm, bundle.models, data, drop)
+    models = _changed(bundle.models, data, drop)
     causal = None
     if bundle.causal is not None:
         spec = bundle.causal.preprocessing
         others = [load(choice, bundle.arm, spec, learn=True) for choice in choices]
-        causal = CausalModels(spec, _changed(bundle.arm, bundle.causal.models, others, drop))
+        causal = CausalModels(spec, _changed(bundle.causal.models, others, drop))
     left_out = {output: _left_out(model) for output, kinds in models.items()
                 for model in kinds.values() if isinstance(model, AnalyticalModel)}
     return Changed(replace(bundle, models=models, causal=causal, facts=facts), left_out)
 
 
+def _training(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Give what a bundle says of its training bags."""
+    listed = facts.get('training')
+    return [item for item in (listed if isinstance(listed, list) else ())
+            if isinstance(item, dict)]
+
+
 def _parts(bundle: ModelBundle) -> list[str]:
     """Name the bags; refuse models that are no sum over them."""
     sets = [bundle.models, *([] if bundle.causal is None else [bundle.causal.models])]
+    own = {item.get('bag') for item in _training(bundle.facts)}
     names: list[str] | None = None
     for output, kind, model in ((output, kind, model) for models in sets
                                 for output, kinds in models.items()
@@ -384,10 +380,7 @@ def _parts(bundle: ModelBundle) -> list[str]:
         if not isinstance(model, AnalyticalModel):
             raise ModelError(f'the {kind} model of {output} is no sum over its bags',
                              remedy='fit again, with all of them')
-        listed = bundle.facts.get('training')
-        own = [item.get('bag') for item in (listed if isinstance(listed, list) else [])
-               if isinstance(item, dict)]
-        if not model.data_ or {*model.data_} != {*own}:
+        if not model.data_ or {*model.data_} != own:
             raise ModelError(
                 f'the {kind} model of {output} has not kept what each of its bags came to (older '
                 "models, Huber's estimator, friction that grows with the load, and more than "
@@ -407,9 +400,9 @@ def _refuse_copies(data: Sequence[BagData], training: Sequence[Mapping[str, Any]
 
 
 def _changed(
-    arm: Arm, models: Mapping[str, Mapping[str, Model]], data: Sequence[BagData],
-    drop: Sequence[str],
+    models: Mapping[str, Mapping[str, Model]], data: Sequence[BagData], drop: Sequence[str],
 ) -> dict[str, dict[str, Model]]:
+    """Fit models to the sums of what stays and what comes."""
     return {output: {kind: _one(model, output, data, drop) for kind, model in kinds.items()}
             for output, kinds in models.items()}
 
@@ -417,7 +410,6 @@ def _changed(
 def _one(
     model: Model, output: str, data: Sequence[BagData], drop: Sequence[str],
 ) -> AnalyticalModel:
-    """Fit one model to the sum of what stays and what comes."""
     assert isinstance(model, AnalyticalModel)
     lacking = [str(bag.choice) for bag in data if not bag.has(output)]
     if lacking:
@@ -437,11 +429,9 @@ def _left_out(model: AnalyticalModel) -> dict[str, FloatArray]:
     found = {}
     for name, part in model.data_.items():
         others = {other: item for other, item in model.data_.items() if other != name}
-        if not others:
-            continue
-        blind = model.like().fit_data(others)
-        errors = part_errors(blind, part)
-        found[name] = np.sqrt(errors.squares / np.maximum(errors.power, 1e-300))
+        if others:
+            squares, power, _ = part_errors(model.like().fit_data(others), part)
+            found[name] = np.sqrt(squares / np.maximum(power, 1e-300))
     return found
 
 
@@ -477,11 +467,9 @@ class Prediction:
         the first one by default.
         """
         # plots are slow to import, and most predictions are read
-        from tudor_dynamics.show.figures import liveliest
-        from tudor_dynamics.show.figures import write_figure
-        from tudor_dynamics.show.figures import ComparedSignal, draw_signal
+        from tudor_dynamics.show.figures import (
+            ComparedSignal, draw_signal, liveliest, PAGE, style, write_figure)
         from tudor_dynamics.show.pictures import picture_path
-        from tudor_dynamics.show.figures import PAGE, style
 
         target = None if path is None else picture_path(path)
         output = output or ('strain' if 'strain' in self.outputs else next(iter(self.outputs)))
@@ -533,10 +521,8 @@ def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
 
 def _trained_on(facts: Mapping[str, Any], bags: Sequence[BagData]) -> list[str]:
     """Name those bags that have samples of a training bag, by checksum, under whatever names."""
-    training = facts.get('training')
-    known = [(item['sha256'], parse_choice(str(item.get('bag')))) for item in
-             (training if isinstance(training, list) else ())
-             if isinstance(item, dict) and item.get('sha256')]
+    known = [(item['sha256'], parse_choice(str(item.get('bag')))) for item in _training(facts)
+             if item.get('sha256')]
     return [str(bag.choice) for bag in bags if any(
         bag.recording.checksum == checksum and bag.choice.overlaps(choice)
         for checksum, choice in known)]

@@ -28,7 +28,7 @@ from tudor_dynamics.identification.dataset import all_stretches, BagData, Survey
 from tudor_dynamics.identification.next_steps import change_of, ErrorChange
 from tudor_dynamics.identification.ringdowns import clear_ring, standstills
 from tudor_dynamics.identification.settings import LEAST_SPREAD, SIGMAS
-from tudor_dynamics.identification.validation import part_errors, PartErrors
+from tudor_dynamics.identification.validation import part_errors
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.elastic.model import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import kind_of
@@ -208,10 +208,9 @@ def aged(
         for i, channel in enumerate(model.channels)]
 
 
-def _figures(parts: Sequence[PartErrors]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _figures(parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Give root mean square and relative error, and how uncertain the mean square is."""
-    squares, power, n = (np.array([getattr(part, name) for part in parts])
-                         for name in ('squares', 'power', 'n'))
+    squares, power, n = np.stack(parts, axis=1)
     means = squares / n
     doubt = (means.std(axis=0, ddof=1) / np.sqrt(len(parts)) / np.maximum(
         means.mean(axis=0), 1e-300) if len(parts) > 1 else np.full(n.shape[1], 0.5))

@@ -126,14 +126,8 @@ def _stands(out: Path) -> bool:
 SEARCHED_WITH = (*PARTS, 'mechanics')
 """Parts of the package that a search depends on."""
 Physical = tuple[PhysicalParameter, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    """The dates of an arm, in order."""
-
-    task: Task
-    dates: tuple[Sequence[SurveyedBag], ...]
+Dates = tuple[Task, tuple[Sequence[SurveyedBag], ...]]
+"""What is asked of an arm, and its bags date by date."""
 
 
 def stiffnesses(
@@ -143,7 +137,7 @@ def stiffnesses(
     """Search for the stiffnesses of arms over time; what was found before is taken up."""
     whens = [sorted(when for when in bags if when[0] == name) for name in tasks]
     found = in_processes(_over_time, [
-        _Piece(task, tuple(bags[when] for when in mine))
+        (task, tuple(bags[when] for when in mine))
         for task, mine in zip(tasks.values(), whens, strict=True)], jobs, progress)
     seen: list[Observation] = []
     unused: list[Unused] = []
@@ -156,14 +150,15 @@ def stiffnesses(
     return seen, unused
 
 
-def _over_time(piece: _Piece, count: Count) -> list[list[Quantity] | str]:
+def _over_time(piece: Dates, count: Count) -> list[list[Quantity] | str]:
+    task, dates = piece
     found: list[list[Quantity] | str] = []
     warm: dict[str, float] | None = None
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', TudorWarning)
-        for bags in piece.dates:
+        for bags in dates:
             try:
-                known = _known(piece.task, bags, warm)
+                known = _known(task, bags, warm)
             except TudorError as err:
                 found.append(err.advice)
             else:

@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 import datetime
 from pathlib import Path
@@ -76,23 +77,10 @@ class FleetArm(Spec):
             raise ValueError(f'{name!r} is no name of a folder')
         return name
 
-    @property
-    def dates(self) -> list[datetime.date]:
-        """Give the dates in their order."""
-        return sorted(self.bags)
-
-    def named(self, date: datetime.date) -> tuple[str, ...]:
-        """
-        Give what stands at a date.
-
-        Parameters
-        ----------
-        date : date
-            One of the arm's dates.
-
-        """
-        bags = self.bags[date]
-        return (bags,) if isinstance(bags, str) else bags
+    def dated(self) -> Iterator[tuple[datetime.date, tuple[str, ...]]]:
+        """Give the dates in their order, and what stands at each."""
+        for date, bags in sorted(self.bags.items()):
+            yield date, (bags,) if isinstance(bags, str) else bags
 
 
 class FleetPlan(Spec):
@@ -108,34 +96,14 @@ class FleetPlan(Spec):
     @field_validator('arms')
     @classmethod
     def _have_own_names(cls, arms: tuple[FleetArm, ...]) -> tuple[FleetArm, ...]:
-        names = [arm.name for arm in arms]
-        twice = next((name for name in names if names.count(name) > 1), None) if (
-            len({*names}) < len(names)) else None
-        if twice is not None:
-            raise ValueError(f'two arms are called {twice!r}')
+        name, count = Counter(arm.name for arm in arms).most_common(1)[0]
+        if count > 1:
+            raise ValueError(f'two arms are called {name!r}')
         return arms
 
 
 def load_plan(path: Path) -> FleetPlan:
-    """
-    Read the plan of a fleet.
-
-    Parameters
-    ----------
-    path : Path
-        YAML file, see docs/fleet.md.
-
-    Returns
-    -------
-    FleetPlan
-        Checked plan, in which every arm has a description.
-
-    Raises
-    ------
-    UsageError
-        If it cannot be read or is wrong; the message names file, key and expectation.
-
-    """
+    """Read the plan of a fleet, YAML as in docs/fleet.md, in which every arm has a description."""
     remedy = 'docs/fleet.md describes a plan'
     try:
         plan = FleetPlan.model_validate(load_yaml(read_bounded(path, LARGEST).decode()))
@@ -330,14 +298,9 @@ class _Study:
 
     def _see(self) -> None:
         """Find the bags of each date, and see what they are."""
-        whens: list[tuple[FleetArm, datetime.date]] = [
-            (arm, date) for arm in self.plan.arms for date in arm.dates]
-        named = []
-        for arm, date in whens:
-            found = [replace(choice, path=_relative(choice.path, self.run.base))
-                     for choice in found_choices([str(self.run.base / text)
-                                                  for text in arm.named(date)])]
-            named += [(arm, date, choice) for choice in found]
+        named = [(arm, date, replace(choice, path=_relative(choice.path, self.run.base)))
+                 for arm in self.plan.arms for date, bags in arm.dated()
+                 for choice in found_choices([str(self.run.base / text) for text in bags])]
         answers = survey([choice for _, _, choice in named], {}, self.run.base, self.run.jobs,
                          lambda done: self.progress('see bags'))
         known: dict[str, str] = {}

@@ -287,8 +287,9 @@ def loaded_errors(content: bytes) -> BagErrors | None:
 
 
 def _tally(content: dict[str, Any]) -> Tally:
-    return Tally(**{key: np.array(value) if isinstance(value, list) else value
-                    for key, value in content.items()})  # type: ignore[arg-type]
+    arrays: dict[str, Any] = {key: np.array(value) if isinstance(value, list) else value
+                              for key, value in content.items()}
+    return Tally(**arrays)
 
 
 def _there(found: Item | None, store: Store, name: str) -> Item:

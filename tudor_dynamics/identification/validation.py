@@ -234,18 +234,12 @@ def rounded(score: Score, digits: int = 6) -> dict[str, Any]:
 
 # -- Errors of an analytical model on a part of the data, from what that part came to alone
 
-@dataclass(frozen=True, eq=False)
-class PartErrors:
-    """Errors on a part."""
+def part_errors(model: AnalyticalModel, part: list[list[Products]]) -> FloatArray:
+    """
+    Judge a model by products.
 
-    # (channels,): squared errors and squared outputs, summed, in the unit of the output squared.
-    squares: FloatArray
-    power: FloatArray
-    n: FloatArray  # number of samples, (channels,)
-
-
-def part_errors(model: AnalyticalModel, part: list[list[Products]]) -> PartErrors:
-    """Judge a model by products."""
+    Returns (3, channels): squared errors and squared outputs, summed, and the number of samples.
+    """
     found = np.zeros((3, len(model.channels)))
     for group, products in zip(model.groups_, part, strict=True):
         for i, (channel, own) in enumerate(zip(group.base.channels, products, strict=True)):
@@ -255,7 +249,7 @@ def part_errors(model: AnalyticalModel, part: list[list[Products]]) -> PartError
                                   group.constants.values[i])
             found[:, channel] = (squared_residuals(scaled, group.estimate.parameters),
                                  scaled.gram[-1, -1], own.n)
-    return PartErrors(*found)
+    return found
 
 
 # -- What no model can explain: the noise of the sensors, after the filters of a fit
