@@ -75,7 +75,8 @@ def test_few_bags_are_divided(bags: int, least: int, count: int) -> None:
     for bag in whole:
         own = [part.choice for part in found if part.choice.path == bag.choice.path]
         assert own[0].begin == pytest.approx(0.2) and own[-1].end == pytest.approx(0.8)
-        assert all(one.end == pytest.approx(other.begin) for one, other in zip(own, own[1:], strict=False))
+        for one, other in zip(own, own[1:], strict=False):
+            assert one.end == pytest.approx(other.begin)
         assert {part.payload for part in found} == {0.1}
 
 
