@@ -158,8 +158,9 @@ def react(user: Listener, name: str, act: Callable[[], None]) -> dict[str, Any]:
     if name == 'push':
         user.push((0.0, 0.0, 0.0))
         user.let_pass(1.0)
-    user.reset('reference_generator')
     user.reset('monitor')
+    while not user.reset('reference_generator'):  # it may not know yet that the collision is over
+        pass
     return seen
 
 

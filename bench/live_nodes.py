@@ -251,9 +251,9 @@ class Listener:
                 return future.result()
         raise SystemExit(f'{service}: no answer')
 
-    def reset(self, node: str) -> None:
-        """Call ``~/reset`` of a node."""
-        self.call(Trigger, f'{node}/reset', Trigger.Request())
+    def reset(self, node: str) -> bool:
+        """Call ``~/reset`` of a node; say whether it was done."""
+        return bool(self.call(Trigger, f'{node}/reset', Trigger.Request()).success)
 
     def ask_reset(self, node: str) -> bool:
         """Call ``~/reset`` of a node without waiting; False where it is not there."""

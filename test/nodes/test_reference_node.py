@@ -31,6 +31,7 @@ from ros_world import joint_message, JOINTS, values_of, World
 from rosgraph_msgs.msg import Clock
 from schedule_making import schedule
 from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
@@ -174,7 +175,7 @@ def test_begins_again_where_the_arm_is(world: World, tudor: Path) -> None:
 
 
 def test_collision_before_the_first_positions(world: World, tudor: Path) -> None:
-    """A latched collision is known before any position: no goals until ~/reset."""
+    """A latched collision is known before any position: no goals until ~/reset, said twice."""
     publisher = world.probe.create_publisher(Bool, 'collision', latched())
     publisher.publish(Bool(data=True))
     generator = Generator(world, tudor)
@@ -184,7 +185,11 @@ def test_collision_before_the_first_positions(world: World, tudor: Path) -> None
     assert generator.node.drops['goal_refused'] == 1
     status = generator.told()
     assert status.level == DiagnosticStatus.WARN and 'collision' in status.message
-    generator.node._reset()
+    refused = world.call(Trigger, 'reference_generator/reset')
+    assert not refused.success and 'still reported' in refused.message
+    generator.go(GOAL)
+    assert generator.node.drops['goal_refused'] == 2
+    assert world.call(Trigger, 'reference_generator/reset').success
     generator.go(GOAL)
     assert generator.run(120)[-1] == pytest.approx(GOAL)
 

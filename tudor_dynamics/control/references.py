@@ -247,6 +247,7 @@ class ReferenceSource:
         self.tolerances, self.partial = Tolerances(), True
         self.motion: ReactingReference | None = None
         self.outcome = ''
+        self._asked = -math.inf
         self._ends: FloatArray | None = None
         self._overdue = 0.0
         self.note = ''
@@ -405,6 +406,16 @@ class ReferenceSource:
         self.collision = False
         if self.motion is not None:
             self.motion.clear()
+
+    def reset(self, now: float) -> None:
+        """Take goals again; while a collision lasts only if that is asked for twice [s]."""
+        if self.collision and now - self._asked > settings.RESET_AGAIN:
+            self._asked = now
+            raise UsageError(
+                'a collision is still reported', remedy='look at the arm and reset the monitor; '
+                f'or, where it may move all the same, ask again within {settings.RESET_AGAIN:g} s')
+        self._asked = -math.inf
+        self.clear()
 
     def halt(self, cause: str) -> None:
         """Brake and take no goals for a cause, such as that nobody watches; empty to go on."""

@@ -219,6 +219,9 @@ LARGEST_PERIOD = 0.1
 # A resting reference that the arm is not near for so long begins again at the arm [s]; source:
 # none known.
 LOST_TIME = 0.5
+# A reset during a collision is believed if it is asked for again within this [s]; source: none
+# known, long enough to read the refusal and to repeat the command.
+RESET_AGAIN = 15.0
 
 # -- Force at the tip (docs/force_control.md; steps and contact: `python -m papers force`)
 

@@ -126,7 +126,7 @@ class ReferenceGeneratorNode(TudorNode):
     def _reset(self) -> str:
         if self.source is None:
             return 'nothing to reset yet'
-        self.source.clear()
+        self.source.reset(self.steady())
         return 'goals are taken again'
 
     def _on_joints(self, message: JointState) -> None:
