@@ -157,6 +157,11 @@ class Arm:
         """Names of the gauges."""
         return tuple(gauge.name for gauge in self.gauges)
 
+    @property
+    def channels(self) -> dict[str, tuple[str, ...]]:
+        """Names of the channels of each output."""
+        return {'effort': self.active_joints, 'strain': self.gauge_names}
+
     def _reduce(self, model: pin.Model, keep: tuple[str, ...]) -> pin.Model:
         reference = np.zeros(model.nq)
         locked = []

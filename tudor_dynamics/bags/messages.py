@@ -214,7 +214,7 @@ DATA = 'data'
 """Name of the only field of a Float64MultiArray."""
 
 
-def array_layout(buffer: bytes) -> Layout:
+def array_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     """Parse the structure of a Float64MultiArray."""
     cursor = Cursor(buffer)
     dimensions = cursor.count()
@@ -229,7 +229,8 @@ def array_layout(buffer: bytes) -> Layout:
     place = cursor.doubles()
     if place[1] > MAX_NAMES:
         raise CdrError(f'has {place[1]} values; at most {MAX_NAMES} are read')
-    return cursor.finish('', tuple(map(str, range(place[1]))), {DATA: place}, stamped=False)
+    names = tuple(map(str, range(place[1])))
+    return cursor.finish('', names, {DATA: place}, spare, stamped=False)
 
 
 def dynamic_layout(buffer: bytes) -> Layout:

@@ -25,7 +25,6 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -36,7 +35,7 @@ from tudor_dynamics.mechanics.hardware import Floor
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
-from tudor_dynamics.nodes.common.messages import joint_state, time_message
+from tudor_dynamics.nodes.common.messages import joint_state, time_message, wrench_stamped
 from tudor_dynamics.nodes.common.runner import run
 
 BEHIND = 0.2
@@ -96,20 +95,16 @@ class ArmSimulatorNode(TudorNode):
         # what comes with the positions: others have no effort there
         self._own_efforts = efforts.pop(arm.spec.joint_topic, [])
         self._own_strains = strains.pop(arm.spec.joint_topic, [])
-        self._efforts = self._outputs(efforts, self._names)
-        self._strains = self._outputs(strains, self._gauges)
+        self._efforts, self._strains = (
+            [(self.publish_on(JointState, topic), index, [names[k] for k in index])
+             for topic, index in topics.items()]
+            for topics, names in ((efforts, self._names), (strains, self._gauges)))
         self._wrench = self.publish_on(WrenchStamped, APPLIED_WRENCH)
         self._ticks = self.create_publisher(Clock, CLOCK, 10) if self.value('clock') else None
         self._inputs = [
             self.subscribe(Float64MultiArray, VELOCITY_COMMANDS, self._on_command),
             self.subscribe(WrenchStamped, EXTERNAL_WRENCH, self._on_wrench)]
         self.serve(RESET, self._reset)
-
-    def _outputs(
-        self, topics: dict[str, list[int]], names: list[str],
-    ) -> list[tuple[Publisher, list[int], list[str]]]:
-        return [(self.publish_on(JointState, topic), index, [names[k] for k in index])
-                for topic, index in topics.items()]
 
     def apply(self) -> None:
         """Take a changed floor into use."""
@@ -189,11 +184,7 @@ class ArmSimulatorNode(TudorNode):
             publisher.publish(joint_state(stamp, names, position=sample.strain[index]))
         self._joints.publish(self._own_message(stamp, sample))
         if self._wrench.get_subscription_count():
-            message = WrenchStamped()
-            message.header.stamp, message.header.frame_id = stamp, 'base'
-            force = message.wrench.force
-            force.x, force.y, force.z = (float(x) for x in sample.force)
-            self._wrench.publish(message)
+            self._wrench.publish(wrench_stamped(stamp, 'base', sample.force))
 
     def _own_message(self, stamp: Any, sample: Any) -> JointState:
         """Make the message of positions, with efforts and strains where they come with them."""

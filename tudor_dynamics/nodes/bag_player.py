@@ -30,10 +30,10 @@ from rosgraph_msgs.msg import Clock
 
 from tudor_dynamics.bags.storage import read_track, Track
 from tudor_dynamics.errors import BagError, TudorError
-from tudor_dynamics.nodes.common.base import Figure, OK
+from tudor_dynamics.nodes.common.base import Figure, OK, TudorNode
 from tudor_dynamics.nodes.common.interfaces import CLOCK
 from tudor_dynamics.nodes.common.messages import time_message
-from tudor_dynamics.nodes.common.runner import EndingNode, run
+from tudor_dynamics.nodes.common.runner import run
 
 
 DELIVERY = Duration(seconds=2)
@@ -50,7 +50,7 @@ def message_class(msgtype: str) -> Any:
         raise BagError(msg) from None
 
 
-class BagPlayerNode(EndingNode):
+class BagPlayerNode(TudorNode):
     """Player node; ``**kwargs`` go to rclpy's Node."""
 
     FIGURES: tuple[Figure, ...] = (

@@ -21,15 +21,14 @@ from functools import partial
 import sys
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from tudor_dynamics.bags.writer import LiveWriter
 from tudor_dynamics.errors import BagError, TudorError
 from tudor_dynamics.nodes.bag_player import message_class
-from tudor_dynamics.nodes.common.base import Figure
-from tudor_dynamics.nodes.common.runner import EndingNode, run
+from tudor_dynamics.nodes.common.base import Figure, TudorNode
+from tudor_dynamics.nodes.common.runner import run
 
 DEPTH = 1000
 LOOK, SAVE = 0.2, 1.0
@@ -39,7 +38,7 @@ DELIVERY = Duration(seconds=1)
 IGNORED = ('/rosout', '/parameter_events')
 
 
-class BagRecorderNode(EndingNode):
+class BagRecorderNode(TudorNode):
     """Recorder node; ``**kwargs`` go to rclpy's Node."""
 
     FIGURES: tuple[Figure, ...] = (
@@ -61,9 +60,7 @@ class BagRecorderNode(EndingNode):
             return
         self._wanted = {self.resolve_topic_name(name) for name in self.value('topics')}
         self._look()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # simulated time may stand still
-        self._regular = [self.create_timer(LOOK, self._look, clock=steady),
-                         self.create_timer(SAVE, self._save, clock=steady)]
+        self._regular = [self.every(LOOK, self._look), self.every(SAVE, self._save)]
 
     def _to_bag(self, action: Callable[..., Any], *args: Any) -> Any:
         """Do something with the bag; one that takes no more ends the process."""

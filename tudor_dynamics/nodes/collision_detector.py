@@ -24,7 +24,7 @@ from typing import Any
 from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.nodes.common.detection import LoadNode
+from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, MotionReader, NamedReader, PointSample)
@@ -36,7 +36,7 @@ WAITING = 200
 """Motions that may wait for their prediction."""
 
 
-class CollisionDetectorNode(LoadNode):
+class CollisionDetectorNode(DetectNode):
     """Detector node; ``**kwargs`` go to rclpy's Node."""
 
     def __init__(self, **kwargs: Any) -> None:
@@ -50,11 +50,10 @@ class CollisionDetectorNode(LoadNode):
         self.start()
         self._motion_input = self.hear_motions(JOINT_MOTION, self._on_motion)
 
-    def prepare(self, bundle: ModelBundle) -> Watch:
+    def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Watch:
         """Build the detector."""
         warm_up(bundle, self.settings())
-        load = self.port.prepare(self.of_all or bundle, float(self.value('payload')))
-        return Watch(bundle, self.settings(), payload=load)
+        return Watch(bundle, self.settings(), payload=self.port.prepare(whole, self.payload))
 
     def use(self, bundle: ModelBundle, prepared: Watch) -> None:
         """Put another model into use."""
@@ -64,8 +63,7 @@ class CollisionDetectorNode(LoadNode):
         self._motion_reader = MotionReader(bundle.arm.active_joints, self._motion_drops)
         self._motions = {output: OrderedDict() for output in prepared.outputs}
         self._predictions = {output: OrderedDict() for output in prepared.outputs}
-        names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
-        self._prediction_readers = {output: NamedReader(names[output], self.drops)
+        self._prediction_readers = {output: NamedReader(bundle.arm.channels[output], self.drops)
                                     for output in prepared.outputs}
         for output in prepared.outputs:
             key = (output, PREDICTED[output])

@@ -54,11 +54,13 @@ class DynamicsPredictorNode(ModelNode):
         self.start()
         self._subscription = self.hear_motions(JOINT_MOTION, self._on_motion)
 
-    def prepare(self, bundle: ModelBundle) -> tuple[Predictor, CarriedLoad | None]:
+    def prepare(
+        self, bundle: ModelBundle, whole: ModelBundle,
+    ) -> tuple[Predictor, CarriedLoad | None]:
         """Build the predictor."""
         warm_up(bundle, MonitorSettings(kind=self.value('kind')))
-        load = self.port.prepare(self.of_all or bundle, float(self.value('payload')))
-        return Predictor(bundle, self.value('kind'), self.value('observer')), load
+        return (Predictor(bundle, self.value('kind'), self.value('observer')),
+                self.port.prepare(whole, self.payload))
 
     def use(self, bundle: ModelBundle, prepared: tuple[Predictor, CarriedLoad | None]) -> None:
         """Put another predictor into use."""
@@ -69,9 +71,8 @@ class DynamicsPredictorNode(ModelNode):
             self._reader = MotionReader(bundle.arm.active_joints, self.drops)
         if self.predictor.observing and not self._gauges:
             self._hear_strain(bundle)
-        self._encoders = {
-            'effort': JointStateEncoder(bundle.arm.active_joints, (FIELD['effort'],)),
-            'strain': JointStateEncoder(bundle.arm.gauge_names, (FIELD['strain'],))}
+        for output, publisher in self._predicted.items():
+            publisher.encoder = JointStateEncoder(bundle.arm.channels[output], (FIELD[output],))
 
     def _hear_strain(self, bundle: ModelBundle) -> None:
         """Listen to the gauges, which the observer of an elastic model needs."""
@@ -104,7 +105,7 @@ class DynamicsPredictorNode(ModelNode):
         if self.port.load is not None:
             predicted = self.port.load.add_to(predicted, motion.row)
         for output, values in predicted.items():
-            self._predicted[output].publish(self._encoders[output].encode(motion.stamp, values))
+            self._predicted[output].publish(motion.stamp, values)
         self.meter.end(begun)
 
 

@@ -21,7 +21,6 @@ import sys
 from typing import Any
 
 import numpy as np
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -60,27 +59,26 @@ class FeedforwardNode(ModelNode):
         self._states = self.publish_on(JointState, STATES_WITH_EFFORT)
         self.start()
         # as the controller listens: a command is not to be lost
-        self._wanted = self.create_subscription(
-            JointTrajectory, WANTED_TRAJECTORY, self._on_trajectory, strong(),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        self._wanted = self.subscribe(
+            JointTrajectory, WANTED_TRAJECTORY, self._on_trajectory, qos=strong())
         self._single = self.hear_joint_states(WANTED_STATES, self._on_state)
 
     def choose(self, loaded: ModelBundle) -> ModelBundle:
         """Take the models as they were fitted: a wanted motion passes no filter."""
         return loaded
 
-    def prepare(self, bundle: ModelBundle) -> tuple[Feedforward, CarriedLoad | None]:
+    def prepare(
+        self, bundle: ModelBundle, whole: ModelBundle,
+    ) -> tuple[Feedforward, CarriedLoad | None]:
         """Build the feed-forward, and let it work once."""
-        whole = self.of_all or bundle
-        payload = float(self.value('payload'))
         ahead = Feedforward(
             whole, kind=self.value('kind'), unit=self.value('unit'),
             positions=self.value('positions'),
             friction_at_rest=self.value('friction_at_rest'),
-            payload=None if whole.payload_range is None else payload)
+            payload=None if whole.payload_range is None else self.payload)
         rest = np.zeros((2, len(ahead.joints)))
         ahead.along(Trajectory(ahead.joints, np.array([0.0, 1.0]), rest, rest))
-        return ahead, self.port.prepare(whole, payload)
+        return ahead, self.port.prepare(whole, self.payload)
 
     def use(self, bundle: ModelBundle, prepared: tuple[Feedforward, CarriedLoad | None]) -> None:
         """Put another model into use."""

@@ -33,7 +33,7 @@ from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     JOINT_REFERENCE, RESET, RETREAT, TIP_FORCE, WANTED_FORCE)
-from tudor_dynamics.nodes.common.messages import joint_state, nanoseconds
+from tudor_dynamics.nodes.common.messages import joint_state, nanoseconds, wrench_stamped
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.contact_levers import StaticStrain
@@ -133,12 +133,8 @@ class ForceControllerNode(MovingNode):
         self._reference.publish(joint_state(
             message.header.stamp, list(self._joints.names), position=place, velocity=speed))
         if self._tip_force.get_subscription_count():
-            wrench = WrenchStamped()
-            wrench.header.stamp, wrench.header.frame_id = message.header.stamp, 'base'
             force = controller.sensing.normal * np.nan_to_num(controller.force)
-            wrench.wrench.force.x, wrench.wrench.force.y, wrench.wrench.force.z = (
-                float(value) for value in force)
-            self._tip_force.publish(wrench)
+            self._tip_force.publish(wrench_stamped(message.header.stamp, 'base', force))
 
     def verdict(self) -> tuple[bytes, str]:
         """Say why the pose is held."""

@@ -47,7 +47,11 @@ class JointStateFilterNode(TudorNode):
         topic = JOINT_STATES
         self._names: list[str] = list(self.value('joints'))
         self._reader: NamedReader | None = None
-        spec = self._spec()
+        spec = PreprocessingSpec(
+            velocity_cutoff=self.value('velocity_cutoff'),
+            acceleration_cutoff=self.value('acceleration_cutoff'),
+            output_cutoff=self.value('output_cutoff') or None,
+            measured_velocity=self.value('measured_velocity'))
         if self.value('model'):
             try:
                 bundle = load_bundle(self.value('model')).beside_robot()
@@ -66,13 +70,6 @@ class JointStateFilterNode(TudorNode):
         self.serve(RESET, self._reset)
         self._subscription = self.hear_joint_states(topic, self._on_joints)
 
-    def _spec(self) -> PreprocessingSpec:
-        return PreprocessingSpec(
-            velocity_cutoff=self.value('velocity_cutoff'),
-            acceleration_cutoff=self.value('acceleration_cutoff'),
-            output_cutoff=self.value('output_cutoff') or None,
-            measured_velocity=self.value('measured_velocity'))
-
     def _reset(self) -> str:
         self.filter.reset()
         return 'the next sample is a first one'
@@ -85,9 +82,8 @@ class JointStateFilterNode(TudorNode):
             self._names = self._names or list(message.name)
             self._reader = NamedReader(self._names, self.drops)
             self._motion_encoder = MotionEncoder(self._names)
-            self._encoder = JointStateEncoder(self._names, ('position', 'velocity'))
-            self._full_encoder = JointStateEncoder(
-                self._names, ('position', 'velocity', 'effort'))
+            self._encoders = [JointStateEncoder(self._names, fields) for fields in (
+                ('position', 'velocity'), ('position', 'velocity', 'effort'))]
         q = self._reader.read(message, 'position')
         if q is None:
             return
@@ -98,14 +94,12 @@ class JointStateFilterNode(TudorNode):
         n, row, stamp = len(self._names), motion.row, motion.stamp
         self._motion.publish(self._motion_encoder.encode(stamp, round(motion.elapsed * 1e9), row))
         effort = self._reader.read(message, 'effort', optional=True)
+        states = [row[:n], row[n:2 * n]]
         if effort is not None:
-            effort = self._effort.step(motion.dt, effort)
+            states.append(self._effort.step(motion.dt, effort))
         self._listened.look(begun)
-        if self._states.wanted:
-            states = (row[:n], row[n:2 * n])
-            self._states.publish(
-                self._encoder.encode(stamp, *states) if effort is None
-                else self._full_encoder.encode(stamp, *states, effort))
+        self._states.encoder = self._encoders[effort is not None]
+        self._states.publish(stamp, *states)
         self.meter.end(begun)
 
     def counters(self) -> list[Counter[str]]:

@@ -25,7 +25,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.nodes.common.detection import LoadNode
+from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, MotionEncoder, NamedReader)
@@ -33,7 +33,7 @@ from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.monitor import Found, Monitor, warm_up, Watch
 
 
-class MonitorNode(LoadNode):
+class MonitorNode(DetectNode):
     """Monitor node; ``**kwargs`` go to rclpy's Node."""
 
     def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
@@ -48,11 +48,10 @@ class MonitorNode(LoadNode):
         self._carried: dict[str, list[str]] = {}
         self.start()
 
-    def prepare(self, bundle: ModelBundle) -> Monitor:
+    def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Monitor:
         """Build the monitor."""
         warm_up(bundle, self.settings())
-        load = self.port.prepare(self.of_all or bundle, float(self.value('payload')))
-        return Monitor(bundle, self.settings(), payload=load)
+        return Monitor(bundle, self.settings(), payload=self.port.prepare(whole, self.payload))
 
     def use(self, bundle: ModelBundle, prepared: Monitor) -> None:
         """Put another model into use; the filter goes on where it is."""
@@ -63,10 +62,9 @@ class MonitorNode(LoadNode):
         self.adopt(bundle, prepared.watch, own, (self._joint_drops, prepared.filter.drops), {})
         self.monitor = prepared
         self.port.use(prepared.payload)
-        self._motion_encoder = MotionEncoder(bundle.arm.active_joints)
-        self._prediction_encoders = {
-            'effort': JointStateEncoder(bundle.arm.active_joints, (FIELD['effort'],)),
-            'strain': JointStateEncoder(bundle.arm.gauge_names, (FIELD['strain'],))}
+        self._motion.encoder = MotionEncoder(bundle.arm.active_joints)
+        for output, publisher in self._predicted.items():
+            publisher.encoder = JointStateEncoder(bundle.arm.channels[output], (FIELD[output],))
         self._joints = NamedReader(bundle.arm.active_joints, self._joint_drops)
         # one subscription per topic, whatever the topic carries
         self._carried = {own: []}
@@ -95,21 +93,16 @@ class MonitorNode(LoadNode):
         motion = monitor.motion
         if motion is not None:
             self.moving(motion.row)
-            if self._motion.wanted:
-                self._motion.publish(self._motion_encoder.encode(
-                    motion.stamp, round(motion.elapsed * 1e9), motion.row))
+            self._motion.publish(motion.stamp, round(motion.elapsed * 1e9), motion.row)
             for output, values in (monitor.predicted or {}).items():
-                publisher = self._predicted[output]
-                if publisher.wanted:
-                    publisher.publish(self._prediction_encoders[output].encode(
-                        motion.stamp, values))
+                self._predicted[output].publish(motion.stamp, values)
         self.tell(found)
         for output in self._carried[self._own]:
             self.measured(output, self._own, message)
         self.meter.end(begun)
 
     def _look(self, now: float) -> None:
-        """Predict, from time to time anew, what somebody listens to."""
+        """Choose from time to time what is predicted: that which somebody listens to."""
         monitor = self.monitor
         if self.listened.look(now) and monitor is not None:
             monitor.wanted = {output for output, publisher in self._predicted.items()

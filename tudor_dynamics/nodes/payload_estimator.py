@@ -37,10 +37,6 @@ class PayloadEstimatorNode(MonitorNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('payload_estimator', **kwargs)
 
-    def payload_source(self) -> str:
-        """Estimate, whatever the parameters."""
-        return 'estimate'
-
     def publish_on(self, kind: Any, topic: str, *, latch: bool = False) -> Publisher:
         """Publish the load; residuals and collisions are those of other nodes."""
         return super().publish_on(kind, topic if topic == PAYLOAD_TOPIC else f'~/{topic}',

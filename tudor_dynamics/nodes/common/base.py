@@ -331,6 +331,7 @@ class TudorNode(Node):
 
     depth = DEPTH  # of its queues
     robot = ''
+    exit_code: int | None = None  # of the process, once a node ends by itself; set by any thread
     FIGURES: tuple[Figure, ...] = ()
 
     def __init__(
@@ -392,25 +393,24 @@ class TudorNode(Node):
     def apply(self) -> None:
         """Take changed parameters into use."""
 
-    def subscribe(self, kind: Any, topic: str, callback: Callable[[Any], None]) -> Subscription:
-        """Subscribe as any driver allows; overridable by the standard parameters."""
+    def subscribe(
+        self, kind: Any, topic: str, callback: Callable[[Any], None], *,
+        qos: QoSProfile | None = None, raw: bool = False,
+    ) -> Subscription:
+        """Subscribe, by default as any driver allows; overridable by the standard parameters."""
         return self.create_subscription(
-            kind, topic, callback, weak(self.depth),
+            kind, topic, callback, qos or weak(self.depth), raw=raw,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
     def subscribe_raw(
         self, kind: Any, topic: str, decoder: Any, callback: Callable[[Any], None],
     ) -> Subscription:
-        """Subscribe as `subscribe` does, with messages decoded by a decoder of `wire`."""
-        decode = decoder.decode
-
+        """Subscribe as `subscribe` does, with messages decoded by a decoder of `messages`."""
         def take(data: bytes) -> None:
-            message = decode(data)
+            message = decoder.decode(data)
             if message is not None:
                 callback(message)
-        return self.create_subscription(
-            kind, topic, take, weak(self.depth), raw=True,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        return self.subscribe(kind, topic, take, raw=True)
 
     def hear_joint_states(self, topic: str, callback: Callable[[JointSample], None],
                           ) -> Subscription:

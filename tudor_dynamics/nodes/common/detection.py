@@ -17,10 +17,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 import math
-from threading import Thread
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -36,8 +35,8 @@ from tudor_dynamics.nodes.common.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, CONTACT_POINT, CONTACT_WRENCH, FIELD, RESET,
     RESIDUALS, THRESHOLDS)
 from tudor_dynamics.nodes.common.messages import (
-    JointSample, JointStateEncoder, ListenedPublisher, ListenedPublishers, NamedReader,
-    time_message)
+    JointSample, JointStateEncoder, ListenedPublishers, NamedReader, set_vector, time_message,
+    wrench_stamped)
 from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.coverage import Coverage, CoverageLevel, SensorHealth
@@ -116,16 +115,13 @@ class ContactOutput:
                 self._record.add(estimate)
         elif self._record is not None:
             self._summary, self._record = self._record.summary(), None
-        wrench = WrenchStamped()
-        wrench.header.stamp, wrench.header.frame_id = time_message(estimate.stamp), estimate.link
-        if estimate.felt:
-            for vector, values in ((wrench.wrench.force, estimate.force),
-                                   (wrench.wrench.torque, estimate.torque)):
-                vector.x, vector.y, vector.z = (float(value) for value in values)
+        wrench = wrench_stamped(
+            time_message(estimate.stamp), estimate.link,
+            *((estimate.force, estimate.torque) if estimate.felt else ()))
         self._wrench.publish(wrench)
         if estimate.located:
             point = PointStamped(header=wrench.header)
-            point.point.x, point.point.y, point.point.z = (float(v) for v in estimate.point)
+            set_vector(point.point, estimate.point)
             self._point.publish(point)
 
     def values(self, watch: Watch) -> dict[str, str]:
@@ -156,7 +152,7 @@ class ContactOutput:
 
 
 class DetectNode(ModelNode):
-    """Base of the nodes that find collisions."""
+    """Base of the nodes that find collisions and know of a load."""
 
     FIGURES: tuple[Figure, ...] = (
         Figure('level', lambda watch: watch.level.name.lower(), 'watch'),
@@ -170,7 +166,8 @@ class DetectNode(ModelNode):
             method: f'{factor:.2f} ({channel})'
             for method, (factor, channel) in watch.widened.items()}, 'watch'),
         Figure('', lambda node: node.watch and node.contact_output.values(node.watch)),
-        Figure('', lambda node: node.watch and node.collision_output.values()))
+        Figure('', lambda node: node.watch and node.collision_output.values()),
+        Figure('', lambda port: port.values(), 'port'))
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -188,11 +185,14 @@ class DetectNode(ModelNode):
                            for m in METHODS}
         self._thresholds = {m: self.listened.add(self.publish_on(JointState, THRESHOLDS[m]))
                             for m in METHODS}
-        self._encoders: dict[str, JointStateEncoder] = {}
         self.collision_output = CollisionOutput(self)
         self.contact_output = ContactOutput(self)
         self.serve(RESET, self._reset)
         self.serve(CALIBRATE, self._calibrate)
+        self.port = PayloadPort(self, str(self.value('payload_source'))
+                                if 'payload_source' in self.params else 'estimate')
+        self.gripper = Gripper(self, self.port.announce, lambda: (
+            () if self.bundle is None else tuple(self.bundle.arm.full_model.names)))
 
     def settings(self) -> MonitorSettings:
         """Give the settings that the parameters stand for."""
@@ -213,7 +213,7 @@ class DetectNode(ModelNode):
     ) -> None:
         """Put another model into use."""
         self.bundle, self.watch = bundle, watch
-        names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
+        names = bundle.arm.channels
         topics = {output: of for output, of in self.sensor_topics(bundle).items()
                   if output in watch.outputs}
         self._sensor_drops = {output: Counter() for output in topics}
@@ -222,9 +222,9 @@ class DetectNode(ModelNode):
         self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
         self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
                        for output in watch.outputs}
-        self._encoders = {
-            method: JointStateEncoder(names[SOURCE[method]], (FIELD[method],))
-            for method in watch.methods}
+        for method in watch.methods:
+            self._residuals[method].encoder = self._thresholds[method].encoder = (
+                JointStateEncoder(names[SOURCE[method]], (FIELD[method],)))
         self.coverage.begin()
         for output, of in topics.items():
             self.coverage.add(
@@ -295,17 +295,13 @@ class DetectNode(ModelNode):
             health.moving = moving
 
     def tell(self, found: Found) -> None:
-        """Publish what was found."""
+        """Publish what was found, and the load."""
         for method, residual in found.residuals:
             if self._calibration is not None and method in self._calibration.channels:
                 self._collect(method, residual)
-            publisher = self._residuals[method]
-            if publisher.wanted:
-                self._publish(publisher, method, residual.motion.stamp, residual.value)
+            self._residuals[method].publish(residual.motion.stamp, residual.value)
         for method, excess in found.excesses:
-            publisher = self._thresholds[method]
-            if publisher.wanted:
-                self._publish(publisher, method, excess.residual.motion.stamp, excess.threshold)
+            self._thresholds[method].publish(excess.residual.motion.stamp, excess.threshold)
         for event in found.events:
             self.collision_output.event(event)
         for estimate in found.contacts:
@@ -313,11 +309,14 @@ class DetectNode(ModelNode):
             self.contact_output.tell(self.watch, estimate)
         if self.watch is not None and found.excesses:
             self.collision_output.level(self.watch.level)
-
-    def _publish(self, publisher: ListenedPublisher, method: str, stamp: int, values: Any) -> None:
-        publisher.publish(self._encoders[method].encode(stamp, values))
+        for load in found.loads:
+            self.get_logger().info(f'no collision but a load: {load.mass:.3f} kg now')
+        if found.residuals:
+            self.port.tell(found.residuals[-1][1].motion.stamp, len(found.loads))
 
     def _reset(self) -> str:
+        """Restart, with the load as well: nothing touches the arm now."""
+        self.port.restart()
         if self.watch is not None:
             self.watch.detector.reset()
         self.collision_output.level(Level.FREE)
@@ -330,12 +329,10 @@ class DetectNode(ModelNode):
         if self.meter.stale(float(self.value('timeout'))):
             msg = 'nothing to learn from: no samples come in; start the robot and call again'
             raise TudorError(msg)
-        arm = self.bundle.arm
         seconds = float(self.value('calibration_time'))
         self._calibration = Calibration(
-            {m: arm.gauge_names if m == 'strain' else arm.active_joints
-             for m in self.watch.methods}, seconds,
-            self.watch.stiction)
+            {method: self.bundle.arm.channels[SOURCE[method]] for method in self.watch.methods},
+            seconds, self.watch.stiction)
         self._note = f'learning thresholds from {seconds:g} s: nothing may touch the arm'
         return self._note
 
@@ -348,26 +345,19 @@ class DetectNode(ModelNode):
         self._calibration = None
         bundle, settings = self.bundle, self.settings()
 
-        def learn() -> None:
-            try:
-                learned = calibration.learn()
-            except TudorError as err:
-                text = f'calibration failed, the thresholds before stay in use: {err}'
-
-                def refuse() -> None:
-                    self._note = text
-                    self.get_logger().error(text)
-                self._ready = refuse
-                return
+        def learn() -> Callable[[], None]:
+            learned = calibration.learn()
 
             def take() -> None:
                 if self.bundle is bundle and self.watch is not None:
                     self.watch.use_thresholds(learned, replace(settings))
                     self._note = 'thresholds of ~/calibrate in use'
-            self._ready = take
-        self._loader = Thread(target=learn, daemon=True)
-        self._loader.start()
-        self._poll.reset()
+            return take
+
+        def refuse(why: str) -> None:
+            self._note = f'calibration failed, the thresholds before stay in use: {why}'
+            self.get_logger().error(self._note)
+        self.in_background(learn, refuse)
 
     def counters(self) -> list[Counter[str]]:
         """Add the drops of sensors and pairing."""
@@ -412,34 +402,3 @@ class DetectNode(ModelNode):
             if any(texts):
                 return level, '; '.join(text for text in texts if text)
         return OK, 'running'
-
-
-class LoadNode(DetectNode):
-    """Base of the nodes that find collisions and know of a load."""
-
-    FIGURES: tuple[Figure, ...] = (Figure('', lambda port: port.values(), 'port'),)
-
-    def __init__(self, name: str, **kwargs: Any) -> None:
-        super().__init__(name, **kwargs)
-        self.port = PayloadPort(self, self.payload_source())
-        self.gripper = Gripper(self, self.port.announce, self._arm_joints)
-
-    def payload_source(self) -> str:
-        """Give where the load is known from."""
-        return str(self.value('payload_source'))
-
-    def _arm_joints(self) -> tuple[str, ...]:
-        return () if self.bundle is None else tuple(self.bundle.arm.full_model.names)
-
-    def _reset(self) -> str:
-        """Begin anew, with the load as well: nothing touches the arm now."""
-        self.port.begin_anew()
-        return super()._reset()
-
-    def tell(self, found: Found) -> None:
-        """Publish what was found, and the load."""
-        super().tell(found)
-        for load in found.loads:
-            self.get_logger().info(f'no collision but a load: {load.mass:.3f} kg now')
-        if found.residuals:
-            self.port.tell(found.residuals[-1][1].motion.stamp, len(found.loads))

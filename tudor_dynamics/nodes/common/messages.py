@@ -25,6 +25,7 @@ import struct
 from typing import Any, Generic, TypeVar
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message, serialize_message
@@ -33,9 +34,10 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.bags.messages import (
-    array_layout, CdrError, DATA, HEADER, joint_state_layout, Layout, motion_layout)
+    array_layout, CdrError, DATA, HEADER, joint_state_layout, Layout, MAX_PADDING, motion_layout)
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.compiled import all_finite
+from tudor_dynamics.online.settings import CLOCK_JUMP
 from tudor_dynamics.online.streams import Losses, Motion
 from tudor_dynamics.typing import FloatArray
 
@@ -56,8 +58,29 @@ def floats(x: FloatArray) -> array:
     return array('d', np.ascontiguousarray(x, dtype=np.float64).tobytes())
 
 
+def set_vector(vector: Any, values: FloatArray) -> None:
+    """Write values (3,) into a Vector3 or Point."""
+    vector.x, vector.y, vector.z = values.tolist()
+
+
+def wrench_stamped(
+    stamp: Time, frame: str, force: FloatArray | None = None, torque: FloatArray | None = None,
+) -> WrenchStamped:
+    """Make a wrench; zero where none is given: force (3,) [N], torque (3,) [N m]."""
+    message = WrenchStamped()
+    message.header.stamp, message.header.frame_id = stamp, frame
+    for vector, values in ((message.wrench.force, force), (message.wrench.torque, torque)):
+        if values is not None:
+            set_vector(vector, values)
+    return message
+
+
+MOTION = ('positions', 'velocities', 'accelerations')
+"""Fields of a point that make up a motion."""
+
+
 class NamedReader:
-    """Reads the values of certain names from JointStates."""
+    """Reads the values of certain names from messages with names."""
 
     def __init__(self, names: Sequence[str], drops: Counter[str]) -> None:
         self.names = tuple(names)
@@ -67,11 +90,15 @@ class NamedReader:
         self._plain = False
 
     def read(
-        self, message: JointState | JointSample, field: str, *, optional: bool = False,
+        self, message: JointState | JointSample | PointSample, field: str, *,
+        optional: bool = False,
     ) -> FloatArray | None:
         """Read one field; returns (names,), None where the message cannot be used."""
         if message.name != self._seen:
-            self._arrange(list(message.name))
+            self._seen = seen = list(message.name)
+            known = all(seen.count(name) == 1 for name in self.names)
+            self._index = [seen.index(name) for name in self.names] if known else None
+            self._plain = self._index == list(range(len(seen)))
         if self._index is None:
             self.drops['unknown_names'] += 1
             return None
@@ -82,14 +109,6 @@ class NamedReader:
             return None
         x = np.array(values, dtype=np.float64)
         return x if self._plain else x[self._index]
-
-    def _arrange(self, seen: list[str]) -> None:
-        self._seen = seen
-        if all(seen.count(name) == 1 for name in self.names):
-            self._index = [seen.index(name) for name in self.names]
-            self._plain = self._index == list(range(len(seen)))
-        else:
-            self._index = None
 
 
 def joint_state(stamp: Time, names: list[str], **fields: FloatArray) -> JointState:
@@ -116,51 +135,35 @@ class MotionReader:
     """Reads motions from one-point trajectories."""
 
     def __init__(self, names: Sequence[str], drops: Counter[str]) -> None:
-        self.names = tuple(names)
-        self.drops = drops
+        self._reader = NamedReader(names, drops)
+        self._drops = drops
         self._losses = Losses()
         self._last: int | None = None
-        self._seen: list[str] | None = None
-        self._index: list[int] | None = None
-        self._plain = False
 
     def read(self, message: PointSample) -> Motion | None:
         """Read one message; None where it cannot be used."""
-        if message.name != self._seen:
-            self._seen = list(message.name)
-            known = all(self._seen.count(name) == 1 for name in self.names)
-            self._index = [self._seen.index(name) for name in self.names] if known else None
-            self._plain = self._index == list(range(len(self._seen)))
-        if self._index is None:
-            self.drops['unknown_names'] += 1
-            return None
-        parts = (message.positions, message.velocities, message.accelerations)
-        if any(len(part) != len(message.name) for part in parts):
-            self.drops['short_array'] += 1
-            return None
-        n = len(self.names)
+        n = len(self._reader.names)
         row = np.empty(3 * n)
-        for i, part in enumerate(parts):
-            row[i * n:(i + 1) * n] = part if self._plain else part[self._index]
+        for i, field in enumerate(MOTION):
+            part = self._reader.read(message, field)
+            if part is None:
+                return None
+            row[i * n:(i + 1) * n] = part
         if not all_finite(row):
-            self.drops['not_finite'] += 1
+            self._drops['not_finite'] += 1
             self._losses.unusable()
             return None
         stamp, elapsed = message.stamp, message.elapsed * 1e-9
-        last, self._last = self._last, stamp
-        if last is not None and stamp > last:
-            lost = self._losses.step(stamp - last)
-            if lost:
-                self.drops['gap'] += lost
-        if elapsed == 0.0 or last is None:
-            return Motion(stamp, elapsed, 0.0, row)
-        if stamp <= last:
-            if (last - stamp) * 1e-9 <= 1.0:
-                self._last = last
-                self.drops['duplicate_stamp' if stamp == last else 'backward_stamp'] += 1
-                return None
-            return Motion(stamp, elapsed, 0.0, row)
-        return Motion(stamp, elapsed, (stamp - last) * 1e-9, row)
+        step = 0 if self._last is None else stamp - self._last
+        first = self._last is None or elapsed == 0.0
+        if not first and step <= 0 and -step * 1e-9 <= CLOCK_JUMP:
+            self._drops['duplicate_stamp' if step == 0 else 'backward_stamp'] += 1
+            return None
+        self._last = stamp
+        lost = self._losses.step(step) if step > 0 else 0
+        if lost:
+            self._drops['gap'] += lost
+        return Motion(stamp, elapsed, 0.0 if first or step <= 0 else step * 1e-9, row)
 
 
 # JointStates, arrays and motions from the middleware and to it: bytes, layout known before.
@@ -172,6 +175,7 @@ class MotionReader:
 
 NO_VALUES = np.empty(0)
 SECOND = 1_000_000_000
+ELAPSED = 'time_from_start'
 
 
 @dataclass(eq=False, slots=True)
@@ -206,7 +210,11 @@ Sample = TypeVar('Sample', JointSample, PointSample)
 class _Decoder(Generic[Sample]):
     """Decodes the messages of one topic; what cannot be decoded is counted."""
 
-    def __init__(self, kind: Any, parse: Callable[[bytes], Layout], drops: Counter[str]) -> None:
+    refused = 'malformed'  # cause of a drop, for a message that has no layout
+
+    def __init__(
+        self, kind: Any, parse: Callable[[bytes, int], Layout], drops: Counter[str],
+    ) -> None:
         self._kind, self._parse, self._drops = kind, parse, drops
         self._length = -1
         self._fixed: list[tuple[slice, bytes]] = []
@@ -222,24 +230,36 @@ class _Decoder(Generic[Sample]):
                 if data[place] != expected:
                     known = False
                     break
-        if not known:
-            try:
-                self._learn(data)
-            except CdrError:
-                return self._by_rclpy(data)
-        return self._read(data)
+        understood = data if known else self._understand(data)
+        return None if understood is None else self._read(understood)
 
-    def _learn(self, data: bytes) -> None:
-        layout = self._parse(data)
+    def _understand(self, data: bytes) -> bytes | None:
+        """Learn the layout of a message, of one that is no plain CDR as rclpy writes it."""
+        try:
+            self._learn(data, MAX_PADDING)
+            return data
+        except CdrError:
+            cause = 'malformed'
+        try:
+            data = serialize_message(deserialize_message(data, self._kind))
+            cause = self.refused
+            self._learn(data, len(data))
+            return data
+        except Exception:  # rclpy's errors of bytes that are no message are not one family
+            self._drops[cause] += 1
+            return None
+
+    def _learn(self, data: bytes, spare: int) -> None:
+        layout = self._parse(data, spare)
         names = list(layout.names)
         if names != self._names:
             self._names = names
-        numbers: list[tuple[int, int]] = sorted(
-            place for place in layout.fields.values() if place[1])
-        edges = [0, HEADER, HEADER + 8, *(edge for start, size in numbers
-                                          for edge in (start, start + 8 * size)), len(data)]
-        if 'time_from_start' in layout.fields:
-            edges[-1] = layout.fields['time_from_start'][0]
+        # places and sizes of what changes; a time takes as much as a number
+        places: list[tuple[int, int]] = [(HEADER, 1)] if layout.stamped else []
+        places += [(start, 1 if field == ELAPSED else size)
+                   for field, (start, size) in layout.fields.items() if size or field == ELAPSED]
+        edges = [0, *(edge for start, size in sorted(places)
+                      for edge in (start, start + 8 * size)), len(data)]
         spans = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
         self._fixed = [(span, data[span]) for span in spans]
         self._time = struct.Struct(layout.order + 'iI')
@@ -256,17 +276,7 @@ class _Decoder(Generic[Sample]):
         seconds, rest = self._time.unpack_from(data, place)
         return int(seconds * SECOND + rest)
 
-    def _by_rclpy(self, data: bytes) -> Sample | None:
-        try:
-            return self._convert(deserialize_message(data, self._kind))
-        except Exception:  # rclpy's errors of bytes that are no message are not one family
-            self._drops['malformed'] += 1
-            return None
-
     def _read(self, data: bytes) -> Sample | None:
-        raise NotImplementedError
-
-    def _convert(self, message: Any) -> Sample | None:
         raise NotImplementedError
 
 
@@ -279,12 +289,6 @@ class JointStateDecoder(_Decoder[JointSample]):
     def _read(self, data: bytes) -> JointSample:
         return JointSample(self._stamp(data), self._names, self._values(data, 'position'),
                            self._values(data, 'velocity'), self._values(data, 'effort'))
-
-    def _convert(self, message: Any) -> JointSample:
-        stamp = message.header.stamp
-        return JointSample(stamp.sec * SECOND + stamp.nanosec, list(message.name),
-                           np.array(message.position), np.array(message.velocity),
-                           np.array(message.effort))
 
 
 class ArrayDecoder(_Decoder[JointSample]):
@@ -300,53 +304,32 @@ class ArrayDecoder(_Decoder[JointSample]):
         self, places: Mapping[str, int], now: Callable[[], int], drops: Counter[str],
     ) -> None:
         super().__init__(Float64MultiArray, array_layout, drops)
-        self._names = list(places)
+        self._channels = list(places)
         self._places = list(places.values())
         self._now = now
 
-    def _learn(self, data: bytes) -> None:
-        layout = self._parse(data)
-        start, size = layout.fields[DATA]
-        self._fixed = [(slice(0, start), data[:start])]
-        self._numbers = {DATA: (np.dtype(layout.order + 'f8'), size, start)}
-        self._length = len(data)
-
-    def _sample(self, values: FloatArray) -> JointSample | None:
+    def _read(self, data: bytes) -> JointSample | None:
+        values = self._values(data, DATA)
         if len(values) <= max(self._places):
             self._drops['short_array'] += 1
             return None
         chosen = np.array(values[self._places], dtype=np.float64)
-        return JointSample(self._now(), self._names, chosen, NO_VALUES, chosen)
-
-    def _read(self, data: bytes) -> JointSample | None:
-        return self._sample(self._values(data, DATA))
-
-    def _convert(self, message: Any) -> JointSample | None:
-        return self._sample(np.array(message.data))
+        return JointSample(self._now(), self._channels, chosen, NO_VALUES, chosen)
 
 
 class MotionDecoder(_Decoder[PointSample]):
     """Decodes the JointTrajectories of one topic, of which each has one point."""
+
+    refused = 'not_one_point'
 
     def __init__(self, drops: Counter[str]) -> None:
         super().__init__(JointTrajectory, motion_layout, drops)
 
     def _read(self, data: bytes) -> PointSample:
         return PointSample(
-            self._stamp(data), self._stamp(data, self._numbers['time_from_start'][2]),
+            self._stamp(data), self._stamp(data, self._numbers[ELAPSED][2]),
             self._names, self._values(data, 'positions'), self._values(data, 'velocities'),
             self._values(data, 'accelerations'))
-
-    def _convert(self, message: Any) -> PointSample | None:
-        if len(message.points) != 1:
-            self._drops['not_one_point'] += 1
-            return None
-        stamp, point = message.header.stamp, message.points[0]
-        elapsed = point.time_from_start
-        return PointSample(
-            stamp.sec * SECOND + stamp.nanosec, elapsed.sec * SECOND + elapsed.nanosec,
-            list(message.joint_names), np.array(point.positions), np.array(point.velocities),
-            np.array(point.accelerations))
 
 
 class _Encoder:
@@ -355,20 +338,19 @@ class _Encoder:
     def __init__(self, template: Any, parse: Callable[[bytes, int], Layout]) -> None:
         data = serialize_message(template)
         layout = parse(data, len(data))  # rclpy appends what it had estimated too much
-        end = max(start + (8 * size or (8 if field == 'time_from_start' else 0))
-                  for field, (start, size) in layout.fields.items())
+        self._fields = layout.fields
+        end = max(start + 8 * (1 if field == ELAPSED else size)
+                  for field, (start, size) in self._fields.items())
         self._buffer = bytearray(data[:end])
         self._time = struct.Struct(layout.order + 'iI')
         self._kind = np.dtype(layout.order + 'f8')
-        self._places = {name: (slice(start, start + 8 * size), start, size)
-                        for name, (start, size) in layout.fields.items()}
 
     def _put(self, field: str, values: FloatArray) -> None:
-        place, _, size = self._places[field]
+        start, size = self._fields[field]
         if len(values) != size:
             msg = f'{len(values)} values for {field}; expected {size}'
             raise ValueError(msg)
-        self._buffer[place] = values.astype(self._kind, copy=False).tobytes()
+        self._buffer[start:start + 8 * size] = values.astype(self._kind, copy=False).tobytes()
 
     def _put_time(self, place: int, time: int) -> None:
         self._time.pack_into(self._buffer, place, *divmod(time, SECOND))
@@ -382,12 +364,12 @@ class JointStateEncoder(_Encoder):
         for field in fields:
             setattr(template, field, [0.0] * len(names))
         super().__init__(template, joint_state_layout)
-        self._fields = tuple(fields)
+        self._order = tuple(fields)
 
     def encode(self, stamp: int, *values: FloatArray) -> bytes:
         """Encode a message of a stamp [ns] and the values of each field, in their order."""
         self._put_time(HEADER, stamp)
-        for field, x in zip(self._fields, values, strict=True):
+        for field, x in zip(self._order, values, strict=True):
             self._put(field, x)
         return bytes(self._buffer)
 
@@ -396,7 +378,7 @@ class MotionEncoder(_Encoder):
     """
     Encodes motions as JointTrajectories of one point.
 
-    ``time_from_start`` is the time since the filter began, or began anew behind a gap: who reads
+    ``time_from_start`` is the time since the filter began, or restarted after a gap: who reads
     it knows whether the filters have settled.
     """
 
@@ -404,16 +386,14 @@ class MotionEncoder(_Encoder):
         none = [0.0] * len(names)
         point = JointTrajectoryPoint(positions=none, velocities=none, accelerations=none)
         super().__init__(JointTrajectory(joint_names=list(names), points=[point]), motion_layout)
-        self._n = len(names)
 
     def encode(self, stamp: int, elapsed: int, row: FloatArray) -> bytes:
         """Encode a message of a stamp [ns], a time since the beginning [ns], ``[q, dq, ddq]``."""
-        n = self._n
         self._put_time(HEADER, stamp)
-        self._put('positions', row[:n])
-        self._put('velocities', row[n:2 * n])
-        self._put('accelerations', row[2 * n:])
-        self._put_time(self._places['time_from_start'][1], elapsed)
+        n = len(row) // 3
+        for i, field in enumerate(MOTION):
+            self._put(field, row[i * n:(i + 1) * n])
+        self._put_time(self._fields[ELAPSED][0], elapsed)
         return bytes(self._buffer)
 
 
@@ -422,19 +402,21 @@ LOOK = 0.01
 
 
 class ListenedPublisher:
-    """A publisher with the knowledge whether anybody listens."""
+    """A publisher of encoded messages, which are made only where somebody listens."""
 
     def __init__(self, publisher: Publisher) -> None:
         self._publisher = publisher
+        self.encoder: Any = None
         self.wanted = False
 
     def look(self) -> None:
         """Count the subscriptions."""
         self.wanted = self._publisher.get_subscription_count() > 0
 
-    def publish(self, message: bytes) -> None:
-        """Publish a message in its serialised form."""
-        self._publisher.publish(message)
+    def publish(self, *values: Any) -> None:
+        """Publish what the encoder makes of values, where it is wanted."""
+        if self.wanted:
+            self._publisher.publish(self.encoder.encode(*values))
 
 
 class ListenedPublishers:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from functools import partial
 from threading import Thread
 from typing import Any
 
@@ -25,7 +26,6 @@ from geometry_msgs.msg import Inertia, InertiaStamped, Vector3
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
-from std_srvs.srv import Trigger
 
 from tudor_dynamics.arm.description import Arm, array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
@@ -43,35 +43,33 @@ AT_WORK = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
 class Gripper:
-    """Listens to a gripper."""
+    """Listens to a gripper, and announces a load where it may come or go."""
 
     def __init__(
         self, node: TudorNode, announce: Callable[[], None],
         arm_joints: Callable[[], Collection[str]],
     ) -> None:
         self._announce, self._arm_joints = announce, arm_joints
-        self.heard = 0
         self._closed: bool | None = None
         self._places: dict[str, float] = {}
-        self._goals: set[bytes] | None = None
+        self._goals: set[bytes] = set()
         topic = str(node.value('gripper_topic'))
         if topic:
-            kind, heard = {
+            kind, self._acts = {
                 GRIPPERS[0]: (Bool, self._switched), GRIPPERS[1]: (JointState, self._moved),
                 GRIPPERS[2]: (GoalStatusArray, self._sent)}[str(node.value('gripper_type'))]
-            self._subscription = node.subscribe(kind, topic, heard)
+            self._subscription = node.subscribe(kind, topic, self._take)
 
-    def _switched(self, message: Any) -> None:
-        self.heard += 1
-        changed = self._closed is not None and message.data != self._closed
-        self._closed = message.data
-        if changed:
+    def _take(self, message: Any) -> None:
+        if self._acts(message):
             self._announce()
 
-    def _moved(self, message: Any) -> None:
-        self.heard += 1
-        own = self._arm_joints()
-        moved = False
+    def _switched(self, message: Bool) -> bool:
+        before, self._closed = self._closed, message.data
+        return before is not None and message.data != before
+
+    def _moved(self, message: JointState) -> bool:
+        own, moved = self._arm_joints(), False
         for name, place in zip(message.name, message.position, strict=False):
             if name in own:
                 continue
@@ -79,17 +77,13 @@ class Gripper:
             if not abs(place - before) <= MOVED:  # NaN never comes to rest, and is no place
                 moved = moved or place == place
                 self._places[name] = place
-        if moved:
-            self._announce()
+        return moved
 
-    def _sent(self, message: Any) -> None:
-        self.heard += 1
-        goals = {bytes(status.goal_info.goal_id.uuid) for status in message.status_list
-                 if status.status in AT_WORK}
-        new = goals - (self._goals or set())
-        self._goals = goals
-        if new:
-            self._announce()
+    def _sent(self, message: GoalStatusArray) -> bool:
+        before, self._goals = self._goals, {
+            bytes(status.goal_info.goal_id.uuid) for status in message.status_list
+            if status.status in AT_WORK}
+        return bool(self._goals - before)
 
 
 EVERY = 100_000_000
@@ -122,9 +116,7 @@ class PayloadPort:
         if self.source == 'parameter':
             return None
         known = payload if bundle.payload_range is not None else bundle.payload or 0.0
-        made: Callable[[ModelBundle, float], CarriedLoad] = (
-            PayloadStage if self.source == 'estimate' else CarriedLoad)
-        return made(bundle, known)
+        return (PayloadStage if self.source == 'estimate' else CarriedLoad)(bundle, known)
 
     def use(self, load: CarriedLoad | None) -> None:
         """Put another one into use; a load that is known stays."""
@@ -168,7 +160,7 @@ class PayloadPort:
             self.load.expect()
             self._announced += 1
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Learn the load from nothing, where it is estimated."""
         if isinstance(self.load, PayloadStage):
             self.load.observer.reset()
@@ -207,23 +199,26 @@ class ModelNode(TudorNode):
         super().__init__(name, **kwargs)
         self.bundle: ModelBundle | None = None
         self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)
-        self._loaded: ModelBundle | None = None
-        self.of_all: ModelBundle | None = None
         self.source = str(self.value('model'))
-        self._payload = float(self.value('payload')) if 'payload' in self.params else 0.0
+        self._whole: ModelBundle | None = None  # as it was read, perhaps of all payloads
+        self._payload = self.payload
         self._reload_fault = ''
         self._ready: Callable[[], None] | None = None
         self._loader: Thread | None = None
 
+    @property
+    def payload(self) -> float:
+        """Mass at the tip as the parameter has it [kg]."""
+        return float(self.value('payload'))
+
     def start(self) -> None:
         """Load the model and offer to do so again; to be called at the end of the constructor."""
         try:
-            self._loaded = self._load()
-            bundle = self._carrying(self._loaded)
-            self._adopt(bundle, self.prepare(bundle))
+            self._whole = self._load()
+            self._adopt(*self._prepared(self._whole))
         except TudorError as err:
             self.fault = str(err)
-        self.create_service(Trigger, RELOAD, self._on_reload)
+        self.serve(RELOAD, self._reload)
         self._poll = self.every(0.05, self._take_over)
         self._poll.cancel()
 
@@ -239,69 +234,72 @@ class ModelNode(TudorNode):
         refuse_interfaces(loaded.arm, f'node {self.get_name()}', arrays=True)
         return loaded.beside_robot()
 
-    def _carrying(self, bundle: ModelBundle) -> ModelBundle:
-        """Put the payload into a model; it may be one of all payloads."""
-        self.of_all = bundle
-        return bundle.at(float(self.value('payload'))) if 'payload' in self.params else bundle
+    def _prepared(self, whole: ModelBundle) -> tuple[ModelBundle, Any]:
+        bundle = whole.at(self.payload)
+        return bundle, self.prepare(bundle, whole)
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse a payload that the model knows nothing of."""
-        if 'payload' in values and self._loaded is not None:
-            self._loaded.at(float(values['payload']))
+        if 'payload' in values and self._whole is not None:
+            self._whole.at(float(values['payload']))
 
     def apply(self) -> None:
         """Take a changed payload into use."""
-        if self._loaded is None or 'payload' not in self.params:
-            return
-        payload = float(self.value('payload'))
-        if payload != self._payload:
-            self._payload = payload
-            bundle = self._carrying(self._loaded)
-            self._adopt(bundle, self.prepare(bundle))
+        if self._whole is not None and self.payload != self._payload:
+            self._payload = self.payload
+            self._adopt(*self._prepared(self._whole))
 
     def _adopt(self, bundle: ModelBundle, prepared: Any) -> None:
         self.use(bundle, prepared)
         self.robot = bundle.arm.name
 
-    def prepare(self, bundle: ModelBundle) -> Any:
-        """Build what works with a model; slow, in a thread of its own when reloading."""
+    def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Any:
+        """
+        Build what works with a model; slow, in a thread of its own when reloading.
+
+        bundle: the model with the payload of the parameter, whole: as it was read.
+        """
         raise NotImplementedError
 
     def use(self, bundle: ModelBundle, prepared: Any) -> None:
         """Put what was prepared into use, between two samples."""
         raise NotImplementedError
 
-    def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _reload(self) -> str:
         """Load beside the running model, and answer at once: the diagnostics tell the outcome."""
         if self._loader is not None:
-            response.success, response.message = False, 'still loading'
-            return response
+            msg = 'still loading'
+            raise TudorError(msg)
 
-        def load() -> None:
-            try:
-                loaded = self._load()
-                bundle = self._carrying(loaded)
-                prepared = self.prepare(bundle)
-            except TudorError as err:
-                text = str(err)
-
-                def refuse() -> None:
-                    self._reload_fault = text
-                    self.get_logger().error(f'{text}; the model before stays in use')
-                self._ready = refuse
-                return
+        def load() -> Callable[[], None]:
+            whole = self._load()
+            bundle, prepared = self._prepared(whole)
 
             def take() -> None:
                 self.fault = self._reload_fault = ''
-                self._loaded = loaded
+                self._whole = whole
                 self._adopt(bundle, prepared)
                 self.get_logger().info(f'model {self.source} in use')
-            self._ready = take
-        self._loader = Thread(target=load, daemon=True)
+            return take
+
+        def refuse(why: str) -> None:
+            self._reload_fault = why
+            self.get_logger().error(f'{why}; the model before stays in use')
+        self.in_background(load, refuse)
+        return f'loading {self.source}'
+
+    def in_background(
+        self, work: Callable[[], Callable[[], None]], refuse: Callable[[str], None],
+    ) -> None:
+        """Work in a thread; what comes of it, or its refusal, is called between two samples."""
+        def run() -> None:
+            try:
+                self._ready = work()
+            except TudorError as err:
+                self._ready = partial(refuse, str(err))
+        self._loader = Thread(target=run, daemon=True)
         self._loader.start()
         self._poll.reset()
-        response.success, response.message = True, f'loading {self.source}'
-        return response
 
     def _take_over(self) -> None:
         if self._ready is None:
@@ -337,21 +335,20 @@ class ModelNode(TudorNode):
 
     def payload_known(self) -> str | None:
         """Give the mass that the model has in it [kg], or that was chosen of all it knows."""
-        if self._loaded is None:
+        if self._whole is None:
             return None
-        if self._loaded.payload_range is not None and 'payload' in self.params:
-            return f'{float(self.value("payload")):g}'
-        return None if self._loaded.payload is None else f'{self._loaded.payload:g}'
+        known = self._whole.payload if self._whole.payload_range is None else self.payload
+        return None if known is None else f'{known:g}'
 
     def verdict(self) -> tuple[bytes, str]:
         """Say where the model does not fit the load, and why another one was refused."""
         level, message = super().verdict()
-        known = None if self._loaded is None else self._loaded.payload_range
-        if known is not None and level == OK and 'payload' in self.params:
-            payload = float(self.value('payload'))
-            if not known[0] <= payload <= known[1]:
-                return WARN, (f'payload {payload:g} kg: the model was fitted to {known[0]:g} to '
-                              f'{known[1]:g} kg')
-        if self._reload_fault and level == OK:
+        if level != OK:
+            return level, message
+        known = None if self._whole is None else self._whole.payload_range
+        if known is not None and not known[0] <= self.payload <= known[1]:
+            return WARN, (f'payload {self.payload:g} kg: the model was fitted to {known[0]:g} to '
+                          f'{known[1]:g} kg')
+        if self._reload_fault:
             return ERROR, f'reload refused: {self._reload_fault}'
         return level, message
