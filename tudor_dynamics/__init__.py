@@ -53,8 +53,8 @@ if TYPE_CHECKING:
     from tudor_dynamics.models.tuning import design, fixed_ratios, MoveRefiner, TunedArm, Wish
     from tudor_dynamics.online.contact import ContactEstimator
     from tudor_dynamics.online.feedforward import Feedforward
-    from tudor_dynamics.online.force_rig import ForceRig
     from tudor_dynamics.online.monitor import follow_load, Monitor, MonitorSettings
+    from tudor_dynamics.online.tip_force import ForceRig
     from tudor_dynamics.show.pictures import draw_schedule
     from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
     from tudor_dynamics.signals.preprocessing import prepare
@@ -100,8 +100,8 @@ _HOMES = {
     'tudor_dynamics.models.tuning': ('design', 'fixed_ratios', 'MoveRefiner', 'TunedArm', 'Wish'),
     'tudor_dynamics.online.contact': ('ContactEstimator',),
     'tudor_dynamics.online.feedforward': ('Feedforward',),
-    'tudor_dynamics.online.force_rig': ('ForceRig',),
     'tudor_dynamics.online.monitor': ('follow_load', 'Monitor', 'MonitorSettings'),
+    'tudor_dynamics.online.tip_force': ('ForceRig',),
     'tudor_dynamics.show.pictures': ('draw_schedule',),
     'tudor_dynamics.signals.motion_profile': ('follow_targets', 'motion_limits'),
     'tudor_dynamics.signals.preprocessing': ('prepare',),

@@ -25,8 +25,7 @@ import pytest
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
 from tudor_dynamics.errors import ArmError, UsageError
-from tudor_dynamics.online.contact_levers import StaticStrain
-from tudor_dynamics.online.force_rig import ForceRig, RATE
+from tudor_dynamics.online.tip_force import ForceRig, RATE, StaticStrain
 
 
 def tudor() -> Arm:

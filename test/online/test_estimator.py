@@ -115,7 +115,7 @@ def test_levers_are_those_of_the_gauge_model() -> None:
     """What a rigid arm's gauges feel of a force is what Pinocchio gives for it."""
     arm = tudor()
     spans = (Span('joint2', 0.24, 0.393), Span('joint3', 0.05, 0.24), Span('joint3', 0.24, 0.393))
-    front = RigidFront(arm, spans)
+    front = RigidFront(arm, spans, np.ones(4))
     rows = front.rows(np.concatenate([POSE, np.zeros(4)]))
     model = arm.gauge_model
     data = model.createData()
@@ -215,7 +215,7 @@ def test_what_rings_in_all_gauges_at_once_is_no_contact_and_hides_none() -> None
     estimator = ContactEstimator(bundle_of(arm, noise=2.0), 'elastic')
     rest = estimator_rest(arm)
     row = np.concatenate([POSE, [0.05, 0.05], [0.0, 0.0]])
-    lever = RigidFront(arm, estimator.spans).rows(row)[-1]
+    lever = RigidFront(arm, estimator.spans, np.ones(4)).rows(row)[-1]
     push = 121.4 * 2.0 * (lever[:, 0] + 0.35 * lever[:, 1])
     told = []
     for k in range(2200):

@@ -25,7 +25,7 @@ from threshold_making import CHANNELS, ringing, walk
 
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.online.detector import ExcessStage, follow, levels, Rates
-from tudor_dynamics.online.settings import LOWEST_LEVEL, WIDEST
+from tudor_dynamics.online.settings import LEVEL_QUANTILE, LOWEST_LEVEL, WIDEST
 from tudor_dynamics.online.threshold_learning import (
     FreeMotion, thresholds_from_dict, thresholds_to_dict)
 from tudor_dynamics.online.thresholds import MethodThresholds
@@ -100,7 +100,8 @@ def test_level_and_widening_stay_in_their_bounds(ratios: list[float]) -> None:
 def test_the_level_is_a_quantile() -> None:
     """Four fifths of the samples stay below the level of noise."""
     ratio = np.abs(np.random.default_rng(1).standard_normal((6000, 1)))
-    found = levels(np.full(len(ratio), 0.01), ratio)
+    found = levels(
+        np.full(len(ratio), 0.01), ratio, np.quantile(ratio, LEVEL_QUANTILE, axis=0))
     assert np.mean(ratio < found) == pytest.approx(0.8, abs=0.03)
 
 

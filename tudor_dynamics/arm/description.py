@@ -162,6 +162,16 @@ class Arm:
         """Names of the channels of each output."""
         return {'effort': self.active_joints, 'strain': self.gauge_names}
 
+    @property
+    def topics(self) -> dict[str, dict[str, list[str]]]:
+        """Topics of each output with the channels that they carry, in the order of the arm."""
+        found: dict[str, dict[str, list[str]]] = {'effort': {}, 'strain': {}}
+        for joint in self.joints:
+            found['effort'].setdefault(joint.effort.topic, []).append(joint.name)
+        for gauge in self.gauges:
+            found['strain'].setdefault(gauge.topic, []).append(gauge.name)
+        return found
+
     def _reduce(self, model: pin.Model, keep: tuple[str, ...]) -> pin.Model:
         reference = np.zeros(model.nq)
         locked = []

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import partial
 import sys
 from threading import Event, Lock, Thread
@@ -37,17 +36,7 @@ from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import joint_state, time_message, wrench_stamped
 from tudor_dynamics.nodes.common.runner import run
-
-BEHIND = 0.2
-"""A process that is so late gives up real time instead of hurrying [s]."""
-
-
-def _by_topic(topics: Iterable[str]) -> dict[str, list[int]]:
-    """Give each topic the places of what it carries."""
-    found: dict[str, list[int]] = {}
-    for place, topic in enumerate(topics):
-        found.setdefault(topic, []).append(place)
-    return found
+from tudor_dynamics.nodes.settings import LATE
 
 
 class ArmSimulatorNode(TudorNode):
@@ -90,8 +79,10 @@ class ArmSimulatorNode(TudorNode):
         self._held = np.array([self.arm.held.get(name, 0.0) for name in self._all])
         self._gauges = list(arm.gauge_names)
         self._joints = self.publish_on(JointState, arm.spec.joint_topic)
-        efforts = _by_topic(joint.effort.topic for joint in arm.joints)
-        strains = _by_topic(gauge.topic for gauge in arm.gauges)
+        efforts, strains = (
+            {topic: [names.index(name) for name in of]
+             for topic, of in arm.topics[output].items()} for output, names in (
+                ('effort', self._names), ('strain', self._gauges)))
         # what comes with the positions: others have no effort there
         self._own_efforts = efforts.pop(arm.spec.joint_topic, [])
         self._own_strains = strains.pop(arm.spec.joint_topic, [])
@@ -167,7 +158,7 @@ class ArmSimulatorNode(TudorNode):
             wait = due - time.perf_counter()
             if wait > 0.0:
                 self._stop.wait(wait)
-            elif wait < -BEHIND:
+            elif wait < -LATE:
                 self.late += 1
                 due -= wait
                 if not simulated and self.value('factor') == 1.0:

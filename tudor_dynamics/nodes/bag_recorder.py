@@ -29,10 +29,8 @@ from tudor_dynamics.errors import BagError, TudorError
 from tudor_dynamics.nodes.bag_player import message_class
 from tudor_dynamics.nodes.common.base import Figure, TudorNode
 from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.settings import RECORDER_DEPTH, SAVE, TOPICS_LOOK
 
-DEPTH = 1000
-LOOK, SAVE = 0.2, 1.0
-"""Time between two looks for topics; time after which a message is on disk [s]."""
 DELIVERY = Duration(seconds=1)
 """Longest time that readers get for the last diagnosis."""
 IGNORED = ('/rosout', '/parameter_events')
@@ -60,7 +58,7 @@ class BagRecorderNode(TudorNode):
             return
         self._wanted = {self.resolve_topic_name(name) for name in self.value('topics')}
         self._look()
-        self._regular = [self.every(LOOK, self._look), self.every(SAVE, self._save)]
+        self._regular = [self.every(TOPICS_LOOK, self._look), self.every(SAVE, self._save)]
 
     def _to_bag(self, action: Callable[..., Any], *args: Any) -> Any:
         """Do something with the bag; one that takes no more ends the process."""
@@ -109,7 +107,7 @@ class BagRecorderNode(TudorNode):
         reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offers)
         kept = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offers)
         qos = QoSProfile(
-            depth=DEPTH,
+            depth=RECORDER_DEPTH,
             reliability=(ReliabilityPolicy.RELIABLE if reliable
                          else ReliabilityPolicy.BEST_EFFORT),
             durability=(DurabilityPolicy.TRANSIENT_LOCAL if kept

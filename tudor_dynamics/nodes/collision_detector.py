@@ -29,11 +29,9 @@ from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTE
 from tudor_dynamics.nodes.common.messages import (
     JointSample, MotionReader, NamedReader, PointSample)
 from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.settings import WAITING
 from tudor_dynamics.online.monitor import warm_up, Watch
 from tudor_dynamics.online.streams import Motion
-
-WAITING = 200
-"""Motions that may wait for their prediction."""
 
 
 class CollisionDetectorNode(DetectNode):
@@ -57,7 +55,7 @@ class CollisionDetectorNode(DetectNode):
 
     def use(self, bundle: ModelBundle, prepared: Watch) -> None:
         """Put another model into use."""
-        topics = self.sensor_topics(bundle)
+        topics = bundle.arm.topics
         self.port.use(prepared.payload)
         self.adopt(bundle, prepared, JOINT_MOTION, (self._motion_drops,), PREDICTED)
         self._motion_reader = MotionReader(bundle.arm.active_joints, self._motion_drops)
@@ -89,7 +87,7 @@ class CollisionDetectorNode(DetectNode):
             if predicted is not None or not motion.settled(
                     self.watch.bundle.preprocessing.settle):
                 # predictions come only once the filters have settled
-                self.tell(self.watch.add_output(output, motion, predicted))
+                self.report(self.watch.add_output(output, motion, predicted))
                 continue
             waiting[motion.stamp] = motion
             if len(waiting) > WAITING:
@@ -125,7 +123,7 @@ class CollisionDetectorNode(DetectNode):
             if first == stamp:
                 break
             self._lack_prediction(output)
-        self.tell(self.watch.add_output(output, motion, values))
+        self.report(self.watch.add_output(output, motion, values))
 
     def _on_measured(self, output: str, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()

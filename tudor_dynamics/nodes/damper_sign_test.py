@@ -47,12 +47,8 @@ from tudor_dynamics.nodes.common.base import strong, weak
 from tudor_dynamics.nodes.common.interfaces import JOINT_TRAJECTORY
 from tudor_dynamics.nodes.common.messages import floats, NamedReader, nanoseconds
 from tudor_dynamics.nodes.common.runner import new_executor
+from tudor_dynamics.nodes.settings import PATIENCE, RECORD
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
-
-RECORD = 3.5
-"""Strain that is listened to after each step [s]."""
-PATIENCE = 30.0
-"""Wait for nodes, positions and strains no longer than this [s]."""
 
 
 class SignTester(Node):

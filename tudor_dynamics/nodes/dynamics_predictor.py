@@ -76,7 +76,7 @@ class DynamicsPredictorNode(ModelNode):
 
     def _hear_strain(self, bundle: ModelBundle) -> None:
         """Listen to the gauges, which the observer of an elastic model needs."""
-        topics = self.sensor_topics(bundle)['strain']
+        topics = bundle.arm.topics['strain']
         self._gathering = Gathering(bundle.arm.gauge_names, topics)
         for topic, channels in topics.items():
             reader = NamedReader(channels, self.drops)

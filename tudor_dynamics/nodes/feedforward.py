@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 import sys
 from typing import Any
@@ -28,13 +29,14 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.load.live import CarriedLoad
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.nodes.common.base import DEPTH, Figure, OK, strong, WARN
+from tudor_dynamics.nodes.common.base import Figure, OK, strong, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     STATES_WITH_EFFORT, TRAJECTORY_WITH_EFFORT, WANTED_STATES, WANTED_TRAJECTORY)
 from tudor_dynamics.nodes.common.messages import (
     floats, joint_state, JointSample, NamedReader, time_message, trajectory_of)
 from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
 from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.settings import DEPTH
 from tudor_dynamics.online.feedforward import Feedforward
 
 
@@ -87,48 +89,39 @@ class FeedforwardNode(ModelNode):
         self.port.use(load)
         self._reader = NamedReader(self.ahead.joints, self.drops)
 
-    def _along(self, trajectory: Trajectory) -> Trajectory | None:
-        """Give a trajectory its efforts, with the load as it is known now; None if refused."""
+    def _along(self, read: Callable[[], Trajectory]) -> Trajectory | None:
+        """
+        Read a wanted motion and give it its efforts, with the load as it is known now.
+
+        Returns None if refused, which is counted; why is said once.
+        """
         assert self.ahead is not None
         try:
-            load = self.port.load
+            wanted, load = read(), self.port.load
             if load is not None and load.mass != self.ahead.payload:
                 self.ahead.carry(load.mass)
-            found = self.ahead.along(trajectory)
+            found = self.ahead.along(wanted)
         except TudorError as err:
-            self._refuse(str(err))
+            self.drops['impossible_command'] += 1
+            if str(err) != self._refused:
+                self.get_logger().error(f'motion refused: {err}')
+            self._refused = str(err)
             return None
         self._refused = ''
         return found
-
-    def _refuse(self, why: str) -> None:
-        """Count a motion that gets no efforts, and say why once."""
-        self.drops['impossible_command'] += 1
-        if why != self._refused:
-            self.get_logger().error(f'motion refused: {why}')
-        self._refused = why
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         begun = self.meter.begin()
         if self.ahead is None:
             return
-        if message.points:  # without any it tells controllers to stop, and goes through
-            wanted = self._read(message)
-            found = None if wanted is None else self._along(wanted)
+        if message.points:  # without any it asks controllers to stop, and goes through
+            found = self._along(partial(trajectory_of, message))
             if found is None:
                 return
             for k, point in enumerate(message.points):
                 self._fill(point, found, k)
         self._trajectories.publish(message)
         self.meter.end(begun)
-
-    def _read(self, message: JointTrajectory) -> Trajectory | None:
-        """Read a trajectory; None if refused."""
-        try:
-            return trajectory_of(message)
-        except TudorError as err:
-            self._refuse(str(err))
-            return None
 
     def _fill(self, point: JointTrajectoryPoint, found: Trajectory, k: int) -> None:
         """Write efforts into a point, and where the motors have to be if they are led."""
@@ -149,8 +142,8 @@ class FeedforwardNode(ModelNode):
         if q is None or not np.isfinite(q).all() or (dq is not None and not np.isfinite(dq).all()):
             self.drops['not_finite'] += q is not None
             return
-        found = self._along(Trajectory(self.ahead.joints, np.zeros(1), q[None],
-                                       None if dq is None else dq[None]))
+        found = self._along(partial(Trajectory, self.ahead.joints, np.zeros(1), q[None],
+                                    None if dq is None else dq[None]))
         if found is None or found.effort is None:
             return
         stamp = message.stamp

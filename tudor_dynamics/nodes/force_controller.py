@@ -36,13 +36,10 @@ from tudor_dynamics.nodes.common.interfaces import (
 from tudor_dynamics.nodes.common.messages import joint_state, nanoseconds, wrench_stamped
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.online.contact_levers import StaticStrain
+from tudor_dynamics.nodes.settings import SILENT
 from tudor_dynamics.online.streams import Tick
+from tudor_dynamics.online.tip_force import StaticStrain
 from tudor_dynamics.typing import FloatArray
-
-SILENT = 0.1
-"""Strains that are older than positions by more are missing; a longer gap between positions is an
-interruption [s]."""
 
 
 class ForceControllerNode(MovingNode):

@@ -27,12 +27,13 @@ from trajectory_msgs.msg import JointTrajectory
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.nodes.common.base import DEEP, TudorNode
+from tudor_dynamics.nodes.common.base import TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
     FILTERED_JOINT_STATES, JOINT_MOTION, JOINT_STATES, RESET)
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublishers, MotionEncoder, NamedReader)
 from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.settings import DEEP
 from tudor_dynamics.online.monitor import warm_up_filter
 from tudor_dynamics.online.streams import LowPass, StateFilter
 

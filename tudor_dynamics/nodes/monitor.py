@@ -68,7 +68,7 @@ class MonitorNode(DetectNode):
         self._joints = NamedReader(bundle.arm.active_joints, self._joint_drops)
         # one subscription per topic, whatever the topic carries
         self._carried = {own: []}
-        topics = self.sensor_topics(bundle)
+        topics = bundle.arm.topics
         for output in prepared.watch.outputs:
             for topic in topics[output]:
                 self._carried.setdefault(topic, []).append(output)
@@ -96,7 +96,7 @@ class MonitorNode(DetectNode):
             self._motion.publish(motion.stamp, round(motion.elapsed * 1e9), motion.row)
             for output, values in (monitor.predicted or {}).items():
                 self._predicted[output].publish(motion.stamp, values)
-        self.tell(found)
+        self.report(found)
         for output in self._carried[self._own]:
             self.measured(output, self._own, message)
         self.meter.end(begun)

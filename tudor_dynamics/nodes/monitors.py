@@ -32,9 +32,7 @@ from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.common.base import ERROR, Figure, GuardedNode, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.monitor import MonitorNode
-
-LOOK = 0.1
-"""Time between two looks at the arms [s]."""
+from tudor_dynamics.nodes.settings import ARMS_LOOK
 
 
 class GuardedMonitorNode(GuardedNode, MonitorNode):
@@ -43,7 +41,7 @@ class GuardedMonitorNode(GuardedNode, MonitorNode):
 
 class WatchedArm:
     """
-    The monitor of one arm: made, ended when it fails, and made anew.
+    The monitor of one arm: made, ended when it fails, and made again.
 
     node: None while there is none; fault: empty where there is one.
     """
@@ -68,7 +66,7 @@ class WatchedArm:
             self.fault = ' '.join(f'{type(err).__name__}: {err}'.split())
 
     def look(self, host: TudorNode, pause: float) -> None:
-        """Take what was made into use, end what has failed, make it anew after a pause [s]."""
+        """Take what was made into use, end what has failed, make it again after a pause [s]."""
         node, now = self.node, host.steady()
         if node is not None and node.failure:
             host.get_logger().error(f'{self.namespace}: {node.failure}')
@@ -130,7 +128,7 @@ class MonitorsNode(TudorNode):
             msg = f'no arm can be watched; {"; ".join(refused)}'
             raise TudorError(msg)
         self._cpu = time.process_time(), self.steady()
-        self._looking = self.every(LOOK, self._look)
+        self._looking = self.every(ARMS_LOOK, self._look)
 
     def _namespaces(self) -> list[str]:
         """Give the namespaces of the arms, from the root, or refuse them."""

@@ -41,13 +41,9 @@ from tudor_dynamics.nodes.common.interfaces import (
 from tudor_dynamics.nodes.common.messages import floats, NamedReader
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.settings import BRAKING, LONGEST_GAP
 from tudor_dynamics.online.streams import Tick
 from tudor_dynamics.typing import FloatArray
-
-BRAKING = 2.0
-"""A process that ends waits no longer than this for the arm to stand [s]."""
-LONGEST_GAP = 60.0
-"""The controller says itself what an interruption is; this is for clocks that are set [s]."""
 
 
 def _delay_text(delay: float | None) -> str:
@@ -234,9 +230,9 @@ class OscillationDamperNode(MovingNode):
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
             return WARN, f'fixed gains: {adaptation.unknown}'
-        odd = controller.reference.refusal or self.clocks.offset()
-        if odd:
-            return WARN, odd
+        note = controller.reference.refusal or self.clocks.offset()
+        if note:
+            return WARN, note
         if controller.limits.missing:
             return WARN, f'not bounded, {"; ".join(controller.limits.missing)}'
         return None

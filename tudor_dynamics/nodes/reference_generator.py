@@ -42,11 +42,7 @@ from tudor_dynamics.nodes.common.interfaces import (
 from tudor_dynamics.nodes.common.messages import (
     joint_state, NamedReader, nanoseconds, trajectory_of)
 from tudor_dynamics.nodes.common.runner import run
-
-LOOK = 0.5
-"""Between two looks at who watches for collisions [s]."""
-ALIVE = 2.5
-"""Age of a monitor's last diagnosis at which it counts as gone [s]."""
+from tudor_dynamics.nodes.settings import ALIVE, MONITORS_LOOK
 
 
 class ReferenceGeneratorNode(TudorNode):
@@ -100,7 +96,7 @@ class ReferenceGeneratorNode(TudorNode):
                 DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, QoSProfile(depth=20))]
         self._step_timer = self.create_timer(1.0 / self.value('rate'), self._step)
         self._look()
-        self._look_timer = self.every(LOOK, self._look)
+        self._look_timer = self.every(MONITORS_LOOK, self._look)
 
     def _shaping(self) -> Shaping:
         path, model = self.value('gain_schedule'), self.value('model')
@@ -178,7 +174,7 @@ class ReferenceGeneratorNode(TudorNode):
             motion.yielding[joint] = yielding_speed(float(values[index]), scale, gain)
 
     def _feedback(self) -> list[tuple[int, int, float]]:
-        """Give for each joint the first gauge behind it, with its unit per m/m."""
+        """Give for each joint the first gauge after it, with its unit per m/m."""
         found: dict[int, tuple[int, int, float]] = {}
         for index, gauge in enumerate(self._arm.gauges):
             if gauge.joint in self._names and gauge.unit in STRAIN_SCALE:

@@ -16,10 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -29,8 +29,8 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.contact_elastic import correct, ElasticFront
 from tudor_dynamics.online.contact_levers import (
-    ACROSS, ALONG, gauge_scale, link_axes, MOMENT, PRESSING, RigidFront, Span, spans_of,
-    strain_deviation, torque_scale)
+    ACROSS, ALONG, gauge_gain, link_axes, MOMENT, PRESSING, RigidFront, Span, spans_of,
+    strain_deviation, torque_scale, validation_rmse)
 from tudor_dynamics.online.settings import (
     CONTACT_STEP, DEVIATION_STEP, ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET, EVIDENCE_MEMORY,
     FORCE_MEMORY, FREE_EVIDENCE_MEMORY, HELD_FORCE_MEMORY, INNOVATION_BOUND, LARGEST_FORCE,
@@ -51,15 +51,19 @@ class ContactEstimate:
     # On the link, about the origin of its frame, (3,) [N, N m].
     force: FloatArray
     torque: FloatArray
-    force_deviation: float  # standard deviation of the force across the link [N]
-    # Standard deviation of the torque about the axis that its gauges see [N m].
+    # Standard deviation of the torque about the axis that its gauges bend about [N m].
     torque_deviation: float
-    # Along the link, from its joint; NaN where force and place cannot be told apart [m].
-    place: float
-    place_deviation: float
-    point: FloatArray  # the place in the frame of the link; NaN where it is not known, (3,) [m]
-    pressing: FloatArray  # for each span (F, F a, A), (spans, PRESSING) [N, N m, N]
-    likely: FloatArray  # logarithm of the likelihood of the newest readings, (spans,)
+    # Standard deviation of the force across the link [N]; NaN where the force is not known.
+    force_deviation: float = math.nan
+    # Along the link, from its joint; NaN where place and force are not identifiable [m].
+    place: float = math.nan
+    place_deviation: float = math.nan
+    # The place in the frame of the link; NaN where it is not known, (3,) [m].
+    point: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    # For each span (F, F a, A), (spans, PRESSING) [N, N m, N].
+    pressing: FloatArray = field(default_factory=lambda: np.zeros((0, PRESSING)))
+    # Logarithm of the likelihood of the newest readings, (spans,).
+    likely: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def located(self) -> bool:
@@ -73,21 +77,14 @@ class ContactEstimate:
             'the gauges cannot tell place from force')
 
 
-@dataclass
 class ContactRecord:
-    """Sums over a contact: its place does not change, so all samples tell of it together."""
+    """Sums over a contact: its place does not change, so all samples count together."""
 
-    spans: tuple[Span, ...]  # where contacts are looked for
-    links: tuple[str, ...]
-    _likely: FloatArray = field(init=False)
-    _moments: FloatArray = field(init=False)
-    _largest: FloatArray = field(init=False)
-    _count: int = 0
-
-    def __post_init__(self) -> None:
-        n = len(self.spans)
-        self._likely = np.log([span.weight for span in self.spans])
-        self._moments, self._largest = np.zeros((n, 4)), np.zeros(n)
+    def __init__(self, spans: Sequence[Span], links: Sequence[str]) -> None:
+        self.spans, self.links = spans, links
+        self._likely = np.log([span.weight for span in spans])
+        self._moments, self._largest = np.zeros((len(spans), 4)), np.zeros(len(spans))
+        self._count = 0
 
     def add(self, estimate: ContactEstimate) -> None:
         """Take a sample of the contact."""
@@ -103,7 +100,7 @@ class ContactRecord:
         Give what it comes to.
 
         Returns ``link``, ``force`` (mean across the link) and ``largest_force`` [N], ``place`` and
-        ``place_deviation`` (None where it cannot be told) [m]; empty without a sample.
+        ``place_deviation`` (None where it is not identifiable) [m]; empty without a sample.
         """
         if self._count == 0 or not self.spans:
             return {}
@@ -111,11 +108,8 @@ class ContactRecord:
         share = weights[own] / weights[own].sum()
         force = float(share @ (self._moments[own, 3] / self._count))
         largest = float(share @ self._largest[own])
-        places, spreads = np.array([self._place(k) for k in own]).T
-        place = float(share @ places)
-        spread = math.sqrt(float(share @ (spreads**2 + (places - place)**2)))
-        prior = prior_spread([self.spans[k] for k in own])
-        known = spread <= PLACE_CERTAIN * prior or prior == 0.0
+        place, spread, known = place_among(
+            [self.spans[k] for k in own], share, [self._place(k) for k in own])
         certain = float(sum(weights[k] for k in own))
         return {'link': link, 'certain': round(certain, 4), 'force': force,
                 'largest_force': largest, 'place': place if known else None,
@@ -149,10 +143,21 @@ def most_likely(likely: FloatArray, names: Sequence[str]) -> tuple[str, list[int
     return best, [k for k, of in enumerate(names) if of == best], weights
 
 
-def prior_spread(spans: list[Span]) -> float:
-    """Give the standard deviation of a place of which only the link is known [m]."""
+def place_among(
+    spans: Sequence[Span], share: FloatArray, places: Sequence[tuple[float, float]],
+) -> tuple[float, float, bool]:
+    """
+    Give the place of a contact on one of several spans of a link, its deviation [m], and whether
+    that is certain enough to be reported.
+
+    share (spans,): how likely each is; places: place and standard deviation on each [m].
+    """
+    means, deviations = np.array(places).T
+    place = float(share @ means)
+    deviation = math.sqrt(float(share @ (deviations**2 + (means - place)**2)))
     reach = max(span.outer for span in spans) - min(span.inner for span in spans)
-    return reach / math.sqrt(12.0)
+    prior = reach / math.sqrt(12.0)  # of a place of which only the link is known
+    return place, deviation, prior == 0.0 or deviation <= PLACE_CERTAIN * prior
 
 
 def significance(pressing: FloatArray, covariance: FloatArray) -> float:
@@ -182,19 +187,6 @@ def place_on(span: Span, pressing: FloatArray, covariance: FloatArray) -> tuple[
 # an elastic one also the vibration that the contact causes, which the filters carry along.
 
 
-class Bounds(NamedTuple):
-    """Bounds of what counts as a contact, in squared standard deviations."""
-
-    # From which, and until which, a contact is detected.
-    detected: float
-    ended: float
-    offset: float  # below which a residual is taken for an offset
-
-
-RIGID = Bounds(RIGID_DETECTED, RIGID_ENDED, RIGID_OFFSET)
-ELASTIC = Bounds(ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET)
-
-
 class ContactEstimator:
     """
     Estimates what touches an arm with gauges.
@@ -212,8 +204,6 @@ class ContactEstimator:
         Where contacts are looked for.
     links : tuple of str
         Frame of the link of each.
-    scale : GaugeScale
-        Of the gauges.
 
     Raises
     ------
@@ -229,8 +219,8 @@ class ContactEstimator:
         if model is None:
             msg = f'contacts need a model of the strain, and the bundle has no {kind} one'
             raise ModelError(msg)
-        self.scale = gauge_scale(bundle, kind)
-        deviation = np.abs(strain_deviation(bundle, kind) / self.scale.gain)
+        gain = gauge_gain(bundle.arm, model)
+        deviation = np.abs(strain_deviation(bundle, kind) / gain)
         if not np.isfinite(deviation).any():
             msg = (f'{bundle.arm.name}: no gauge has a scale in N m; give sensors: with a gain to '
                    'the arm description, or fit an elastic model')
@@ -240,42 +230,38 @@ class ContactEstimator:
         if not self.spans:
             msg = f'{arm.name}: no link with gauges has an end that the kinematics tells'
             raise ModelError(msg)
-        self._widening, self._bounds = (
-            (MOVING_DEVIATIONS, ELASTIC) if isinstance(model, ElasticModel) else (1.0, RIGID))
+        elastic = isinstance(model, ElasticModel)
+        self._widening = MOVING_DEVIATIONS if elastic else 1.0
+        self._detected, self._ended, self._free = (
+            (ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET) if elastic else
+            (RIGID_DETECTED, RIGID_ENDED, RIGID_OFFSET))
         self._deviation = self._widening * np.where(np.isfinite(deviation), deviation, 1e9)
         self._front: ElasticFront | RigidFront = (
-            ElasticFront(model, self.spans, self._deviation)
-            if isinstance(model, ElasticModel) else RigidFront(arm, self.spans))
-        self._zero = (np.array([values[1] for values in model.coefficients_ or ()])
-                      if isinstance(model, ElasticModel) else np.zeros(len(arm.gauges)))
+            ElasticFront(model, self.spans, gain, self._deviation)
+            if isinstance(model, ElasticModel) else RigidFront(arm, self.spans, gain))
         self.links = tuple(link_frame(arm.full_model, span.joint) for span in self.spans)
         self._axes = [link_axes(arm, span.joint) for span in self.spans]
         n = 2 * self._front.modes + PRESSING
         self._state = np.zeros((len(self.spans), n))
         self._covariance = np.zeros((len(self.spans), n, n))
-        self._weight = np.zeros(len(self.spans))
         self._prior = np.log([span.weight for span in self.spans])
-        self._offset = np.zeros(len(arm.gauges))
-        self._spread = self._deviation**2
-        self._ringing = np.diag(self._deviation**2)
-        self._size = 0.0
-        self._last: int | None = None
-        self._restarts = True
-        self.felt = False
+        self._last, self._restarts = 0, True
+        self._restart()
 
     def record(self) -> ContactRecord:
         """Give a record for a contact that begins."""
         return ContactRecord(self.spans, self.links)
 
     def _restart(self) -> None:
+        """Forget the past."""
         self._state[:] = 0.0
         self._covariance[:] = 0.0
         for covariance, span in zip(self._covariance, self.spans, strict=True):
             covariance[-PRESSING:, -PRESSING:] = span.covariance
         self._weight = self._prior.copy()
-        self._offset[:] = 0.0
-        self._spread[:] = self._deviation**2
-        self._ringing = np.diag(self._deviation**2)
+        self._offset = np.zeros(len(self._deviation))
+        self._spread = self._deviation**2
+        self._ringing = np.diag(self._spread)
         self._size = 0.0
         self.felt = False
 
@@ -297,23 +283,23 @@ class ContactEstimator:
         measured : ndarray of shape (n_gauges,)
             Readings in their units.
         residual : ndarray of shape (n_gauges,) or None
-            What a rigid model leaves over of them; None while its filters settle.
+            Their residual by a rigid model; None while its filters settle.
 
         Returns
         -------
         ContactEstimate or None
             None at a beginning, for samples that are passed over, and where the readings have
-            driven the followed arm beyond what an arm can do: it begins anew.
+            driven the followed arm beyond what an arm can do: it restarts.
 
         """
-        if self._last is None or begins or stamp <= self._last:
+        if begins or stamp <= self._last:
             self._restarts = True
-        dt = 0.0 if self._last is None or self._restarts else (stamp - self._last) * 1e-9
+        dt = 0.0 if self._restarts else (stamp - self._last) * 1e-9
         if not self._restarts and dt < CONTACT_STEP:
             return None
         self._last = stamp
         try:
-            moment = self._residual(dt, row, measured, residual)
+            moment = self._front.residual(dt, row, measured, residual)
         except SimulationError:
             moment = None
         if moment is None or self._restarts:
@@ -324,9 +310,8 @@ class ContactEstimator:
         standing = float(np.abs(row[n:2 * n]).max()) < STANDING_SPEED
         free_of_offset = moment - self._offset  # as it was before this sample
         share = self._standing_noise(dt, moment, standing)
-        likely = self._correct(dt, row, free_of_offset, share)
-        if isinstance(self._front, ElasticFront):
-            self._front.settle(moment - self._offset, dt, self._state)
+        likely = self._correct(dt, free_of_offset, share)
+        self._front.settle(moment - self._offset, dt, self._state)
         # free motion says nothing of where a contact is
         kept = math.exp(-dt / (EVIDENCE_MEMORY if self.felt else FREE_EVIDENCE_MEMORY))
         self._weight = (self._weight - self._prior) * kept + self._prior + likely
@@ -336,35 +321,21 @@ class ContactEstimator:
             return None
         return found
 
-    def _residual(
-        self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
-    ) -> FloatArray | None:
-        """Give the moments that the model leaves over [N m]; None where it cannot say."""
-        gain = self.scale.gain
-        if isinstance(self._front, ElasticFront):
-            return np.asarray((measured - self._zero) / gain - self._front.follow(dt, row))
-        return None if residual is None else np.asarray(residual / gain)
-
     def _standing_noise(self, dt: float, moment: FloatArray, standing: bool) -> FloatArray:
         """Learn offset and noise of a standing arm; give the part of its usual variance."""
         usual = self._deviation**2
         if not standing:
             self._spread[:] = usual
             self._offset *= math.exp(-dt / OFFSET_MEMORY)
-            if self._front.modes and self._size < self._bounds.offset:
+            if self._front.modes and self._size < self._free:
                 self._learn(dt, moment)
-        elif self._size < self._bounds.offset:
+        elif self._size < self._free:
             off = moment - self._offset
             self._offset += min(dt / OFFSET_MEMORY, 1.0) * off
             # a push that begins is no noise
             self._spread += min(dt / STANDING_MEMORY, 1.0) * (
                 np.minimum(off**2, 4.0 * self._spread) - self._spread)
         return np.minimum(1.0, self._spread / usual + (STANDING_DEVIATION / self._widening)**2)
-
-    def _noise(self, share: FloatArray, times: float) -> FloatArray:
-        """Give the covariance of a sample, of an arm that stands no larger than it was seen."""
-        part = np.sqrt(np.minimum(1.0, share * self._deviation**2 / np.diag(self._ringing)))
-        return times * np.outer(part, part) * self._ringing
 
     def _learn(self, dt: float, moment: FloatArray) -> None:
         """Learn how the residual of a moving, untouched arm rings, in all gauges together."""
@@ -374,30 +345,23 @@ class ContactEstimator:
         self._ringing += min(dt / RINGING_MEMORY, 1.0) * (
             RINGING_SAMPLES * (np.outer(off, off) + floor) - self._ringing)
 
-    def _correct(
-        self, dt: float, row: FloatArray, moment: FloatArray, share: FloatArray,
-    ) -> FloatArray:
+    def _correct(self, dt: float, moment: FloatArray, share: FloatArray) -> FloatArray:
         front = self._front
         known = np.flatnonzero(np.isfinite(moment))
-        white = np.linalg.inv(np.linalg.cholesky(
-            self._noise(share, DEVIATION_STEP / dt if front.modes else 1.0)[np.ix_(known, known)]))
+        # noise of an arm that stands is no larger than it was seen
+        part = np.sqrt(np.minimum(1.0, share * self._deviation**2 / np.diag(self._ringing)))
+        times = DEVIATION_STEP / dt if front.modes else 1.0
+        noise = times * np.outer(part, part) * self._ringing
+        white = np.linalg.inv(np.linalg.cholesky(noise[np.ix_(known, known)]))
         moment, variance = white @ moment[known], np.ones(len(known))
         quiet = float(share.min())
         moves = front.modes and quiet > STANDING_VARIANCE
         fade = math.exp(-dt / (FORCE_MEMORY if moves else HELD_FORCE_MEMORY))
-        levers = front.rows(row) if isinstance(front, RigidFront) else None
         likely = np.zeros(len(self.spans))
         for k, span in enumerate(self.spans):
             state, covariance = self._state[k], self._covariance[k]
             rise = (1.0 - fade * fade) * span.covariance
-            if isinstance(front, ElasticFront):
-                rows = front.carry(k, state, covariance, dt, fade, rise, quiet)
-            else:
-                assert levers is not None
-                rows = levers[k]
-                state *= fade
-                covariance *= fade * fade
-                covariance += rise
+            rows = front.carry(k, state, covariance, dt, fade, rise, quiet)
             likely[k] = correct(state, covariance, white @ rows[known], variance, moment,
                                 INNOVATION_BOUND)
         return likely
@@ -408,26 +372,23 @@ class ContactEstimator:
         covariance = self._covariance[:, -PRESSING:, -PRESSING:].copy()
         best = max(own, key=lambda k: float(weights[k]))
         self._size = size = max(map(significance, pressing, covariance))
-        self.felt = size > (self._bounds.ended if self.felt else self._bounds.detected)
+        self.felt = size > (self._ended if self.felt else self._detected)
         share = weights[own] / weights[own].sum()
         values = share @ pressing[own]
         spread = sum(part * (covariance[k] + np.outer(pressing[k] - values, pressing[k] - values))
                      for part, k in zip(share, own, strict=True))
         assert not isinstance(spread, int)
-        places, deviations = np.array(
-            [place_on(self.spans[k], pressing[k], covariance[k]) for k in own]).T
-        place = float(share @ places)
-        unsure = math.sqrt(float(share @ (deviations**2 + (places - place)**2)))
-        prior = prior_spread([self.spans[k] for k in own])
-        known = self.felt and (prior == 0.0 or unsure <= PLACE_CERTAIN * prior)
+        place, unsure, known = place_among(
+            [self.spans[k] for k in own], share,
+            [place_on(self.spans[k], pressing[k], covariance[k]) for k in own])
         axes = self._axes[best]
-        if not known:
+        if not (self.felt and known):
             place = unsure = math.nan
         return ContactEstimate(
             stamp, self.links[best], joint, self.felt,
             values[ACROSS] * axes.across + values[ALONG] * axes.along,
-            values[MOMENT] * axes.bending, math.sqrt(max(float(spread[ACROSS, ACROSS]), 0.0)),
-            math.sqrt(max(float(spread[MOMENT, MOMENT]), 0.0)), place, unsure,
+            values[MOMENT] * axes.bending, math.sqrt(max(float(spread[MOMENT, MOMENT]), 0.0)),
+            math.sqrt(max(float(spread[ACROSS, ACROSS]), 0.0)), place, unsure,
             place * axes.along, pressing, likely)
 
 
@@ -435,7 +396,7 @@ class ContactEstimator:
 #
 # The momentum observer gives the external effort of each joint. A contact loads the joints inboard
 # of it: the outermost joint that feels one moves the link that is touched. Where on it, and with
-# what force, efforts do not tell.
+# what force, is not identifiable from efforts.
 
 
 class TorqueEstimator:
@@ -447,25 +408,22 @@ class TorqueEstimator:
         arm = bundle.arm
         self._joints = arm.active_joints
         self._gain = torque_scale(arm)
-        facts: Any = bundle.facts.get('validation')
-        try:
-            channels = facts['effort']['analytical']['validation']['channels']
-            usual = [float(channels[name]['rmse']) for name in self._joints]
-        except (KeyError, TypeError, ValueError):
+        usual = validation_rmse(bundle, 'effort', 'analytical')
+        if usual is None:
             msg = ('the model does not say what efforts are left over in free motion: fit it with '
                    'bags to be judged by')
-            raise ModelError(msg) from None
+            raise ModelError(msg)
         if not np.isfinite(self._gain).any():
             msg = (f'{arm.name}: no torque constant is known; give motors: with torque_constant '
                    'and gear_ratio to have contacts in N m')
             raise ModelError(msg)
-        self._deviation = np.array(usual) * self._gain
+        self._deviation = usual * self._gain
         self._links = tuple(link_frame(arm.full_model, name) for name in self._joints)
         self._axes = [joint_axis(arm.full_model, name) for name in self._joints]
         self.felt = False
 
     def record(self) -> ContactRecord:
-        """Give a record for a contact that begins; efforts tell no force."""
+        """Give a record for a contact that begins; efforts show no force."""
         return ContactRecord((), ())
 
     def step(
@@ -486,12 +444,10 @@ class TorqueEstimator:
         feeling = np.flatnonzero(size > bound)
         self.felt = bool(len(feeling))
         place = int(feeling[-1]) if self.felt else int(np.argmax(size))
-        nowhere = np.full(3, np.nan)
         return ContactEstimate(
             stamp, self._links[place], self._joints[place], self.felt, np.zeros(3),
-            float(np.nan_to_num(torque[place])) * self._axes[place], float('nan'),
-            float(self._deviation[place]), float('nan'), float('nan'), nowhere,
-            np.zeros((0, 3)), np.zeros(0))
+            float(np.nan_to_num(torque[place])) * self._axes[place],
+            float(self._deviation[place]))
 
 
 AnyEstimator = ContactEstimator | TorqueEstimator
@@ -500,15 +456,14 @@ AnyEstimator = ContactEstimator | TorqueEstimator
 def contact_estimator(bundle: ModelBundle, kind: str, methods: Collection[str]) -> AnyEstimator:
     """Choose what estimates contacts."""
     why = []
-    if 'strain' in methods:
-        try:
-            return ContactEstimator(bundle, kind)
-        except ModelError as err:
-            why.append(str(err))
-    if 'momentum' in methods:
-        try:
-            return TorqueEstimator(bundle)
-        except ModelError as err:
-            why.append(str(err))
+    known: dict[str, Callable[[], AnyEstimator]] = {
+        'strain': lambda: ContactEstimator(bundle, kind),
+        'momentum': lambda: TorqueEstimator(bundle)}
+    for method, make in known.items():
+        if method in methods:
+            try:
+                return make()
+            except ModelError as err:
+                why.append(str(err))
     msg = '; '.join(why) or 'contacts need the methods strain or momentum'
     raise ModelError(msg)

@@ -181,9 +181,10 @@ def carry(
     step, entering = np.zeros((n, n)), np.zeros((n, white.shape[1]))
     for i in range(c):
         slow = min(0.5 * rates[i], 0.95 * math.sqrt(squares[i]))
-        swing = math.sqrt(squares[i] - slow * slow)
+        ringing = math.sqrt(squares[i] - slow * slow)
         decay = math.exp(-slow * dt)
-        cosine, sine = decay * math.cos(swing * dt), decay * math.sin(swing * dt) / swing
+        cosine, sine = (decay * math.cos(ringing * dt),
+                        decay * math.sin(ringing * dt) / ringing)
         step[i, i], step[i, c + i] = cosine + slow * sine, sine
         step[c + i, i], step[c + i, c + i] = -squares[i] * sine, cosine - slow * sine
         place, speed = (1.0 - step[i, i]) / squares[i], sine
@@ -234,12 +235,15 @@ class ElasticFront:
     """
     An elastic arm that follows positions, uncorrected, and is linearised as it goes.
 
-    moment_deviation (gauges,) [N m], noise [N^2 s].
+    gain (gauges,) [unit per N m], moment_deviation (gauges,) [N m], noise [N^2 s].
     """
 
     def __init__(
-        self, model: ElasticModel, spans: Sequence[Span], moment_deviation: FloatArray,
+        self, model: ElasticModel, spans: Sequence[Span], gain: FloatArray,
+        moment_deviation: FloatArray,
     ) -> None:
+        self._gain = gain
+        self._zero = np.array([values[1] for values in model.coefficients_ or ()])
         self._driven = driven = driven_arm(model.arm, model.values)
         m = driven.size
         tables = driven.tables
@@ -280,7 +284,7 @@ class ElasticFront:
         """
         Go to the next sample.
 
-        dt [s]: 0 to begin anew, at rest; row (3 joints,): ``[q, dq, ddq]`` of the active joints
+        dt [s]: 0 to restart, at rest; row (3 joints,): ``[q, dq, ddq]`` of the active joints
         [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (gauges,) [N m].
         """
         if dt <= 0.0:
@@ -299,6 +303,12 @@ class ElasticFront:
             raise SimulationError(f'the arm has no vibrations where it is now ({err}): its links '
                                   'bend farther than they can') from None
         return moment
+
+    def residual(
+        self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
+    ) -> FloatArray | None:
+        """Give the residual as moments (gauges,) [N m]; arguments as in `follow`."""
+        return np.asarray((measured - self._zero) / self._gain - self.follow(dt, row))
 
     def settle(self, left: FloatArray, dt: float, states: FloatArray) -> None:
         """

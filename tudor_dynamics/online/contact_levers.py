@@ -27,12 +27,10 @@ import pinocchio as pin
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import gauge_point, joint_axis, unit_vector
 from tudor_dynamics.arm.schema import GaugeSpec
-from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.models.base import MemorylessModel, Model
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.online.settings import FORCE_CHANGE, POSE_CHANGE, PUSH_DEVIATION, SPAN_LENGTH
+from tudor_dynamics.online.settings import PUSH_DEVIATION, SPAN_LENGTH
 from tudor_dynamics.typing import FloatArray
 
 
@@ -41,48 +39,38 @@ PRESSING = 3
 """How many there are."""
 
 
-@dataclass(frozen=True, eq=False)
-class GaugeScale:
-    """Gains of all gauges."""
-
-    # Reading per moment, in units of the gauges; NaN where nobody knows, (gauges,) [1/(N m)].
-    gain: FloatArray
-    source: str  # who says so; empty for nobody
-
-    @property
-    def known(self) -> list[bool]:
-        """Which gauges have one."""
-        return [bool(value) for value in np.isfinite(self.gain)]
-
-
-def gauge_scale(bundle: ModelBundle, kind: str) -> GaugeScale:
-    """Find the scale of the gauges."""
-    model = bundle.models.get('strain', {}).get(kind)
+def gauge_gain(arm: Arm, model: Model | None) -> FloatArray:
+    """Give reading per moment [unit per N m], (gauges,); NaN where nobody knows."""
     if isinstance(model, ElasticModel) and model.coefficients_ is not None:
-        return GaugeScale(np.array([values[0] for values in model.coefficients_]), 'elastic model')
-    sensors = {sensor.gauge: sensor.gain for sensor in bundle.arm.spec.sensors}
-    gain = np.array([sensors.get(name, np.nan) for name in bundle.arm.gauge_names])
-    return GaugeScale(gain, 'sensors of the arm description' if np.isfinite(gain).any() else '')
+        return np.array([values[0] for values in model.coefficients_])
+    sensors = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
+    return np.array([sensors.get(name, np.nan) for name in arm.gauge_names])
+
+
+def validation_rmse(bundle: ModelBundle, output: str, kind: str) -> FloatArray | None:
+    """Give the RMSE of each channel in the validation of a fit; None where there was none."""
+    facts: Any = bundle.facts.get('validation')
+    try:
+        channels = facts[output][kind]['validation']['channels']
+        return np.array([float(channels[name]['rmse']) for name in bundle.arm.channels[output]])
+    except (KeyError, TypeError, ValueError):
+        return None
 
 
 def strain_deviation(bundle: ModelBundle, kind: str) -> FloatArray:
     """
-    Give what a model leaves over of strain in free motion, as a standard deviation.
+    Give the residual of a model's strain in free motion, as a standard deviation.
 
-    Returns (gauges,), NaN where nothing tells.
+    Returns (gauges,), NaN where it is not known.
     """
-    model = bundle.models['strain'][kind]
-    names = bundle.arm.gauge_names
-    noise = getattr(model, 'noise_', None)
+    noise = getattr(bundle.models['strain'][kind], 'noise_', None)
     if noise is not None:
         return np.array(noise, dtype=float)
-    facts: Any = bundle.facts.get('validation')
-    try:
-        channels = facts['strain'][kind]['validation']['channels']
-        return np.array([float(channels[name]['rmse']) for name in names])
-    except (KeyError, TypeError, ValueError):
-        sensors = {sensor.gauge: sensor.noise for sensor in bundle.arm.spec.sensors}
-        return np.array([sensors.get(name) or np.nan for name in names])
+    found = validation_rmse(bundle, 'strain', kind)
+    if found is not None:
+        return found
+    sensors = {sensor.gauge: sensor.noise for sensor in bundle.arm.spec.sensors}
+    return np.array([sensors.get(name) or np.nan for name in bundle.arm.gauge_names])
 
 
 def torque_scale(arm: Arm) -> FloatArray:
@@ -110,9 +98,7 @@ class Span:
     # Ends, from the joint along the link; equal where the place is known [m].
     inner: float
     outer: float
-    # Standard deviation of the force across and along the link [N].
-    across: float = PUSH_DEVIATION
-    along: float = 0.0
+    along: float = 0.0  # standard deviation of the force along the link [N]
 
     @property
     def middle(self) -> float:
@@ -137,11 +123,10 @@ class Span:
     @property
     def covariance(self) -> FloatArray:
         """Covariance of what presses, any place as likely as another [N, N m, N]."""
-        spread = self.spread
-        return np.array([
-            [self.across**2, self.across**2 * self.middle, 0.0],
-            [self.across**2 * self.middle, self.across**2 * (self.middle**2 + spread**2), 0.0],
-            [0.0, 0.0, self.along**2]])
+        across, middle = PUSH_DEVIATION**2, self.middle
+        return np.array([[across, across * middle, 0.0],
+                         [across * middle, across * (middle**2 + self.spread**2), 0.0],
+                         [0.0, 0.0, self.along**2]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +154,7 @@ def link_axes(arm: Arm, joint: str) -> LinkAxes:
 
 
 def link_end(arm: Arm, joint: str) -> float | None:
-    """Give how far a link with gauges reaches from its joint [m]; None where nothing tells."""
+    """Give how far a link with gauges reaches from its joint [m]; None where nobody knows."""
     model, axes = arm.full_model, link_axes(arm, joint)
     index = model.getJointId(joint)
     ends = [model.jointPlacements[child].translation @ axes.along
@@ -186,7 +171,7 @@ def spans_of(arm: Arm, known: Sequence[bool]) -> tuple[Span, ...]:
     Divide the links at their gauges.
 
     A contact inboard of a link's first gauge is felt by the gauges of links before it alone, as a
-    contact of those. With one gauge a link, two of them in one plane tell a force at the tip.
+    contact of those. With one gauge a link, two of them in one plane show a force at the tip.
 
     Returns an empty tuple where no gauge has a scale, or no link a length.
     """
@@ -211,12 +196,12 @@ def spans_of(arm: Arm, known: Sequence[bool]) -> tuple[Span, ...]:
 
 
 class RigidFront:
-    """Levers of forces on spans about the gauges; nothing is carried from sample to sample."""
+    """A rigid arm: levers of forces on spans about the gauges, gain (gauges,) [unit per N m]."""
 
     modes = 0
 
-    def __init__(self, arm: Arm, spans: Sequence[Span]) -> None:
-        self._arm, self._spans = arm, spans
+    def __init__(self, arm: Arm, spans: Sequence[Span], gain: FloatArray) -> None:
+        self._arm, self._spans, self._gain = arm, spans, gain
         self._model = arm.full_model
         self._data = self._model.createData()
         self._q = pin.neutral(self._model)
@@ -227,6 +212,28 @@ class RigidFront:
             (self._model.getJointId(gauge.joint), gauge_point(gauge), gauge_axis(arm, gauge),
              gauge.distance) for gauge in arm.gauges]
         self._axes = [link_axes(arm, span.joint) for span in spans]
+
+    def residual(
+        self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
+    ) -> FloatArray | None:
+        """Give the residual as moments (gauges,) [N m]; None where the model has none."""
+        if residual is None:
+            return None
+        self._now = self.rows(row)
+        return np.asarray(residual / self._gain)
+
+    def carry(
+        self, number: int, state: FloatArray, covariance: FloatArray, dt: float, fade: float,
+        rise: FloatArray, calm: float,
+    ) -> FloatArray:
+        """Carry what presses on a span to the newest sample; see `ElasticFront.carry`."""
+        state *= fade
+        covariance *= fade * fade
+        covariance += rise
+        return self._now[number]
+
+    def settle(self, left: FloatArray, dt: float, states: FloatArray) -> None:
+        """Do nothing: a rigid arm has no state of its own."""
 
     def _index(self, joint: str) -> int:
         return int(self._model.joints[self._model.getJointId(joint)].idx_q)
@@ -265,77 +272,3 @@ class RigidFront:
         link, carrier = self._data.oMi[own], self._data.oMi[joint]
         lever = link.act(at) - carrier.act(point)
         return -float((carrier.rotation @ axis) @ np.cross(lever, link.rotation @ direction))
-
-
-@dataclass(frozen=True, eq=False)
-class StaticReadings:
-    """What gauges of a resting arm read."""
-
-    weight: FloatArray  # (gauges,): of its own weight, but for constants, in units of the gauges
-    # (gauges,): of a unit force at the tip of the bent arm [1/N]; None where only levers tell.
-    share: FloatArray | None
-
-
-class StaticStrain:
-    """Readings of gauges of a resting arm."""
-
-    def __init__(
-        self, arm: Arm, model: Model | None = None,
-        normal: tuple[float, float, float] = (0.0, 0.0, 1.0),
-    ) -> None:
-        self._normal = np.array(normal) / np.linalg.norm(normal)
-        self._force = 0.0
-        self._last: StaticReadings | None = None
-        self._at = np.zeros(len(arm.active_joints))
-        self._model = model if isinstance(model, MemorylessModel) else None
-        self._gain = self._driven = None
-        self._zero = np.zeros(len(arm.gauges))
-        self.source = 'none'
-        if self._model is not None:
-            self.source = 'model'
-            return
-        values: dict[str, float] = {}
-        if isinstance(model, ElasticModel) and model.coefficients_ is not None:
-            self._gain = np.array([values[0] for values in model.coefficients_])
-            values = dict(model.values)
-        else:
-            sensors = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
-            self._gain = np.array([sensors.get(name, 0.0) for name in arm.gauge_names])
-        try:
-            self._driven = DrivenArm(arm)
-            self._driven.set_parameters(values)
-        except SimulationError:
-            self._driven = None
-            return
-        self.source = 'elastic model' if values else 'description'
-
-    def at(self, q: FloatArray, force: float = 0.0) -> StaticReadings:
-        """
-        Give the readings at a pose; a force that bends the arm changes its levers.
-
-        q (joints,) [rad or m], force [N].
-        """
-        force = max(force, FORCE_CHANGE)
-        if (self._last is None or float(np.abs(q - self._at).max()) > POSE_CHANGE
-                or abs(force - self._force) > FORCE_CHANGE):
-            self._last, self._at, self._force = self._solve(q, force), q.copy(), force
-        return self._last
-
-    def _solve(self, q: FloatArray, force: float) -> StaticReadings:
-        if self._model is not None:
-            row = np.concatenate([q, np.zeros(2 * len(q))])[None]
-            return StaticReadings(np.asarray(self._model.predict(row)[0]), None)
-        if self._driven is None or self._gain is None:
-            return StaticReadings(self._zero, None)
-        driven = self._driven
-        try:
-            free = driven.follow(q[None], np.zeros(1)).moment[0]
-            driven.tables.chain.wrench[driven.mechanism.tip, :3] = force * self._normal
-            driven.loaded = True
-            pressed = driven.follow(q[None], np.zeros(1)).moment[0]
-        except SimulationError:
-            return StaticReadings(self._zero, None)
-        finally:
-            driven.tables.chain.wrench[:] = 0.0
-            driven.loaded = False
-        return StaticReadings(free * self._gain, (pressed - free) * self._gain / force)

@@ -60,7 +60,7 @@ class SensorHealth:
 
 @compiled
 def _wait(values: FloatArray, last: FloatArray, dt: float, still: FloatArray) -> None:
-    """Add time where a value is the last one, and begin anew where it is not."""
+    """Add time where a value is the last one, and start from zero where it is not."""
     for i in range(len(values)):
         still[i] = still[i] + dt if values[i] == last[i] else 0.0
         last[i] = values[i]
@@ -132,7 +132,6 @@ class OutputCoverage:
     ) -> None:
         self.output = output
         self.streams = (motion, *others)
-        self.verdict = CoverageReport()
         self._sensors = [self.streams.index(stream) for stream in sensors]
         self._motions, self._measured = tuple(motions), tuple(measured)
         self._patience = settle + 2.0 * COVERAGE_TIME
@@ -151,8 +150,7 @@ class OutputCoverage:
         self._past.append(new)
         while len(self._past) > 2 and now - self._past[1].time >= COVERAGE_TIME:
             self._past.popleft()
-        self.verdict = self._judge(new, self._past[0])
-        return self.verdict
+        return self._judge(new, self._past[0])
 
     def _count(self, now: float) -> _Counts:
         motion: Counter[str] = Counter()
@@ -202,21 +200,23 @@ class OutputCoverage:
                 patient and share == settling):
             return self._say_blind(new, old, causes)
         apart = self._apart(new, old)
-        told = [apart] if apart else []
+        faults = [apart] if apart else []
         if share >= UNJUDGED_WARNING:
-            told.append(f'{100.0 * share:.1f} % of the samples of {self.output} not judged, '
-                        f'{_main(causes)}')
+            faults.append(f'{100.0 * share:.1f} % of the samples of {self.output} not judged, '
+                          f'{_main(causes)}')
         lasting = share - (settling if patient else 0.0)
         full = (self._flowing is not None
                 and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
-        level = CoverageLevel.ENOUGH if not told else (
+        level = CoverageLevel.ENOUGH if not faults else (
             CoverageLevel.NONE if full and lasting >= UNJUDGED_ERROR else CoverageLevel.PARTIAL)
-        return CoverageReport(level, '; '.join(told), share, causes)
+        return CoverageReport(level, '; '.join(faults), share, causes)
 
     def _say_blind(self, new: _Counts, old: _Counts, causes: dict[str, float]) -> CoverageReport:
         """Say why nothing was judged for a second: the plainest reason first."""
         causes = causes or {'no_measurement': 1.0}
-        silent = self._silent(new.time)
+        assert self._flowing is not None
+        silent = [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
+                  if new.time - max(at, self._flowing) >= COVERAGE_TIME - COVERAGE_PERIOD]
         why = (f'nothing on {", ".join(silent)}' if silent
                else self._apart(new, old) or _main(causes))
         text = f'no sample of {self.output} judged for {COVERAGE_TIME:g} s: {why}'
@@ -232,12 +232,6 @@ class OutputCoverage:
         came = max(came, measured.total())
         return ({cause: n / total for cause, n in motion.items()},
                 {cause: n / came for cause, n in measured.items() if n})
-
-    def _silent(self, now: float) -> list[str]:
-        """Name the topics on which nothing came while something came on others."""
-        assert self._flowing is not None
-        return [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
-                if now - max(at, self._flowing) >= COVERAGE_TIME - COVERAGE_PERIOD]
 
     def _apart(self, new: _Counts, old: _Counts) -> str:
         """Name the topic whose stamps lie apart from those of the motion; empty for none."""

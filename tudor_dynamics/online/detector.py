@@ -36,7 +36,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:
-    """Say which link each joint and gauge belongs to."""
+    """Say which link each joint and gauge belongs to, and how many joints carry it."""
     model = arm.full_model
     bodies: dict[int, str] = {}
     for frame in model.frames:
@@ -45,15 +45,11 @@ def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:
 
     def link(joint: str) -> tuple[int, str]:
         index = int(model.getJointId(joint))
-        depth, place = 0, index
-        while place:
-            depth, place = depth + 1, int(model.parents[place])
         named = joint.replace('joint', 'link') if 'joint' in joint else f'{joint}_link'
-        return depth, bodies.get(index, named)
+        return len(model.supports[index]) - 1, bodies.get(index, named)
 
-    links = {joint: link(joint) for joint in arm.active_joints}
-    links.update({gauge.name: link(gauge.joint) for gauge in arm.gauges})
-    return links
+    return {**{joint: link(joint) for joint in arm.active_joints},
+            **{gauge.name: link(gauge.joint) for gauge in arm.gauges}}
 
 
 # How far the arm is from what thresholds were learned on, and how much wider they have to be.
@@ -99,23 +95,19 @@ def follow(
             widening[i] = min(faster, WIDEST)
 
 
-def levels(dt: FloatArray, ratio: FloatArray) -> FloatArray:
+@compiled
+def levels(dt: FloatArray, ratio: FloatArray, level: FloatArray) -> FloatArray:
     """
     Follow the level along a record.
 
-    dt (samples,) [s], ratio (samples, channels); returns (samples, channels).
+    dt (samples,) [s], ratio (samples, channels), level (channels,): where it begins, is written;
+    returns (samples, channels).
     """
     out = np.empty_like(ratio)
-    _record(dt, ratio, np.quantile(ratio, LEVEL_QUANTILE, axis=0), out)
-    return out
-
-
-@compiled
-def _record(dt: FloatArray, ratio: FloatArray, level: FloatArray, out: FloatArray) -> None:
-    """Follow a record, and keep the levels."""
     for k in range(len(dt)):
         _track(dt[k], ratio[k], level)
         out[k] = level
+    return out
 
 
 @dataclass(frozen=True)
@@ -123,7 +115,7 @@ class Rates:
     """False alarms that the user allows, per hour of free motion."""
 
     collision: float = 1.0  # of the level that acts [1/h]
-    contact: float = 60.0  # of the level that only tells [1/h]
+    contact: float = 60.0  # of the level that only warns [1/h]
 
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
@@ -355,29 +347,29 @@ class _Track:
 
 @dataclass(slots=True)
 class _Onset:
-    """Since when a force has been changing suddenly, and when one was last told of, or passed."""
+    """Since when a force has been changing suddenly, and when one was last reported, or passed."""
 
     since: int | None = None
-    told: int = NEVER
+    last: int = NEVER
 
     def grows(self, stamp: int, sudden: FloatArray, settings: DetectorSettings) -> bool:
         """
         Say whether a change has just become certain that adds to the residual.
 
-        One that takes from it is a force that goes. A change counts behind a time without any:
-        the arm rings behind each.
+        One that takes from it is a force that goes. A change counts after a time without any:
+        the arm rings after each.
         """
         if not largest_size(sudden, 0, len(sudden)) > 1.0:
             self.since = None
             return False
-        if (stamp - self.told) * 1e-9 < settings.rearm:
-            self.since, self.told = None, stamp
+        if (stamp - self.last) * 1e-9 < settings.rearm:
+            self.since, self.last = None, stamp
             return False
         if self.since is None:
             self.since = stamp
         if (stamp - self.since) * 1e-9 < settings.debounce - 1e-9:
             return False
-        self.told = stamp
+        self.last = stamp
         return bool(sudden[np.argmax(np.abs(sudden))] > 0.0)
 
 
@@ -421,14 +413,13 @@ class CollisionDetector:
                 self.level = level
         if event is not None:  # what other methods see of it later is not another one
             for onset in self._onsets.values():
-                onset.told = stamp
-        while self.level and not self._holds(self.level, stamp):
-            self.level = Level(self.level - 1)
+                onset.last = stamp
+        if self.level:
+            self.level = min(self.level, max(
+                (level for tracks in self._tracks.values()
+                 for level, track in zip(LEVELS, tracks, strict=True)
+                 if track.holds(stamp, settings.rearm)), default=Level.FREE))
         return event
-
-    def _holds(self, level: Level, stamp: int) -> bool:
-        return any(track.holds(stamp, self.settings.rearm) for tracks in self._tracks.values()
-                   for of, track in zip(LEVELS, tracks, strict=True) if of >= level)
 
     def _event(self, method: str, excess: Excess, since: int | None) -> CollisionEvent:
         stamp = excess.residual.motion.stamp

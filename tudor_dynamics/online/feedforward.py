@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,7 +30,7 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import ModelError, SignalError, SimulationError
 from tudor_dynamics.lanes import unowned
-from tudor_dynamics.load.rows import load_worth, LoadWorth
+from tudor_dynamics.load.rows import load_worth
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import Chain, forward, rotation_at, vector_at
 from tudor_dynamics.mechanics.equations import inverse_dynamics
@@ -51,31 +51,21 @@ UNITS: tuple[Unit, ...] = ('model', 'current', 'torque')
 """As the model has it; currents [A]; torques of the motors at the joints [N m, or N]."""
 
 
-def torque_constants(arm: Arm) -> dict[str, float]:
-    """
-    Give the torque at each joint per ampere, gear and efficiency included, where it is described.
-
-    Returns joint to constant [N m/A or N/A].
-    """
-    motors = {motor.joint: motor.joint_torque_constant for motor in arm.spec.motors}
-    return {joint.name: joint.effort.torque_constant or motors[joint.name]
-            for joint in arm.joints
-            if joint.effort.torque_constant is not None or joint.name in motors}
-
-
 def factors(arm: Arm, unit: Unit) -> FloatArray:
-    """Give what efforts of a model are multiplied by; returns (joints,)."""
-    known, result = torque_constants(arm), np.ones(len(arm.joints))
+    """Give what efforts of a model are multiplied by, gear and efficiency in it; (joints,)."""
+    motors = {motor.joint: motor.joint_torque_constant for motor in arm.spec.motors}
+    result = np.ones(len(arm.joints))
     for i, joint in enumerate(arm.joints):
         is_current = joint.effort.unit == 'A'
         if unit == 'model' or is_current == (unit == 'current'):
             continue
-        if joint.name not in known:
+        constant = joint.effort.torque_constant or motors.get(joint.name)
+        if constant is None:
             msg = (f'the effort of joint {joint.name!r} is in {joint.effort.unit}, and its torque '
                    'constant is not described')
             raise ModelError(msg, remedy='give effort.torque_constant, or motors, and fit anew; '
                                          'or take the unit of the model')
-        result[i] = known[joint.name] if unit == 'torque' else 1.0 / known[joint.name]
+        result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
 
 
@@ -115,7 +105,7 @@ def kept_speeds(speed: FloatArray, turning: ArrayLike) -> FloatArray:
 # Which motor positions put bent links where they are wanted, point by point, compiled.
 #
 # Links and gears follow their load at once: the load of the wanted motion, weight and inertia,
-# bends them as if it were at rest (the rigid load). For springs in the joints with masses behind
+# bends them as if it were at rest (the rigid load). For springs in the joints with masses after
 # them that is the inversion of De Luca, "Decoupling and feedback linearization of robots with
 # mixed rigid/ elastic joints", IEEE ICRA 1996, Eq. (8), without the inertia of what bends:
 # vibrations are none of its business, but a motion that follows it does not begin any, as far as
@@ -127,23 +117,14 @@ def kept_speeds(speed: FloatArray, turning: ArrayLike) -> FloatArray:
 
 
 class Inverse(NamedTuple):
-    """What the inversion needs beside the arm."""
+    """What the inversion needs of the arm."""
 
     bends: NDArray  # coordinates of the links that bend, (bends,)
     # (ends,): bodies whose ends are put where they are wanted: flexible links, and what is at the
     # tip.
     ends: NDArray
-    joint: NDArray  # body behind each driven joint, (joints,)
+    joint: NDArray  # body after each driven joint, (joints,)
     moved: NDArray  # 1 where a joint moves an end, (ends, joints)
-    # Working memory for the stiffness, (bends, bends).
-    factor: NDArray
-    delta: NDArray
-    # Working memory for the joints, (joints, joints).
-    normal: NDArray
-    step: NDArray
-    # Working memory for places and levers, (ends, 3).
-    wanted: NDArray
-    levers: NDArray
 
 
 @compiled
@@ -182,34 +163,29 @@ def _load(vectors: NDArray, chain: Chain) -> None:
 
 
 @compiled
-def _aim(tables: Inverse, chain: Chain, z: NDArray) -> bool:
-    """Find by how much the joints have to turn for the ends to be nearest to where wanted."""
-    n = tables.joint.shape[0]
-    tables.normal[:, :] = 0.0
-    tables.step[:] = 0.0
-    for e in range(tables.ends.shape[0]):
+def _aim(tables: Inverse, chain: Chain, z: NDArray, wanted: NDArray, turns: NDArray) -> bool:
+    """
+    Find by how much the joints have to turn for the ends to be nearest to where wanted.
+
+    wanted (ends, 3) [m]; writes turns (joints,).
+    """
+    n, ends = len(turns), len(tables.ends)
+    levers, missing = np.zeros((n, 3 * ends)), np.zeros(3 * ends)
+    for e in range(ends):
         end = end_of(chain, z, tables.ends[e])
-        missing = sub(vector_at(tables.wanted[e], 0), end)
+        for i in range(3):
+            missing[3 * e + i] = wanted[e, i] - end[i]
         for j in range(n):
-            lever = (0.0, 0.0, 0.0)
             if tables.moved[e, j] > 0.0:
                 lever = _lever(chain, tables.joint[j], end)
-            for i in range(3):
-                tables.levers[j, i] = lever[i]
-        for j in range(n):
-            for i in range(3):
-                tables.step[j] += tables.levers[j, i] * missing[i]
-            for k in range(j + 1):
                 for i in range(3):
-                    tables.normal[j, k] += tables.levers[j, i] * tables.levers[k, i]
-    largest = 0.0
-    for j in range(n):
-        largest = max(largest, tables.normal[j, j])
-    for j in range(n):
-        tables.normal[j, j] += LEAST_LEVER * largest + 1e-30
-    if not cholesky(tables.normal):
+                    levers[j, 3 * e + i] = lever[i]
+    normal = levers @ levers.T
+    normal += (LEAST_LEVER * normal.max() + 1e-30) * np.eye(n)
+    turns[:] = levers @ missing
+    if not cholesky(normal):
         return False
-    solve(tables.normal, tables.step)
+    solve(normal, turns)
     return True
 
 
@@ -229,29 +205,30 @@ def _lever(chain: Chain, body: int, end: Vector) -> Vector:
 
 @compiled
 def _solve_point(
-    tables: Inverse, vectors: NDArray, gears: Gears, chain: Chain, reach: bool, q: NDArray,
+    tables: Inverse, factor: NDArray, vectors: NDArray, gears: Gears, chain: Chain, reach: bool,
+    q: NDArray, wanted: NDArray,
 ) -> bool:
     """Bend the links under their load, and turn the joints; the state begins at the last point."""
-    z, force, bends, delta = vectors[Z], vectors[FORCE], tables.bends, tables.delta
+    z, force, bends = vectors[Z], vectors[FORCE], tables.bends
+    turns = np.zeros(len(tables.joint))
     for _ in range(NEWTON_STEPS):
         _load(vectors, chain)
         largest = 0.0
-        if reach and not _aim(tables, chain, z):
+        if reach and not _aim(tables, chain, z, wanted, turns):
             return False
         for s in range(gears.place.shape[0]):
             i = gears.place[s]
             if reach:
-                change = tables.step[s]
+                change = turns[s]
             else:
                 change = q[s] + twist_of(gears.springs[s], -force[i]) - z[i]
             z[i] += change
             largest = max(largest, abs(change))
-        for a in range(bends.shape[0]):
-            delta[a] = -force[bends[a]]
-        solve(tables.factor, delta)
-        for a in range(bends.shape[0]):
-            z[bends[a]] += delta[a]
-            largest = max(largest, abs(delta[a]))
+        bent = -force[bends]
+        solve(factor, bent)
+        for a in range(len(bends)):
+            z[bends[a]] += bent[a]
+            largest = max(largest, abs(bent[a]))
         if largest < NEWTON_SETTLED:
             return True
         if not largest < 10.0:
@@ -274,18 +251,16 @@ def invert(
     equations, gears, chain = driven.equations, driven.gears, driven.chain
     vectors, bends = equations.vectors, own.bends
     z = vectors[Z]
-    stiffness = equations.matrices[STIFFNESS]
-    for a in range(bends.shape[0]):
-        for c in range(a + 1):
-            own.factor[a, c] = stiffness[bends[a], bends[c]]
-    if not cholesky(own.factor):
+    factor = equations.matrices[STIFFNESS][bends][:, bends]
+    if not cholesky(factor):
         return 0
+    wanted = np.zeros((len(own.ends), 3))
     for k in range(q.shape[0]):
         for row in (DZ, DDZ):
             vectors[row, :] = 0.0
         # the bends of the point before are where the search begins
-        for a in range(bends.shape[0]):
-            own.delta[a], z[bends[a]] = z[bends[a]], 0.0
+        before = z[bends]
+        z[bends] = 0.0
         for s in range(gears.place.shape[0]):
             i = gears.place[s]
             z[i], vectors[DZ, i], vectors[DDZ, i] = q[k, s], dq[k, s], ddq[k, s]
@@ -295,11 +270,10 @@ def invert(
             for e in range(own.ends.shape[0]):
                 end = end_of(chain, z, own.ends[e])
                 for i in range(3):
-                    own.wanted[e, i] = end[i]
+                    wanted[e, i] = end[i]
         if k > 0:
-            for a in range(bends.shape[0]):
-                z[bends[a]] = own.delta[a]
-        if not _solve_point(own, vectors, gears, chain, reach, q[k]):
+            z[bends] = before
+        if not _solve_point(own, factor, vectors, gears, chain, reach, q[k], wanted):
             return k
         _load(vectors, chain)
         for s in range(gears.place.shape[0]):
@@ -332,10 +306,7 @@ class DeflectedArm:
                          len(mechanism.body_int) - 1], dtype=np.int64)
         moved = np.array([[float(body in self._carriers(int(end))) for body in joint.tolist()]
                           for end in ends])
-        n, m, e = len(joint), len(bends), len(ends)
-        self._tables = tuple(Inverse(
-            bends, ends, joint, moved, np.zeros((m, m)), np.zeros(m), np.zeros((n, n)),
-            np.zeros(n), np.zeros((e, 3)), np.zeros((n, 3))))
+        self._tables = tuple(Inverse(bends, ends, joint, moved))
         self._name = arm.name
 
     def _carriers(self, body: int) -> set[int]:
@@ -441,21 +412,18 @@ class Feedforward:
         self._leads = positions == 'motor'
         self._limits = hard_limits(arm)
         if self._leads or kind == 'elastic':
-            self._deflected = DeflectedArm(arm, _physical(bundle))
+            identified = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
+            self._deflected = DeflectedArm(arm, {} if identified is None else identified.values)
         known = self._of_all.payload_range
         of_bags = bundle.payload if known is None else known[0]
         described = 0.0 if self._deflected is None else self._deflected.payload
         self._known = described if of_bags is None else of_bags
-        self._per_kilogram = self._find_per_kilogram(bundle, kind)
+        # what a kilogram adds, for a model of one payload that does not know itself
+        self._per_kilogram = None if known is not None or kind != 'analytical' else load_worth(
+            arm, {'effort': {kind: self._of_all}}).get('effort')
         self._model: Model = self._of_all
         self.payload = self._known
         self.carry(self._known if payload is None else payload)
-
-    def _find_per_kilogram(self, bundle: ModelBundle, kind: str) -> LoadWorth | None:
-        """Give what a kilogram adds, for a model of one payload that does not know itself."""
-        if self._of_all.payload_range is not None or kind != 'analytical':
-            return None
-        return load_worth(bundle.arm, {'effort': {kind: self._of_all}}).get('effort')
 
     def carry(self, payload: float) -> None:
         """
@@ -504,24 +472,27 @@ class Feedforward:
             In ``units``.
 
         """
+        return self._asked(motion, motion)
+
+    def _asked(
+        self, motion: FloatArray, felt: FloatArray, torque: FloatArray | None = None,
+    ) -> FloatArray:
+        """
+        Ask the model: ``felt`` is the motion with the speeds that friction has.
+
+        torque: that of the gears, where the links have been bent already.
+        """
         if isinstance(self._model, ElasticModel):
             assert self._deflected is not None
-            return self._by_torque(self._deflected.under(motion, reach=False).torque, motion)
-        return self._by_motion(motion)
-
-    def _by_motion(self, motion: FloatArray) -> FloatArray:
-        """Give the efforts of a model that has no memory."""
-        found = self._model.predict(motion)
-        more = self.payload - self._known
-        if self._per_kilogram is not None and abs(more) > SAME:
-            found = found + more * self._per_kilogram.along(motion)
+            if torque is None:
+                torque = self._deflected.under(motion, reach=False).torque
+            found = self._model.outputs(Response(np.zeros((len(motion), 0)), torque), felt)
+        else:
+            found = self._model.predict(felt)
+            more = self.payload - self._known
+            if self._per_kilogram is not None and abs(more) > SAME:
+                found = found + more * self._per_kilogram.along(felt)
         return np.asarray(found * self._factor)
-
-    def _by_torque(self, torque: FloatArray, motion: FloatArray) -> FloatArray:
-        """Give the efforts of an elastic model whose gears pass on a torque."""
-        assert isinstance(self._model, ElasticModel)
-        response = Response(np.zeros((len(motion), 0)), torque)
-        return np.asarray(self._model.outputs(response, motion) * self._factor)
 
     def along(self, trajectory: Trajectory) -> Trajectory:
         """
@@ -551,34 +522,24 @@ class Feedforward:
         self._check_held(trajectory)
         motion = states(trajectory.of(self.joints))
         places = [trajectory.joints.index(name) for name in self.joints]
-        if not self._leads:
-            effort = self._along(motion, None)
-            return replace(trajectory, effort=_put(trajectory, None, places, effort))
-        assert self._deflected is not None
-        deflection = self._deflected.under(motion, reach=True)
-        n = len(self.joints)
-        self._check_limits(deflection.motor, motion[:, :n])
-        further = deflection.motor - motion[:, :n]
-        rate, rise = _derivatives(trajectory.t, further, motion[:, n:2 * n])
-        led = np.hstack([deflection.motor, motion[:, n:2 * n] + rate, motion[:, 2 * n:] + rise])
-        effort = self._along(led, deflection)
-        q, dq, ddq, effort = (
-            _put(trajectory, given, places, own) for given, own in zip(
-                (trajectory.q, trajectory.dq, trajectory.ddq, None),
-                (*np.split(led, 3, axis=1), effort), strict=True))
-        return replace(trajectory, q=q, dq=dq, ddq=ddq, effort=effort)
-
-    def _along(self, motion: FloatArray, deflection: Deflection | None) -> FloatArray:
-        """Give the efforts of motors point after point; bent links may be known already."""
-        n, felt = len(self.joints), motion
+        torque: FloatArray | None = None
+        led: dict[str, Any] = {}
+        if self._leads:
+            assert self._deflected is not None
+            wanted, speed, change = np.split(motion, 3, axis=1)
+            deflection = self._deflected.under(motion, reach=True)
+            motor, torque = deflection.motor, deflection.torque
+            self._check_limits(motor, wanted)
+            rate, rise = _derivatives(trajectory.t, motor - wanted, speed)
+            motion = np.hstack([motor, speed + rate, change + rise])
+            led = {name: _put(trajectory, getattr(trajectory, name), places, own) for name, own
+                   in zip(('q', 'dq', 'ddq'), np.split(motion, 3, axis=1), strict=True)}
+        felt = motion
         if self._keeps:
-            felt = motion.copy()
+            n, felt = len(self.joints), motion.copy()
             felt[:, n:2 * n] = kept_speeds(motion[:, n:2 * n], self._turning)
-        if not isinstance(self._model, ElasticModel):
-            return self._by_motion(felt)
-        assert self._deflected is not None
-        torque = (deflection or self._deflected.under(motion, reach=False)).torque
-        return self._by_torque(torque, felt)
+        effort = self._asked(motion, felt, torque)
+        return replace(trajectory, effort=_put(trajectory, None, places, effort), **led)
 
     def _check_limits(self, motor: FloatArray, wanted: FloatArray) -> None:
         """Refuse to lead a motor beyond a limit that the wanted motion keeps to."""
@@ -629,9 +590,3 @@ def _derivatives(
     rate, rise = spline(t, 1), spline(t, 2)
     rise[[row for row in (0, -1) if not speed[row].any()]] = 0.0  # what rests is held as it is
     return np.asarray(rate), np.asarray(rise)
-
-
-def _physical(bundle: ModelBundle) -> dict[str, float]:
-    """Give the physical parameters that were identified; none where the description has to do."""
-    model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
-    return {} if model is None else model.values

@@ -36,7 +36,7 @@ from tudor_dynamics.online.detector import (
     Rates)
 from tudor_dynamics.online.prediction import OUTPUTS, Predictor, Residual, ResidualStage
 from tudor_dynamics.online.settings import (
-    LAGS, MOMENTUM_LAGS, MOMENTUM_STEP, STEP, WIDENING_WARNING, WINDOW)
+    LAGS, MOMENTUM_LAGS, MOMENTUM_STEP, OBSERVER_GAIN, STEP, WIDENING_WARNING, WINDOW)
 from tudor_dynamics.online.streams import Motion, PairedSample, Pairing, StateFilter
 from tudor_dynamics.online.threshold_learning import stored_thresholds
 from tudor_dynamics.online.thresholds import MethodThresholds
@@ -80,7 +80,7 @@ class MonitorSettings:
     methods: tuple[str, ...] = ('strain',)
     rates: Rates = Rates()
     detector: DetectorSettings = DetectorSettings()
-    observer_gain: float = 30.0
+    observer_gain: float = OBSERVER_GAIN
     gap: float = 0.0
     contact: bool = False
 
@@ -103,7 +103,7 @@ class Found:
 #
 # See Haddadin, De Luca and Albu-Schaeffer, IEEE T-RO 33(6), 2017, Section IV. With the generalised
 # momentum p = M(q) dq the observer integrates what the model expects of dp/dt and takes the
-# difference for the external effort, behind a first-order lag of 1/gain.
+# difference for the external effort, after a first-order lag of 1/gain.
 #
 # Nothing but predictions of the fitted effort model is needed: rows of M(q) dq come from the model
 # at zero velocity with dq in place of the acceleration, dM/dt dq from a central difference along
@@ -114,7 +114,7 @@ class Found:
 class MomentumObserver:
     """Observer of external efforts: gain [1/s], settle [s]."""
 
-    def __init__(self, model: Model, gain: float = 30.0, settle: float = 0.5) -> None:
+    def __init__(self, model: Model, gain: float = OBSERVER_GAIN, settle: float = 0.5) -> None:
         self.model = model
         self.gain = gain
         self.settle = max(settle, MOMENTUM_LAGS / gain)
@@ -132,11 +132,11 @@ class MomentumObserver:
         own = None if load is None else load.worth.get('effort')
         if load is not None and own is not None:
             more = load.mass - load.known
-            swing, change = self._expect(motion.row[None], n, own.along)
+            own_momentum, change = self._expect(motion.row[None], n, own.along)
             if self._observed is not None:  # what has just come moves as the arm does already
-                self._observed = self._observed + (more - self._carried) * swing[0]
+                self._observed = self._observed + (more - self._carried) * own_momentum[0]
             self._carried = more
-            momentum, expected = momentum + more * swing, expected + more * change
+            momentum, expected = momentum + more * own_momentum, expected + more * change
         external = self._advance(motion.stamp, motion.dt == 0.0, momentum[0],
                                  expected[0] + pair.measured)
         if external is None or not motion.settled(self.settle):
@@ -197,9 +197,9 @@ class MomentumObserver:
 
 class Watch:
     """
-    Pairs, residuals, thresholds and detector: everything behind the prediction.
+    Pairs, residuals, thresholds and detector: everything after the prediction.
 
-    contact: None where it is not asked for, or nothing tells; no_contact: empty where they are.
+    contact: None where it is not asked for, or not possible; no_contact: empty where they are.
     """
 
     def __init__(
@@ -253,7 +253,7 @@ class Watch:
     def use_thresholds(
         self, thresholds: dict[str, MethodThresholds], settings: MonitorSettings,
     ) -> None:
-        """Put other thresholds into use; the detector begins anew."""
+        """Put other thresholds into use; the detector restarts."""
         self.settings = settings
         self.stages = {name: ExcessStage(thresholds[name], settings.rates)
                        for name in self.methods if name in thresholds}
@@ -264,8 +264,6 @@ class Watch:
         self._restart = dict.fromkeys(self.methods, True)
         self._methods_of = {output: [method for method in self.methods
                                      if SOURCE[method] == output] for output in self.outputs}
-        self._judging = {output: sum(method in self.stages for method in methods)
-                         for output, methods in self._methods_of.items()}
         self.set_rates(settings.rates)
 
     def set_rates(self, rates: Rates) -> None:
@@ -294,7 +292,7 @@ class Watch:
         return found
 
     @property
-    def unlike(self) -> str:
+    def outside_training(self) -> str:
         """Say where the arm does not move as it did for its thresholds; empty where it does."""
         wide = [f'{method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
                 if factor > WIDENING_WARNING]
@@ -304,7 +302,7 @@ class Watch:
 
     @property
     def settle(self) -> float:
-        """Time behind a beginning for which nothing is judged [s]."""
+        """Time after a beginning for which nothing is judged [s]."""
         settle = self.bundle.preprocessing.settle
         return settle if self.observer is None else max(settle, self.observer.settle)
 
@@ -320,17 +318,14 @@ class Watch:
             self._judge(output, pairing.add_motion(motion, values), found)
         return found
 
-    def add_output(
-        self, output: str, motion: Motion, predicted: FloatArray | None,
-    ) -> Found:
+    def add_output(self, output: str, motion: Motion, predicted: FloatArray | None) -> Found:
         """
         Take a motion with the prediction of one output into account.
 
         predicted (channels,) [its unit]: None while the filters settle.
         """
         found = Found()
-        if output in self.pairing:
-            self._judge(output, self.pairing[output].add_motion(motion, predicted), found)
+        self._judge(output, self.pairing[output].add_motion(motion, predicted), found)
         return found
 
     def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
@@ -344,18 +339,19 @@ class Watch:
         for pair in pairs:
             before = len(found.excesses)
             plain = self._residual[output].step(pair)
-            if self.contact is not None and output == self.contact.source:
-                self._touch(pair, plain, found)
             for method in self._methods_of[output]:
                 if pair.motion.dt == 0.0:
                     self._restart[method] = True
+                residual = plain
                 if method == 'momentum':
                     assert self.observer is not None
                     residual = self.observer.step(pair, self.payload)
-                    if self.contact is not None and method == self.contact.source:
-                        self._touch(pair, residual, found)
-                else:
-                    residual = plain
+                if self.contact is not None and method == self.contact.source:
+                    estimate = self.contact.step(
+                        pair.motion.stamp, pair.motion.dt == 0.0, pair.motion.row, pair.measured,
+                        None if residual is None else residual.value)
+                    if estimate is not None:
+                        found.contacts.append(estimate)
                 if residual is None:
                     continue
                 found.residuals.append((method, residual))
@@ -371,7 +367,7 @@ class Watch:
                     self.detector.reset()
                 elif event is not None:
                     found.events.append(event)
-            judging = self._judging[output]
+            judging = sum(method in self.stages for method in self._methods_of[output])
             self.counts[output][
                 'no_thresholds' if not judging else
                 'judged' if len(found.excesses) - before == judging else
@@ -387,18 +383,6 @@ class Watch:
         if load is not None:
             found.loads.append(load)
             self.detector.reset()
-
-    def _touch(
-        self, pair: PairedSample, residual: Residual | None, found: Found,
-    ) -> None:
-        """Estimate what touches the arm at a sample."""
-        assert self.contact is not None
-        motion = pair.motion
-        estimate = self.contact.step(
-            motion.stamp, motion.dt == 0.0, motion.row, pair.measured,
-            None if residual is None else residual.value)
-        if estimate is not None:
-            found.contacts.append(estimate)
 
 
 class Monitor:
@@ -507,7 +491,7 @@ class Monitor:
         return self.watch.add_measured(output, stamp, values)
 
 
-# A few samples of an arm at rest, so that nothing is compiled or loaded beside the robot.
+# A few samples of an arm at rest, so that nothing is compiled or loaded while the robot runs.
 #
 # Compiled functions are compiled at their first call, on a new installation for seconds, and read
 # from the disk at the first call in each process, for tens of milliseconds. Samples would be lost
@@ -521,7 +505,6 @@ def warm_up(bundle: ModelBundle, settings: MonitorSettings) -> None:
     """Run the whole chain on an arm at rest."""
     monitor = Monitor(bundle, settings)
     arm = bundle.arm
-    sizes = {'effort': len(arm.active_joints), 'strain': len(arm.gauge_names)}
     health = SensorHealth(arm.active_joints, 1.0)
     q = np.zeros(len(arm.active_joints))
     needed = bundle.preprocessing.settle + (LAGS + WINDOW) * STEP + 0.1
@@ -530,7 +513,7 @@ def warm_up(bundle: ModelBundle, settings: MonitorSettings) -> None:
         monitor.add_joints(k * PERIOD, q, q)
         health.step(k * PERIOD, q)
         for output in monitor.watch.outputs:
-            monitor.add_measured(output, k * PERIOD, np.zeros(sizes[output]))
+            monitor.add_measured(output, k * PERIOD, np.zeros(len(arm.channels[output])))
 
 
 def warm_up_filter(spec: PreprocessingSpec) -> None:
@@ -552,7 +535,7 @@ class FollowedLoad:
     events: tuple[float, ...]  # times of collisions [s]
     loads: tuple[LoadFound, ...]  # what turned out to be a load
     times: tuple[float, ...]  # when it did [s]
-    told_by: str  # output that tells the load; empty where it is not followed
+    told_by: str  # output that shows the load; empty where it is not followed
 
 
 def follow_load(
@@ -578,13 +561,13 @@ def follow_load(
     Raises
     ------
     ModelError
-        If no output tells kilograms.
+        If no output shows the load in kilograms.
 
     """
-    beside = bundle.beside_robot()
-    stage = PayloadStage(beside, known) if estimate else None
+    live = bundle.beside_robot()
+    stage = PayloadStage(live, known) if estimate else None
     methods = ('strain',) if stage is None else (stage.output,)
-    monitor = Monitor(beside.at(known), MonitorSettings(methods=methods), payload=stage)
+    monitor = Monitor(live.at(known), MonitorSettings(methods=methods), payload=stage)
     begin, waiting = int(recording.stamp[0]), sorted(announced)
     mass, std = np.full(len(recording.stamp), known), np.zeros(len(recording.stamp))
     events: list[float] = []

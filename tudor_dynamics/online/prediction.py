@@ -104,7 +104,7 @@ class Residual:
     """What the model does not explain of one sample."""
 
     motion: Motion  # motion of the sample
-    measured: FloatArray  # reading, behind the output filter, (channels,)
+    measured: FloatArray  # reading, after the output filter, (channels,)
     predicted: FloatArray  # prediction for the sample, (channels,)
     value: FloatArray  # their difference, in the unit of the output, (channels,)
 

@@ -15,24 +15,26 @@
 """
 Tuned numbers of detection and contact, with unit, meaning and where each was settled.
 
-``bench/sweep.py online`` shows what each of them changes. The heading of a group names its source;
-``source: none known`` marks a number that has none of its own.
+``bench/sweep.py online`` shows what each of them changes; ``source: none known`` marks a number of
+which no bench, paper or measurement is left.
 """
 
 from __future__ import annotations
 
 import math
 
-# Live streams. Source: test/online/test_live_filter.py, docs/nodes.md (Quality of service).
+# Live streams.
 
 CLOCK_JUMP = 1.0
-"""A stamp that is older by more is a clock that was set back, not a late message [s]."""
+"""A stamp that is older by more is a clock that was set back, not a late message [s].
+source: none known."""
 PERIOD_INTERVALS = 5
-"""Intervals that are needed before a period is estimated."""
+"""Intervals that are needed before a period is estimated. source: none known."""
 PERIOD_RENEWAL = 16
-"""Intervals between two estimates of the period, each of which takes a microsecond."""
+"""Intervals between two estimates of the period, each of which takes a microsecond:
+bench/monitor_cost.py."""
 LOST_STEP = 1.6
-"""Longer steps may hide a sample that was lost [periods]; test_live_filter.py."""
+"""Longer steps may hide a sample that was lost [periods]; test_live_filter.py has late ones."""
 EARLY_STEP = 0.9
 """Shorter steps make up for a sample that was late before them [periods]; the same."""
 PAIRING_QUEUE = 400
@@ -42,154 +44,182 @@ STRAIN_QUEUE = 16
 STRAIN_APART = 3.0
 """Readings farther apart are not interpolated [steps of the motion]. source: none known."""
 
-# Momentum observer. Source: Haddadin et al., IEEE T-RO 33(6), 2017; test_momentum_observer.py.
+# Momentum observer.
 
 OBSERVER_GAIN = 30.0
-"""Bandwidth by default [1/s]."""
+"""Bandwidth by default [1/s]; the observer is that of the paper Haddadin et al., IEEE T-RO 33(6),
+2017."""
 MOMENTUM_STEP = 1e-5
-"""Change of position for the central difference along the speed [rad or m]."""
+"""Change of position for the central difference along the speed [rad or m];
+test_momentum_observer.py."""
 MOMENTUM_LAGS = 5.0
 """Lags of the observer until its beginning is forgotten: exp(-5) is below 1 %."""
 
-# Columns of a threshold. Source: docs/nodes.md (Collisions).
+# Columns of a threshold.
 
 REVERSAL_SPEED = 0.02
-"""Slower is no direction of motion [rad/s or m/s]."""
+"""Slower is no direction of motion [rad/s or m/s]. source: none known."""
 REVERSAL_WINDOW = 0.15
-"""Time for which a reversal counts: friction and play do not settle at once [s]."""
+"""Time for which a reversal counts: friction and play do not settle at once [s]; false alarms
+measured by bench/false_alarms.py."""
 ACCELERATION_MEMORY = 0.5
-"""Time constant with which an acceleration is forgotten: links ring on after it [s]."""
+"""Time constant with which an acceleration is forgotten: links ring on after it [s]; false alarms
+measured by bench/false_alarms.py."""
 STANDING = 2.0 * REVERSAL_SPEED
-"""Slower joints may stick; friction has its sign from there on [rad/s or m/s]."""
+"""Slower joints may stick; friction has its sign from there on [rad/s or m/s].
+source: none known."""
 
-# Onset statistic. Source: bench/false_alarms.py, bench/detection_over_topics.py.
+# Onset statistic.
 
 STEP = 0.01
-"""Step of the autoregression; longer where samples come more slowly [s]."""
+"""Step of the autoregression; longer where samples come more slowly [s]; latencies are measured by
+bench/detection_over_topics.py."""
 LAGS = 10
-"""Steps of the past that predict the next."""
+"""Steps of the past that predict the next; bench/detection_over_topics.py."""
 WINDOW = 10
-"""Steps over which errors are summed: docs/nodes.md, 100 ms."""
+"""Steps over which errors are summed: 100 ms; bench/detection_over_topics.py."""
 
-# Accumulated onset. Source: bench/soft_hits.py; a cumulative sum as in Page, Biometrika 41, 1954.
+# Accumulated onset: a cumulative sum.
 
 DRIFT = 1.0
-"""Ratio to the onset's profile that adds nothing: four fifths of free motion stay below."""
+"""Ratio to the onset's profile that adds nothing: four fifths of free motion stay below. The sum
+is that of the paper Page, Biometrika 41, 1954; bench/soft_hits.py."""
 LONGEST_STEP = 0.1
-"""A sample counts for no longer than this, however late the next one comes [s]."""
+"""A sample counts for no longer than this, however late the next one comes [s].
+source: none known."""
 FRICTION_UNCERTAIN = 0.5
-"""Share of the friction that may hold a joint by which it may be larger for a while."""
+"""Share of the friction that may hold a joint by which it may be larger for a while;
+bench/soft_hits.py, bench/false_alarms.py."""
 SUM_BOUND = 1.1
-"""Upper bound of a sum, in thresholds: it must fall back when the force has gone."""
+"""Upper bound of a sum, in thresholds: it must fall back when the force has gone;
+bench/soft_hits.py."""
 HOLDING_TIME = 0.5
-"""Time constant with which a residual that stays is taken for friction that holds [s]."""
+"""Time constant with which a residual that stays is taken for friction that holds [s];
+bench/soft_hits.py, bench/false_alarms.py."""
 
-# Thresholds from free motion. Source: bench/false_alarms.py, test/online/test_thresholds.py.
+# Thresholds from free motion.
 
 ALARM_SHARES = (50.0, 50.0, 1.0)
 """Shares of a false-alarm rate: residual, onset, accumulated onset, which detects soft hits that
-the others detect late; docs/nodes.md: a hundredth."""
+the others detect late; bench/soft_hits.py."""
 BLOCK = 1.0
-"""Time of which the largest ratio counts: longer than the ringing's memory of one event [s]."""
+"""Time of which the largest ratio counts: longer than the ringing's memory of one event [s];
+false alarms measured by bench/false_alarms.py."""
 GROUP = 0.08
-"""Time of which the largest value counts for the profile [s]."""
+"""Time of which the largest value counts for the profile [s]. source: none known."""
 PROFILE_QUANTILE = 0.8
-"""Share of the groups that stay below the profile."""
+"""Share of the groups that stay below the profile. source: none known."""
 PROFILE_ROWS = 1500
-"""Rows of a quantile regression; more make it slow and hardly better."""
+"""Rows of a quantile regression; more make it slow and hardly better. source: none known."""
 PROFILE_FLOOR = 0.1
-"""Least size at rest, in medians: without it standstill would make any noise a collision."""
+"""Least size at rest, in medians: without it standstill would make any noise a collision.
+source: none known."""
 LEAST_BLOCKS = 8
 """Seconds of free motion below which nothing can be said of a tail; docs/nodes.md."""
 LARGEST_SHAPE = 0.5
-"""Tails that end more abruptly are an artefact of few peaks."""
+"""Tails that end more abruptly are an artefact of few peaks; false alarms measured by
+bench/false_alarms.py."""
 TAIL_SHARE = 0.2
-"""Share of the peaks whose excess makes up the tail, where there are enough."""
+"""Share of the peaks whose excess makes up the tail, where there are enough; false alarms measured
+by bench/false_alarms.py."""
 TAIL_PEAKS = 20
-"""Peaks that make up a tail at least, where there are no more."""
+"""Peaks that make up a tail at least, where there are no more; the same bench."""
 LARGEST_TAIL_SHARE = 0.5
-"""More of the peaks are no tail."""
+"""More of the peaks are no tail. source: none known."""
 SHAPE_ERROR = 2.0 / math.sqrt(3.0)
 """Standard error of an exponential tail's shape by L-moments, times the root of the number of
-peaks: Hosking and Wallis, Technometrics 29(3), 1987."""
+peaks: the paper Hosking and Wallis, Technometrics 29(3), 1987."""
 SHAPE_ERRORS = 2.0
-"""Standard errors of the shape by which a bound is doubted."""
+"""Standard errors of the shape by which a bound is doubted: 3 to 24 false alarms became 0 to 2 in
+40 minutes, measured by bench/false_alarms.py."""
 LEAST_SCALES = (0.1, 0.1, 0.02)
-"""Least scales: of residual and onset as ratios to their profiles, of the sum of onsets [s]."""
+"""Least scales: of residual and onset as ratios to their profiles, of the sum of onsets [s].
+source: none known."""
 CALIBRATION_SAMPLES = 2_000_000
 """Upper bound of what a calibration keeps: half an hour at 1 kHz."""
 CALIBRATION_STRIDE = 100
 """Samples of which one is taken for the friction of a joint."""
 
-# Widening of thresholds. Source: docs/nodes.md (Collisions), test/online/test_familiarity.py.
+# Widening of thresholds.
 
 LEVEL_QUANTILE = 0.8
-"""Share of the samples that stay below the level that is followed."""
+"""Share of the samples that stay below the level that is followed; events in free motion are
+measured by bench/detection_over_topics.py."""
 LEVEL_SPEED = 0.5
-"""How fast the level follows, in its logarithm [1/s]: 0.4 a second upwards."""
+"""How fast the level follows, in its logarithm [1/s]: 0.4 a second upwards; the same bench."""
 WIDEST = 4.0
-"""Thresholds are not widened more than so many times: the detector would detect nothing."""
+"""Thresholds are not widened more than so many times: the detector would detect nothing.
+source: none known."""
 USUAL_SHARE = 0.9
-"""Share of the time in free motion for which the level was lower than what counts as usual."""
+"""Share of the time in free motion for which the level was lower than what counts as usual;
+bench/detection_over_topics.py."""
 WIDENING_WARNING = 1.5
-"""Widening that the user should know of."""
+"""Widening that the user should know of. source: none known."""
 OUTLIER = 6.0
-"""Ratios that are so many times the level are collisions, and do not move it."""
+"""Ratios that are so many times the level are collisions, and do not move it.
+source: none known."""
 LOWEST_LEVEL = 0.5
-"""The level does not fall further below that of free motion: an arm at rest would forget it."""
+"""The level does not fall further below that of free motion: an arm at rest would forget it.
+source: none known."""
 
-# Events. Source: docs/nodes.md (15 % of an excess, fading over a second).
+# Events.
 
 HIGHEST_RAISE = 10.0
 """Upper bound of a raised threshold: a model that loses the arm for a moment has residuals without
-bound, and would make the detector blind for as long as that takes to fade."""
+bound, and would make the detector blind for as long as that takes to fade; bench/soak.py."""
 RINGING_SHARE = 0.15
-"""Part of an excess that comes back after it and is no contact: the arm rings, teeth meet."""
+"""Part of an excess that comes back after it and is no contact: the arm rings, teeth meet; how
+long flags stand is measured by bench/detection_over_topics.py."""
 RINGING_FADE = 1.0
-"""Time constant with which it is forgotten [s]."""
+"""Time constant with which it is forgotten [s]; the same bench."""
 
-# Coverage: which samples are judged. Source: docs/nodes.md (What is not judged).
+# Coverage: which samples are judged. What is a warning is said in docs/nodes.md.
 
 SENSOR_SPEED = 0.05
-"""A joint that is faster moves: its sensors have to change [rad/s or m/s]."""
+"""A joint that is faster moves: its sensors have to change [rad/s or m/s]. source: none known."""
 COVERAGE_TIME = 1.0
 """Time of which shares are reported [s]."""
 COVERAGE_PERIOD = 0.1
-"""Time between two looks at the counts [s]."""
+"""Time between two looks at the counts [s]; their cost: bench/monitor_cost.py."""
 UNJUDGED_WARNING, UNJUDGED_ERROR = 0.01, 0.2
-"""Shares not judged that are a warning and an error."""
+"""Shares not judged that are a warning and an error; docs/nodes.md. source: none known."""
 STAMPS_APART = 0.02
 """Stamps of two topics that are further apart than this, and than `PERIODS_APART`, are reported
-[s]."""
+[s]; docs/nodes.md. source: none known."""
 PERIODS_APART = 2.5
-"""The same in periods of either topic."""
+"""The same in periods of either topic; the same."""
 
-# Contacts. Source: docs/contact.md, papers/ with `outlook --only contact`.
+# Contacts. The study is papers/contact.py; docs/contact.md has its figures.
 
 CONTACT_STEP = 0.0039
-"""Samples that follow sooner are passed over: no contact is so quick [s]."""
+"""Samples that follow sooner are passed over: no contact is so quick [s]; docs/contact.md."""
 PUSH_DEVIATION = 10.0
-"""Standard deviation of a force before anything was measured [N]."""
+"""Standard deviation of a force before anything was known of it [N]; docs/contact.md."""
 FORCE_MEMORY, HELD_FORCE_MEMORY = 0.7, 2.0
-"""Times over which a force is forgotten while an elastic model moves, and otherwise [s]."""
+"""Times over which a force is forgotten while an elastic model moves, and otherwise [s]; errors of
+force and place measured by papers/contact.py."""
 MOVING_DEVIATIONS = 11.0
 """Deviations of a sample for which the residual of a moving arm counts: it is no white noise but
 rings, and taken for white it lets the span with most freedom win. So it begins, until more is
-learned. The residual of rigid models is measured with the ringing in it."""
+learned. The residual of rigid models is that with the ringing in it. Right links and places
+measured by papers/contact.py."""
 RINGING_SAMPLES, RINGING_MEMORY = 8.0, 10.0
 """The residual of free motion rings in all gauges at once: its covariance counts this many times,
-as samples of 0.01 s are not independent, and is learned over this time [s]."""
+as samples of 0.01 s are not independent, and is learned over this time [s]: places are closer by a
+quarter, measured by papers/contact.py."""
 RINGING_FLOOR = 0.15
 """Part of the deviation of a sample that no direction falls below. source: none known."""
 EVIDENCE_MEMORY = 0.6
-"""Time over which it is forgotten which span was the likely one [s]."""
+"""Time over which it is forgotten which span was the likely one [s]; papers/contact.py."""
 FREE_EVIDENCE_MEMORY = 0.03
 """The same while no contact is detected [s]. source: none known."""
 RIGID_DETECTED, RIGID_ENDED, RIGID_OFFSET = 49.0, 16.0, 9.0
 """With a rigid model: squared standard deviations from which, and until which, a contact is
-detected, and below which a residual is taken for an offset; docs/contact.md: 7 and 4."""
+detected, and below which a residual is taken for an offset; docs/contact.md: 7 and 4.
+source: none known."""
 ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET = 8.0, 3.0, 4.0
-"""The same with an elastic model, whose deviations are widened for what rings: 2.8 and 1.7."""
+"""The same with an elastic model, whose deviations are widened for what rings: 2.8 and 1.7, by the
+share of pushes felt while they last, measured by papers/contact.py."""
 INNOVATION_BOUND = 1.5
 """Standard deviations up to which an innovation counts by its square (Huber).
 source: none known."""
@@ -204,41 +234,45 @@ STANDING_VARIANCE = 0.1
 STANDING_MEMORY = 0.5
 """Time over which the noise of a standing arm is learned [s]. source: none known."""
 OFFSET_MEMORY = 3.0
-"""Time over which a standing arm takes its residual for an offset [s]."""
+"""Time over which a standing arm takes its residual for an offset [s]; docs/contact.md.
+source: none known."""
 PLACE_CERTAIN = 0.5
 """Part of a place's prior deviation; one that is less certain is not reported.
 source: none known."""
 TORQUE_DETECTED, TORQUE_ENDED = 5.0, 3.0
 """Standard deviations of free motion from which, and until which, a joint detects a contact by
-efforts alone; docs/contact.md: 5."""
+efforts alone; docs/contact.md: 5. source: none known."""
 
-# The elastic arm that contacts are estimated with. Source: docs/contact.md.
+# The elastic arm that contacts are estimated with.
 
 DEVIATION_STEP = 0.01
-"""Sample time that deviations of measurements belong to [s]."""
+"""Sample time that deviations of single samples belong to [s]."""
 SLOWEST_STATIC = 40.0
-"""Vibrations above follow a force at once [Hz]."""
+"""Vibrations above follow a force at once [Hz], so that no sample rate is too low for them;
+docs/contact.md."""
 FOLLOWING_RATE = 3.0
-"""Rate at which the followed arm is drawn to the measured one [1/s]: 2 to 4 are the same."""
+"""Rate at which the followed arm is drawn to the real one [1/s]: 8 takes part of a contact for
+vibration, 1 does not follow through play, 2 to 4 are the same, measured by papers/contact.py."""
 VIBRATION_RATE = 2.0
 """Rate at which a vibration that nobody explains is forgotten [1/s]. source: none known."""
 
-# Readings of a resting arm. Source: docs/force_control.md.
+# Readings of a resting arm.
 
 SPAN_LENGTH = 1e-3
 """Ends of a span are at least so far apart, also where the place is known [m]."""
 POSE_CHANGE = 1e-3
-"""Change of a joint below which readings of the weight are those of before [rad or m]."""
+"""Change of a joint below which readings of the weight are those of before [rad or m];
+docs/force_control.md."""
 FORCE_CHANGE = 0.5
-"""Change of the force, and least one, for which levers are computed again [N]."""
+"""Change of the force, and least one, for which levers are computed again [N]; the same."""
 
-# Feed-forward by an elastic arm. Source: test/online/test_bending.py.
+# Feed-forward by an elastic arm.
 
 NEWTON_STEPS = 40
-"""Most steps to a bent arm."""
+"""Most steps to a bent arm; test_bending.py has one that is too weak."""
 NEWTON_SETTLED = 1e-6
 """Change of a coordinate at which an arm has settled: a micrometre at its end [rad or m]."""
 LEAST_LEVER = 1e-6
-"""Part of the largest lever below which a joint cannot move the ends, and stays."""
+"""Part of the largest squared lever below which a joint cannot move the ends, and stays."""
 HELD_WITHIN = 0.01
 """How far a joint that is held may be from there [rad or m]. source: none known."""

@@ -91,7 +91,7 @@ class Tick:
     """An accepted stamp."""
 
     dt: float  # time since the sample before; 0 for a first one [s]
-    # Whether nothing before it counts: at the start, behind a gap, after a jump of the clock.
+    # Whether nothing before it counts: at the start, after a gap or a jump of the clock.
     first: bool
 
 
@@ -149,10 +149,10 @@ class StampGate:
         dt = step * 1e-9
         self.last = stamp
         first = dt > GAP_FLOOR and dt > self.limit()
-        # also behind a gap: a source that has slowed down is not one gap after another
+        # also after a gap: a source that has slowed down is not one gap after another
         lost = self._losses.step(step)
         if first and not self._losses.learned:
-            lost = 1  # nobody can tell how many
+            lost = 1  # how many, nobody knows
         if lost:
             self.drops['gap'] += lost
         return Tick(0.0, True) if first else Tick(dt, False)
@@ -163,7 +163,7 @@ class Motion:
     """Motion of one sample."""
 
     stamp: int  # header stamp of the sample [ns]
-    elapsed: float  # time since the filter began, or began anew behind a gap [s]
+    elapsed: float  # time since the filter began, or restarted after a gap [s]
     dt: float  # time since the sample before; 0 at the beginning [s]
     # `[q, dq, ddq]` of the active joints, (3 joints,) [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     row: FloatArray
@@ -186,9 +186,9 @@ class LowPass:
 
     def step(self, dt: float, x: FloatArray) -> FloatArray:
         """
-        Filter one sample; ``dt`` of 0 begins anew.
+        Filter one sample.
 
-        x (channels,); dt [s]: 0 begins anew.
+        x (channels,); dt [s]: 0 restarts.
         """
         if self.cutoff is None:
             return x
@@ -277,12 +277,6 @@ class Pairing:
     def waiting(self) -> int:
         """Give the number of motions that wait for a measurement."""
         return len(self._motions)
-
-    def reset(self) -> None:
-        """Forget all that waits."""
-        self.gate.reset()
-        self._motions.clear()
-        self._measured.clear()
 
     def add_motion(self, motion: Motion, predicted: FloatArray | None) -> list[PairedSample]:
         """Add a motion, later than those before it: predicted (channels,)."""

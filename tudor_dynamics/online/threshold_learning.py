@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Thresholds learned from free motion, offline or beside the robot; as plain values."""
+"""Thresholds learned from free motion, offline or while the robot runs; as plain values."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 import math
 from typing import Annotated, Any
 
@@ -32,34 +32,20 @@ from tudor_dynamics.online.detector import levels
 from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.online.settings import (
     BLOCK, CALIBRATION_SAMPLES, CALIBRATION_STRIDE, FRICTION_UNCERTAIN, GROUP, LAGS, LARGEST_SHAPE,
-    LARGEST_TAIL_SHARE, LEAST_BLOCKS, LEAST_SCALES, PROFILE_FLOOR, PROFILE_QUANTILE, PROFILE_ROWS,
-    REVERSAL_SPEED, SHAPE_ERROR, SHAPE_ERRORS, STEP, TAIL_PEAKS, TAIL_SHARE, USUAL_SHARE, WINDOW)
+    LARGEST_TAIL_SHARE, LEAST_BLOCKS, LEAST_SCALES, LEVEL_QUANTILE, PROFILE_FLOOR,
+    PROFILE_QUANTILE, PROFILE_ROWS, REVERSAL_SPEED, SHAPE_ERROR, SHAPE_ERRORS, STEP, TAIL_PEAKS,
+    TAIL_SHARE, USUAL_SHARE, WINDOW)
 from tudor_dynamics.online.thresholds import (
     accumulate, held_friction, learn_taps, MethodThresholds, motion_features, onset_statistic,
-    released, Tail)
+    Positive, released, Tail)
 from tudor_dynamics.typing import FloatArray
 
 
 DIGITS = 10
-DOMAIN = ('usual', 'reach')
-TAIL = ('location', 'scale', 'shape', 'share', 'largest', 'count')
-
-
-Positive = Annotated[float, Field(gt=0.0)]
+"""Digits of the numbers in a bundle."""
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Size = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Matrix = tuple[tuple[Number, ...], ...]
-
-
-class TailPart(BundlePart):
-    """How a residual exceeds its profile, see `Tail`."""
-
-    location: Positive
-    scale: Positive
-    shape: Annotated[float, Field(ge=0.0, le=1.0)]
-    share: Annotated[float, Field(gt=0.0, le=1.0)]
-    largest: Positive
-    count: Annotated[float, Field(ge=1.0)]
 
 
 class ThresholdsPart(BundlePart):
@@ -70,7 +56,7 @@ class ThresholdsPart(BundlePart):
     step: Positive
     taps: tuple[Matrix, ...]
     profile: tuple[tuple[Size, ...], ...]
-    tails: tuple[TailPart, ...]
+    tails: tuple[Tail, ...]
     usual: tuple[Positive, ...] | None = None
     reach: tuple[Positive, ...] | None = None
     stiction: tuple[Size, ...] | None = None
@@ -124,10 +110,10 @@ def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
         'channels': list(thresholds.channels), 'seconds': round(thresholds.seconds, 3),
         'step': short(thresholds.step), 'taps': listed(thresholds.taps.tolist()),
         'profile': listed(thresholds.profile.tolist()),
-        'tails': [{key: short(getattr(t, key)) for key in TAIL}
-                  for t in thresholds.tails],
+        'tails': [{key: short(value) for key, value in asdict(tail).items()}
+                  for tail in thresholds.tails],
         # infinite means unknown, and is left out as in bundles that are older
-        **{key: listed(values.tolist()) for key in DOMAIN
+        **{key: listed(values.tolist()) for key in ('usual', 'reach')
            if np.isfinite(values := getattr(thresholds, key)).all()},
         **({'stiction': listed(thresholds.stiction.tolist())} if thresholds.stiction.any()
            else {})}
@@ -166,7 +152,7 @@ def thresholds_from_dict(
     n = len(channels)
     return MethodThresholds(
         channels, part.step, np.array(part.taps), np.array(part.profile),
-        tuple(Tail(**dict(tail)) for tail in part.tails), part.seconds,
+        part.tails, part.seconds,
         np.full(n, np.inf) if part.usual is None else np.array(part.usual),
         np.full(n_joints, np.inf) if part.reach is None else np.array(part.reach),
         np.zeros(n) if part.stiction is None else np.array(part.stiction))
@@ -219,6 +205,13 @@ class FreeMotion:
         """Time since the first sample [s]."""
         return np.asarray((self.stamp - self.stamp[0]) * 1e-9)
 
+    def halves(self) -> tuple[FreeMotion, FreeMotion]:
+        """Give the first and the second half."""
+        middle = len(self.stamp) // 2
+        first, second = (FreeMotion(self.stamp[part], self.motion[part], self.residual[part])
+                         for part in (slice(middle), slice(middle, None)))
+        return first, second
+
 
 def learn_thresholds(
     records: Sequence[FreeMotion], channels: tuple[str, ...],
@@ -238,8 +231,8 @@ def learn_thresholds(
         raise FitError(msg)
     stiction = np.zeros(len(channels)) if stiction is None else stiction
     rows = _Rows(records, step, period, stiction)
-    halves = [_Rows([_half(r, which) for r in records], step, period, stiction)
-              for which in (0, 1)]
+    halves = [_Rows(part, step, period, stiction)
+              for part in zip(*(r.halves() for r in records), strict=True)]
     # Ratios to a profile that was not learned from them: others are too small.
     laws = [(judged, learned.law()) for learned, judged in (halves, halves[::-1])]
     ratios = np.vstack([judged.ratios(*law, round(BLOCK / period)) for judged, law in laws])
@@ -253,34 +246,40 @@ def learn_thresholds(
                             np.asarray(usual), rows.reach(), stiction)
 
 
-def _half(record: FreeMotion, which: int) -> FreeMotion:
-    middle = len(record.stamp) // 2
-    part = slice(middle, None) if which else slice(middle)
-    return FreeMotion(record.stamp[part], record.motion[part], record.residual[part])
-
-
 class _Rows:
     """What is learned from: residuals with the columns of their motion."""
 
     def __init__(
         self, records: Sequence[FreeMotion], step: float, period: float, stiction: FloatArray,
     ) -> None:
-        self._records, self._step = records, step
-        self._held = [held_friction(stiction, np.abs(r.motion[:, n:2 * n]))
-                      if stiction.any() else np.zeros_like(r.residual)
-                      for r in records for n in (len(stiction),)]
-        self._free = [released(r.t, r.residual, held)
-                      for r, held in zip(records, self._held, strict=True)]
-        self._group = max(1, round(GROUP / period))
+        self._step, self._group = step, max(1, round(GROUP / period))
         self._skip = int(math.ceil((LAGS + WINDOW) * step / period))
-        self._columns = [motion_features(r.stamp, r.motion)[self._skip:] for r in records]
+        self._records, n = [], len(stiction)
+        for r in records:
+            held = (held_friction(stiction, np.abs(r.motion[:, n:2 * n])) if stiction.any()
+                    else np.zeros_like(r.residual))
+            self._records.append((r.t, r.residual, held, released(r.t, r.residual, held),
+                                  motion_features(r.stamp, r.motion)[self._skip:]))
+
+    def _judged(self, taps: FloatArray) -> Iterator[tuple[FloatArray, ...]]:
+        """
+        Go through the records once the past is complete.
+
+        Gives time steps [s], residuals, friction that holds, columns of motion, and sizes of
+        residuals and onset statistics.
+        """
+        for t, residual, held, free, columns in self._records:
+            onset = onset_statistic(t, free, taps, self._step)
+            sizes = np.hstack([np.maximum(np.abs(residual) - held, 0.0), np.abs(onset)])
+            yield (np.diff(t[self._skip - 1:]), residual[self._skip:], held[self._skip:], columns,
+                   sizes[self._skip:])
 
     def law(self) -> tuple[FloatArray, FloatArray]:
         """Learn taps and profile."""
-        taps = learn_taps([(r.t, x) for r, x in zip(self._records, self._free, strict=True)],
-                          self._step)
-        columns = np.vstack([_largest(c, self._group) for c in self._columns])
-        peaks = np.vstack([_largest(s, self._group) for s in self._sizes(taps)])
+        taps = learn_taps([(t, free) for t, _, _, free, _ in self._records], self._step)
+        judged = [(_largest(columns, self._group), _largest(sizes, self._group))
+                  for _, _, _, columns, sizes in self._judged(taps)]
+        columns, peaks = (np.vstack(parts) for parts in zip(*judged, strict=True))
         least = np.concatenate([self.noise(), np.zeros(taps.shape[1])])
         return taps, np.array([_profile(columns, peaks[:, i], least[i])
                                for i in range(peaks.shape[1])])
@@ -288,38 +287,31 @@ class _Rows:
     def ratios(self, taps: FloatArray, profile: FloatArray, block: int) -> FloatArray:
         """Give the largest ratio to a profile in each block, and the largest sums of onsets."""
         parts, n = [], taps.shape[1]
-        for record, held, columns, sizes in zip(
-                self._records, self._held, self._columns, self._sizes(taps), strict=True):
+        for dt, residual, held, columns, sizes in self._judged(taps):
             usual = columns @ profile.T
-            signs = np.sign(record.residual[self._skip:])
-            scale = usual[:, :n] + FRICTION_UNCERTAIN * held[self._skip:]
-            sums = accumulate(np.diff(record.t[self._skip - 1:]), signs * sizes[:, :n] / scale)
+            scale = usual[:, :n] + FRICTION_UNCERTAIN * held
+            sums = accumulate(dt, np.sign(residual) * sizes[:, :n] / scale)
             parts.append(_largest(np.hstack([sizes / usual, sums]), block))
         return np.vstack(parts)
 
     def levels(self, taps: FloatArray, profile: FloatArray) -> FloatArray:
         """Give the level of the onset statistics at each sample, as ratios to a profile."""
-        n = taps.shape[1]
-        return np.vstack([levels(np.diff(r.t[self._skip - 1:]), (s / (c @ profile.T))[:, n:])
-                          for r, c, s in zip(self._records, self._columns, self._sizes(taps),
-                                             strict=True)])
+        found = []
+        for dt, _, _, columns, sizes in self._judged(taps):
+            ratio = (sizes / (columns @ profile.T))[:, taps.shape[1]:]
+            found.append(levels(dt, ratio, np.quantile(ratio, LEVEL_QUANTILE, axis=0)))
+        return np.vstack(found)
 
     def reach(self) -> FloatArray:
         """Give the largest speed of each joint; one that stood still moves from there on."""
-        joints = (self._columns[0].shape[1] - 1) // 4
-        largest = np.max([c[:, 1:1 + joints].max(axis=0) for c in self._columns], axis=0)
-        return np.asarray(np.maximum(largest, REVERSAL_SPEED))
+        columns = np.vstack([columns for *_, columns in self._records])
+        speeds = columns[:, 1:1 + (columns.shape[1] - 1) // 4]
+        return np.asarray(np.maximum(speeds.max(axis=0), REVERSAL_SPEED))
 
     def noise(self) -> FloatArray:
         """Give the size of what changes from sample to sample, for each residual."""
-        return np.asarray(np.sqrt(0.5 * np.mean(np.vstack([
-            np.diff(r.residual, axis=0) for r in self._records]) ** 2, axis=0)))
-
-    def _sizes(self, taps: FloatArray) -> list[FloatArray]:
-        """Give the sizes of residuals and onset statistics, once the past is complete."""
-        return [np.hstack([np.maximum(np.abs(r.residual) - held, 0.0), np.abs(
-            onset_statistic(r.t, x, taps, self._step))])[self._skip:]
-            for r, held, x in zip(self._records, self._held, self._free, strict=True)]
+        changes = np.vstack([np.diff(residual, axis=0) for _, residual, *_ in self._records])
+        return np.asarray(np.sqrt(0.5 * np.mean(changes ** 2, axis=0)))
 
 
 def _largest(x: FloatArray, count: int) -> FloatArray:

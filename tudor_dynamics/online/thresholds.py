@@ -19,10 +19,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.online.settings import (
@@ -31,10 +32,12 @@ from tudor_dynamics.online.settings import (
 from tudor_dynamics.typing import FloatArray
 
 
+Positive = Annotated[float, Field(gt=0.0)]
 NEVER = -2**62
 """A stamp before all others [ns]."""
 
 
+@compiled
 def motion_features(stamp: NDArray[np.int64], motion: FloatArray) -> FloatArray:
     """
     Evaluate the columns of a threshold along a gapless record.
@@ -44,18 +47,13 @@ def motion_features(stamp: NDArray[np.int64], motion: FloatArray) -> FloatArray:
     stamp (samples,) [ns]; motion (samples, 3 joints): ``[q, dq, ddq]``
     [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, 1 + 4 joints).
     """
-    out = np.empty((len(motion), 1 + motion.shape[1] // 3 * 4))
-    _features_record(stamp, motion, out)
-    return out
-
-
-@compiled
-def _features_record(stamp: NDArray[np.int64], motion: FloatArray, out: FloatArray) -> None:
     n, last = motion.shape[1] // 3, NEVER
+    out = np.empty((len(motion), 1 + 4 * n))
     direction, lately, reversed_at = np.zeros(n), np.zeros(n), np.full(n, NEVER)
     for k in range(len(stamp)):
         evaluate_features(stamp[k], last, motion[k], direction, lately, reversed_at, out[k])
         last = stamp[k]
+    return out
 
 
 @compiled
@@ -178,7 +176,7 @@ def onset_now(
     return begin
 
 
-# The accumulated statistic: what onsets come to that are each too small to be told.
+# The accumulated statistic: what onsets come to that are each too small to be detected.
 #
 # A soft hit rises for longer than the 100 ms over which an onset is summed, and never stands out
 # in any of them. A cumulative sum (Page, 1954) of the onset by its profile, less a drift, adds
@@ -216,23 +214,18 @@ def advance(
 
 
 @compiled
-def _accumulation_record(dt: FloatArray, z: FloatArray, out: FloatArray) -> None:
-    n = z.shape[1]
-    sums, never = np.zeros((2, n)), np.full(n, np.inf)
-    for k in range(len(dt)):
-        advance(dt[k], z[k], never, sums)
-        for i in range(n):
-            out[k, i] = max(sums[0, i], sums[1, i])
-
-
 def accumulate(dt: FloatArray, z: FloatArray) -> FloatArray:
     """
     Sum a gapless record up.
 
     dt (samples,) [s], z (samples, channels); returns (samples, channels) [s].
     """
-    out = np.empty_like(z)
-    _accumulation_record(dt, z, out)
+    n, out = z.shape[1], np.empty_like(z)
+    sums, never = np.zeros((2, n)), np.full(n, np.inf)
+    for k in range(len(dt)):
+        advance(dt[k], z[k], never, sums)
+        for i in range(n):
+            out[k, i] = max(sums[0, i], sums[1, i])
     return out
 
 
@@ -261,32 +254,28 @@ def advance_held(
     """
     Follow the friction that holds each joint, and give what is left of the residual.
 
-    value (channels,) [its unit], held, out (channels,); dt [s]: 0 to begin anew; writes friction
+    value (channels,) [its unit], held, out (channels,); dt [s]: 0 to restart; writes friction
     (channels,).
     """
     share = 1.0 if dt <= 0.0 else dt / (HOLDING_TIME + dt)
     for i in range(len(value)):
-        if value[i] == value[i]:  # NaN tells nothing
+        if value[i] == value[i]:  # NaN says nothing
             friction[i] += share * (value[i] - friction[i])
         friction[i] = min(max(friction[i], -held[i]), held[i])
         out[i] = value[i] - friction[i]
 
 
 @compiled
-def _stiction_record(dt: FloatArray, value: FloatArray, held: FloatArray, out: FloatArray) -> None:
-    friction = np.zeros(value.shape[1])
-    for k in range(len(value)):
-        advance_held(dt[k], value[k], held[k], friction, out[k])
-
-
 def released(t: FloatArray, value: FloatArray, held: FloatArray) -> FloatArray:
     """
     Take the friction that holds off a gapless record.
 
     t (samples,) [s], value, held (samples, channels) [its unit]; returns (samples, channels).
     """
-    out = np.empty_like(value)
-    _stiction_record(np.diff(t, prepend=t[0]), value, held, out)
+    out, friction = np.empty_like(value), np.zeros(value.shape[1])
+    for k in range(len(value)):
+        dt = t[k] - t[k - 1] if k else 0.0
+        advance_held(dt, value[k], held[k], friction, out[k])
     return out
 
 
@@ -309,12 +298,13 @@ class Tail:
     mixture follows one law.
     """
 
-    location: float  # ratio that a share of the seconds exceeds
-    scale: float  # scale of their excess
-    shape: float  # 0 for an exponential tail; otherwise the excess is below scale / shape
-    share: float  # share of the samples above that value
-    largest: float  # largest ratio that was seen
-    count: float  # peaks that the distribution was fitted to
+    location: Positive  # ratio that a share of the seconds exceeds
+    scale: Positive  # scale of their excess
+    # 0 for an exponential tail; otherwise the excess is below scale / shape
+    shape: Annotated[float, Field(ge=0.0, le=1.0)]
+    share: Annotated[float, Field(gt=0.0, le=1.0)]  # share of the samples above that value
+    largest: Positive  # largest ratio that was seen
+    count: Annotated[float, Field(ge=1.0)]  # peaks that the distribution was fitted to
 
     def ratio(self, per_hour: float) -> float:
         """

@@ -25,8 +25,9 @@ import time
 from patience import PATIENCE
 import pytest
 from ros_world import World
-from tudor_dynamics.nodes.common.messages import ListenedPublishers, LOOK
+from tudor_dynamics.nodes.common.messages import ListenedPublishers
 from tudor_dynamics.nodes.common.runner import Halt, spin_for
+from tudor_dynamics.nodes.settings import SUBSCRIPTIONS_LOOK
 
 BUSY = """
 import sys, time
@@ -92,7 +93,7 @@ def test_listeners_are_noticed_within_a_look(world: World) -> None:
     assert not counted.wanted
     world.listen('listened')
     assert world.spin(lambda: publisher.get_subscription_count() == 1)
-    listened.look(0.5 * LOOK)
+    listened.look(0.5 * SUBSCRIPTIONS_LOOK)
     assert not counted.wanted  # not counted yet
-    listened.look(1.5 * LOOK)
+    listened.look(1.5 * SUBSCRIPTIONS_LOOK)
     assert counted.wanted

@@ -46,13 +46,13 @@ from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param, Value
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateDecoder, MotionDecoder, PointSample)
+from tudor_dynamics.nodes.settings import (
+    AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, TOO_MANY)
 
 
 NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
          DiagnosticStatus.ERROR: 'ERROR', DiagnosticStatus.STALE: 'STALE'}
 FAULTS = (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
-REPEAT = 5.0
-"""Time before another fault of the same level is logged [s]."""
 
 
 class LevelLog:
@@ -86,10 +86,6 @@ class LevelLog:
             self._logger.warning(line)
 
 
-MEMORY = 4096
-"""Latencies of which percentiles are taken."""
-
-
 class Meter:
     """
     Counts messages and takes their time; `report` gives the figures since the last one.
@@ -101,7 +97,7 @@ class Meter:
         self._steady = steady
         self.count = 0
         self.last_arrival: float | None = None
-        self._latencies = np.zeros(MEMORY)
+        self._latencies = np.zeros(LATENCIES)
         self._reported = 0
         self._since = steady()
 
@@ -112,7 +108,7 @@ class Meter:
 
     def end(self, begun: float) -> None:
         """Take the time at which its results are published."""
-        self._latencies[self.count % MEMORY] = time.perf_counter() - begun
+        self._latencies[self.count % LATENCIES] = time.perf_counter() - begun
         self.count += 1
 
     def stale(self, timeout: float) -> bool:
@@ -127,7 +123,7 @@ class Meter:
         values = {'rate [Hz]': f'{(self.count - self._reported) / seconds:.1f}',
                   'messages': str(self.count)}
         self._reported, self._since = self.count, now
-        known = min(self.count, MEMORY)
+        known = min(self.count, LATENCIES)
         if known:
             places = [min(known - 1, int(share * known)) for share in (0.5, 0.99)]
             # sorting all of them would take half a millisecond, in which samples wait
@@ -140,16 +136,6 @@ class Meter:
         values['dropped'] = str(sum(total.values()))
         values.update({f'dropped: {cause}': str(n) for cause, n in sorted(total.items()) if n})
         return values
-
-
-SHARE = 0.02
-"""Weight of a new age in the mean."""
-EARLY = 0.005
-"""A stamp so far in the future comes from another clock [s]."""
-OLD = 0.5
-"""A stamp so old as well: no driver keeps its readings for so long [s]."""
-ENOUGH = 20
-"""Stamps before a fault is told."""
 
 
 class ClockWatch:
@@ -168,7 +154,7 @@ class ClockWatch:
         self._count += 1
         self._zeros = self._zeros + 1 if stamp == 0 else 0
         age = 1e-9 * (now - stamp)
-        self.age = age if self.age is None else self.age + SHARE * (age - self.age)
+        self.age = age if self.age is None else self.age + AGE_SHARE * (age - self.age)
 
     def text(self) -> str:
         """Give the age of stamps [ms]."""
@@ -182,7 +168,7 @@ class ClockWatch:
         return ''
 
     def offset(self) -> str:
-        """Say what is odd about the clocks, though sample times are right; empty for nothing."""
+        """Say what is wrong with the clocks, though sample times are right; empty for nothing."""
         if self._count < ENOUGH or self.age is None or -EARLY <= self.age <= OLD:
             return ''
         where = 'in the future' if self.age < 0.0 else 'in the past'
@@ -233,15 +219,6 @@ class GuardedNode(Node):
         return super().create_service(kind, name, answer, *args, **options)
 
 
-DEPTH = 10
-"""One is too few: at 1 kHz it loses samples."""
-DEEP = 100
-"""
-Messages that may wait where every one is worth something however late it comes.
-
-A machine halts for 20 ms now and then: 40 samples at 2 kHz. What commands an arm needs the newest
-one alone, and has queues as short as those of other nodes.
-"""
 UNUSABLE = {
     'unknown_names': 'the names in it are not those of the arm',
     'short_array': 'its arrays are shorter than its names',
@@ -251,8 +228,6 @@ UNUSABLE = {
     'duplicate_stamp': 'its stamps are repeated',
     'backward_stamp': 'its stamps go backwards'}
 """Drops that are the fault of who sends, and what they mean."""
-TOO_MANY = 0.2
-"""Share of such messages that is worth a warning."""
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
                           DiagnosticStatus.STALE)
 OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)
@@ -325,7 +300,7 @@ class TudorNode(Node):
     """
     Base of the nodes.
 
-    steady: clock by which the node tells ages, never that of ROS, which stops with a simulator
+    steady: clock by which the node takes ages, never that of ROS, which stops with a simulator
     [s]; fault: empty for nothing; ended: empty while it may; robot: name of the arm, once known.
     """
 
@@ -475,19 +450,19 @@ class TudorNode(Node):
         return [self.drops]
 
     def about(self) -> dict[str, str]:
-        """Give what the line at the start tells; subclasses add to it."""
-        told: dict[str, str] = {
+        """Give what the line at the start says; subclasses add to it."""
+        about: dict[str, str] = {
             name: str(self.get_parameter(name).value)
             for name in ('model', 'kind', 'arm', 'bag', 'rate') if name in self.params}
         for name, of in (('hears', self.subscriptions), ('publishes', self.publishers)):
-            told[name] = ' '.join(item.topic_name for item in of
-                                  if item.topic_name not in OWN_TOPICS) or 'nothing'
-        return told
+            about[name] = ' '.join(item.topic_name for item in of
+                                   if item.topic_name not in OWN_TOPICS) or 'nothing'
+        return about
 
     def _announce(self) -> None:
         self._start.cancel()
-        told = ', '.join(f'{name} {value or "none"}' for name, value in self.about().items())
-        self.get_logger().info(f'started: {told}')
+        about = ', '.join(f'{name} {value or "none"}' for name, value in self.about().items())
+        self.get_logger().info(f'started: {about}')
 
     def end(self, why: str) -> None:
         """Tell for ever, and at once, that a managed node was shut down and will not work."""

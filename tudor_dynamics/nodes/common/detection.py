@@ -53,23 +53,23 @@ class CollisionOutput:
 
     def __init__(self, node: TudorNode) -> None:
         self._node = node
-        self._flags = {Level.COLLISION: node.publish_on(Bool, COLLISION, latch=True),
-                       Level.CONTACT: node.publish_on(Bool, CONTACT, latch=True)}
+        self.flags = {Level.COLLISION: node.publish_on(Bool, COLLISION, latch=True),
+                      Level.CONTACT: node.publish_on(Bool, CONTACT, latch=True)}
         self._events = node.publish_on(Header, COLLISION_EVENT)
-        self._told: dict[Level, bool] = {}
+        self._published: dict[Level, bool] = {}
         self._last: CollisionEvent | None = None
         self.level(Level.FREE)
 
     def level(self, level: Level) -> None:
-        """Tell how strongly the arm is touched."""
-        for of, publisher in self._flags.items():
+        """Publish how strongly the arm is touched."""
+        for of, publisher in self.flags.items():
             state = level >= of
-            if self._told.get(of) is not state:
-                self._told[of] = state
+            if self._published.get(of) is not state:
+                self._published[of] = state
                 publisher.publish(Bool(data=state))
 
     def event(self, event: CollisionEvent) -> None:
-        """Tell of a collision."""
+        """Publish a collision."""
         self._last = event
         header = Header(frame_id=event.link)
         header.stamp = time_message(event.onset)
@@ -90,10 +90,6 @@ class CollisionOutput:
             return {}
         return {'last collision [ns]': str(self._last.onset), 'last link': self._last.link}
 
-    def rivals(self) -> list[str]:
-        """Name other nodes that tell of collisions on the same topic."""
-        return self._node.rivals(self._flags[Level.COLLISION])
-
 
 class ContactOutput:
     """Publishes what touches an arm."""
@@ -105,7 +101,7 @@ class ContactOutput:
         self._record: ContactRecord | None = None
         self._summary: dict[str, Any] = {}
 
-    def tell(self, watch: Watch, estimate: ContactEstimate) -> None:
+    def publish(self, watch: Watch, estimate: ContactEstimate) -> None:
         """Publish an estimate: a wrench at each sample, the point while it is known."""
         self._last = estimate
         if estimate.felt:
@@ -214,7 +210,7 @@ class DetectNode(ModelNode):
         """Put another model into use."""
         self.bundle, self.watch = bundle, watch
         names = bundle.arm.channels
-        topics = {output: of for output, of in self.sensor_topics(bundle).items()
+        topics = {output: of for output, of in bundle.arm.topics.items()
                   if output in watch.outputs}
         self._sensor_drops = {output: Counter() for output in topics}
         self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
@@ -246,7 +242,7 @@ class DetectNode(ModelNode):
             'call ~/calibrate while the arm moves freely')
 
     def came(self, topic: str, stamp: int) -> None:
-        """Count a message that the detector needs; tell at once where it sees less than before."""
+        """Count a message that the detector needs; say at once where fewer are judged."""
         if self.coverage.came(topic, stamp, self.meter.last_arrival or 0.0):
             self.publish_diagnostics()
 
@@ -272,7 +268,7 @@ class DetectNode(ModelNode):
             health.stuck_time = self.value('stuck_time')
 
     def measured(self, output: str, topic: str, message: JointSample) -> None:
-        """Hand a sensor message to the detector and tell what it found."""
+        """Hand a sensor message to the detector and report what it found."""
         watch, reader = self.watch, self._readers.get((output, topic))
         if watch is None or reader is None:
             return
@@ -281,7 +277,7 @@ class DetectNode(ModelNode):
             return
         for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
             self.health[output].step(stamp, whole)
-            self.tell(self.take(watch, output, stamp, whole))
+            self.report(self.take(watch, output, stamp, whole))
 
     def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
         """Take a whole measurement into account."""
@@ -294,7 +290,7 @@ class DetectNode(ModelNode):
         for health in self.health.values():
             health.moving = moving
 
-    def tell(self, found: Found) -> None:
+    def report(self, found: Found) -> None:
         """Publish what was found, and the load."""
         for method, residual in found.residuals:
             if self._calibration is not None and method in self._calibration.channels:
@@ -306,13 +302,13 @@ class DetectNode(ModelNode):
             self.collision_output.event(event)
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
-            self.contact_output.tell(self.watch, estimate)
+            self.contact_output.publish(self.watch, estimate)
         if self.watch is not None and found.excesses:
             self.collision_output.level(self.watch.level)
         for load in found.loads:
             self.get_logger().info(f'no collision but a load: {load.mass:.3f} kg now')
         if found.residuals:
-            self.port.tell(found.residuals[-1][1].motion.stamp, len(found.loads))
+            self.port.publish(found.residuals[-1][1].motion.stamp, len(found.loads))
 
     def _reset(self) -> str:
         """Restart, with the load as well: nothing touches the arm now."""
@@ -386,7 +382,7 @@ class DetectNode(ModelNode):
     def _judge_itself(self) -> tuple[bytes, str]:
         """Give level and message of a detector that has a model and input."""
         assert self.watch is not None
-        rivals = self.collision_output.rivals()
+        rivals = self.rivals(self.collision_output.flags[Level.COLLISION])
         dead = [name for health in self.health.values() for name in health.dead()]
         verdict = self.coverage.verdict
         learning = self._calibration is not None and not self.watch.stages
@@ -395,7 +391,8 @@ class DetectNode(ModelNode):
             self._unserved if not self.watch.methods else '',
             verdict.text if verdict.level is CoverageLevel.NONE and not learning else '']
         warnings = [
-            verdict.text if not learning else '', self._unserved, self._note, self.watch.unlike,
+            verdict.text if not learning else '', self._unserved, self._note,
+            self.watch.outside_training,
             f'{", ".join(rivals)} publish on {COLLISION}, too: give each its own topic or '
             'namespace' if rivals else '']
         for level, texts in ((ERROR, errors), (WARN, warnings)):

@@ -37,6 +37,7 @@ from tudor_dynamics.bags.messages import (
     array_layout, CdrError, DATA, HEADER, joint_state_layout, Layout, MAX_PADDING, motion_layout)
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.compiled import all_finite
+from tudor_dynamics.nodes.settings import SUBSCRIPTIONS_LOOK
 from tudor_dynamics.online.settings import CLOCK_JUMP
 from tudor_dynamics.online.streams import Losses, Motion
 from tudor_dynamics.typing import FloatArray
@@ -397,10 +398,6 @@ class MotionEncoder(_Encoder):
         return bytes(self._buffer)
 
 
-LOOK = 0.01
-"""Time between two counts of the subscriptions, which take 2 us each [s]."""
-
-
 class ListenedPublisher:
     """A publisher of encoded messages, which are made only where somebody listens."""
 
@@ -433,7 +430,7 @@ class ListenedPublishers:
 
     def look(self, now: float) -> bool:
         """Count where the last count is too old, and say so; ``now`` is monotonic [s]."""
-        if now - self._looked < LOOK:
+        if now - self._looked < SUBSCRIPTIONS_LOOK:
             return False
         self._looked = now
         for publisher in self._all:

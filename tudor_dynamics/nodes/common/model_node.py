@@ -32,13 +32,12 @@ from tudor_dynamics.errors import ModelError, TudorError
 from tudor_dynamics.load.live import CarriedLoad, PayloadStage
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.nodes.common.base import DEEP, ERROR, Figure, latched, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import EXPECT_PAYLOAD, GRIPPERS, PAYLOAD_TOPIC, RELOAD
 from tudor_dynamics.nodes.common.messages import ArrayDecoder, JointSample, time_message
+from tudor_dynamics.nodes.settings import CHANGED, DEEP, EVERY, MOVED
 
 
-MOVED = 1e-3
-"""Way of a finger from which on it moves [rad or m]."""
 AT_WORK = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
@@ -86,12 +85,6 @@ class Gripper:
         return bool(self._goals - before)
 
 
-EVERY = 100_000_000
-"""Time between two messages of a load that goes on changing [ns]."""
-CHANGED = 0.1
-"""Part of its standard deviation by which it has to have changed."""
-
-
 class PayloadPort:
     """What a node has to do with the load; load: None where the load is a parameter."""
 
@@ -124,7 +117,7 @@ class PayloadPort:
             load.carry(self.load.mass)
         self.load = load
 
-    def tell(self, stamp: int, taken_back: int = 0) -> None:
+    def publish(self, stamp: int, taken_back: int = 0) -> None:
         """Publish the load where it has changed: stamp [ns]."""
         load = self.load
         self._taken_back += taken_back
@@ -166,7 +159,7 @@ class PayloadPort:
             self.load.observer.reset()
 
     def values(self) -> dict[str, str]:
-        """Give what diagnostics tell of the load."""
+        """Give what diagnostics say of the load."""
         load = self.load
         if load is None:
             return {}
@@ -266,7 +259,7 @@ class ModelNode(TudorNode):
         raise NotImplementedError
 
     def _reload(self) -> str:
-        """Load beside the running model, and answer at once: the diagnostics tell the outcome."""
+        """Load beside the running model, and answer at once: the diagnostics have the outcome."""
         if self._loader is not None:
             msg = 'still loading'
             raise TudorError(msg)
@@ -307,16 +300,6 @@ class ModelNode(TudorNode):
         ready, self._ready, self._loader = self._ready, None, None
         self._poll.cancel()
         ready()
-
-    def sensor_topics(self, bundle: ModelBundle) -> dict[str, dict[str, list[str]]]:
-        """Give for each output its topics with their channels, in the order of the arm."""
-        arm = bundle.arm
-        topics: dict[str, dict[str, list[str]]] = {'effort': {}, 'strain': {}}
-        for joint in arm.joints:
-            topics['effort'].setdefault(joint.effort.topic, []).append(joint.name)
-        for gauge in arm.gauges:
-            topics['strain'].setdefault(gauge.topic, []).append(gauge.name)
-        return topics
 
     def hear_sensors(
         self, arm: Arm, topic: str, callback: Callable[[JointSample], None],

@@ -102,10 +102,9 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self._strain = np.full(len(arm.gauges), np.nan)
         self._read = np.full(len(arm.gauges), -np.inf)
         self._fresh = np.zeros(len(arm.gauges), dtype=bool)
-        topics: dict[str, list[str]] = {}
-        for gauge in arm.gauges:
-            if gauge.name in gauges:
-                topics.setdefault(gauge.topic, []).append(gauge.name)
+        heard = {topic: [name for name in names if name in gauges]
+                 for topic, names in arm.topics['strain'].items()}
+        topics = {topic: names for topic, names in heard.items() if names}
         self._gauges = {
             topic: (NamedReader(names, self.drops), [arm.gauge_names.index(n) for n in names])
             for topic, names in topics.items()}

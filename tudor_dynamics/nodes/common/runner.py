@@ -29,10 +29,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.common.base import TudorNode
+from tudor_dynamics.nodes.settings import SIGNAL_LOOK
 
 EXECUTORS = ('events', 'single')
-LOOK = 0.2
-"""Longest time until a signal is noticed [s]."""
 
 
 def new_executor(kind: str, context: Any = None) -> Any:
@@ -111,7 +110,7 @@ def _take_executor(args: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> int:
-    """Run a node until it is told to stop; args: those of the process by default."""
+    """Run a node until it is asked to stop; args: those of the process by default."""
     node: TudorNode | None = None
     halt = Halt()
 
@@ -130,7 +129,7 @@ def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> 
         # Shutting the context down in a callback would end it under the executor, and under
         # whatever the callback publishes next: a node that is done says so.
         while rclpy.ok() and not halt.asked and node.exit_code is None:
-            spin_for(executor, LOOK, halt)
+            spin_for(executor, SIGNAL_LOOK, halt)
     except ExternalShutdownException:
         pass
     except TudorError as err:

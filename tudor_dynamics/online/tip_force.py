@@ -12,20 +12,26 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The arm on a floor, its damper and the force controller in lock-step, on a simulated clock."""
+"""Force at the tip: what gauges of a resting arm read of it, and its control in closed loop."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
 from tudor_dynamics.control.motion_controller import MotionController
+from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics.closed_loop import ArmProcess
 from tudor_dynamics.mechanics.hardware import Floor
-from tudor_dynamics.online.contact_levers import StaticStrain
+from tudor_dynamics.models.base import MemorylessModel, Model
+from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.online.contact_levers import gauge_gain
+from tudor_dynamics.online.settings import FORCE_CHANGE, POSE_CHANGE
 from tudor_dynamics.typing import FloatArray
 
 RATE = 500.0
@@ -34,9 +40,81 @@ GAP = 0.015
 """Below the tip, where the floor is put [m]."""
 
 
+@dataclass(frozen=True, eq=False)
+class StaticReadings:
+    """What gauges of a resting arm read."""
+
+    weight: FloatArray  # (gauges,): of its own weight, but for constants, in units of the gauges
+    # (gauges,): of a unit force at the tip of the bent arm [1/N]; None where only levers are.
+    share: FloatArray | None
+
+
+class StaticStrain:
+    """Readings of gauges of a resting arm."""
+
+    def __init__(
+        self, arm: Arm, model: Model | None = None,
+        normal: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    ) -> None:
+        self._normal = np.array(normal) / np.linalg.norm(normal)
+        self._force = 0.0
+        self._last: StaticReadings | None = None
+        self._at = np.zeros(len(arm.active_joints))
+        self._model = model if isinstance(model, MemorylessModel) else None
+        self._driven: DrivenArm | None = None
+        self._zero = np.zeros(len(arm.gauges))
+        self.source = 'none'
+        if self._model is not None:
+            self.source = 'model'
+            return
+        self._gain = np.nan_to_num(gauge_gain(arm, model))
+        values = (dict(model.values) if isinstance(model, ElasticModel)
+                  and model.coefficients_ is not None else {})
+        try:
+            self._driven = DrivenArm(arm)
+            self._driven.set_parameters(values)
+        except SimulationError:
+            self._driven = None
+            return
+        self.source = 'elastic model' if values else 'description'
+
+    def at(self, q: FloatArray, force: float = 0.0) -> StaticReadings:
+        """
+        Give the readings at a pose; a force that bends the arm changes its levers.
+
+        q (joints,) [rad or m], force [N].
+        """
+        force = max(force, FORCE_CHANGE)
+        if (self._last is None or float(np.abs(q - self._at).max()) > POSE_CHANGE
+                or abs(force - self._force) > FORCE_CHANGE):
+            self._last, self._at, self._force = self._solve(q, force), q.copy(), force
+        return self._last
+
+    def _solve(self, q: FloatArray, force: float) -> StaticReadings:
+        if self._model is not None:
+            row = np.concatenate([q, np.zeros(2 * len(q))])[None]
+            return StaticReadings(np.asarray(self._model.predict(row)[0]), None)
+        if self._driven is None:
+            return StaticReadings(self._zero, None)
+        driven = self._driven
+        try:
+            free = driven.follow(q[None], np.zeros(1)).moment[0]
+            driven.tables.chain.wrench[driven.mechanism.tip, :3] = force * self._normal
+            driven.loaded = True
+            pressed = driven.follow(q[None], np.zeros(1)).moment[0]
+        except SimulationError:
+            return StaticReadings(self._zero, None)
+        finally:
+            driven.tables.chain.wrench[:] = 0.0
+            driven.loaded = False
+        return StaticReadings(free * self._gain, (pressed - free) * self._gain / force)
+
+
 class ForceRig:
     """
-    Force control of the simulated arm, with the objects that its nodes hold.
+    The arm on a floor, its damper and the force controller in lock-step, on a simulated clock.
+
+    They are the objects that the nodes hold.
 
     Parameters
     ----------

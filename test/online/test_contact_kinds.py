@@ -1,0 +1,140 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Contacts by efforts, and by strain of a rigid model: which link, what force, until when."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sample_arms import planar_arm
+
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.errors import ModelError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.online.contact import contact_estimator, ContactEstimate, ContactEstimator
+from tudor_dynamics.online.contact_levers import RigidFront
+from tudor_dynamics.typing import FloatArray
+
+RMSE = 0.2
+ROW = np.array([0.3, -0.4, 0.0, 0.0, 0.0, 0.0])
+
+
+def bundle(joints: list[dict[str, Any]] | None = None, **more: Any) -> ModelBundle:
+    """Give the facts of a fit with efforts, whose validation left the same over of each joint."""
+    channels = {name: {'rmse': RMSE} for name in ('j1', 'j2')}
+    facts = {'validation': {'effort': {'analytical': {'validation': {'channels': channels}}}}}
+    return ModelBundle(planar_arm(joints, **more), PreprocessingSpec(), {}, facts)
+
+
+def by_efforts(known: ModelBundle, residuals: list[list[float]]) -> list[ContactEstimate]:
+    """Estimate by residuals of the momentum observer, 10 ms apart."""
+    estimator = contact_estimator(known, 'analytical', ('momentum',))
+    found = [estimator.step(10_000_000 * (k + 1), k == 0, ROW, np.zeros(2), np.array(residual))
+             for k, residual in enumerate(residuals)]
+    assert all(item is not None for item in found)
+    return [item for item in found if item is not None]
+
+
+def test_the_outermost_joint_that_feels_a_force_moves_the_link_that_is_touched() -> None:
+    """A force on a link loads all joints before it; its torque is that about the joint's axis."""
+    inner, outer, none = by_efforts(bundle(), [[-3.0, 0.1], [-3.0, 1.5], [0.1, -0.2]])
+    assert (inner.felt, inner.joint) == (True, 'j1') and (outer.felt, outer.joint) == (True, 'j2')
+    assert inner.torque == pytest.approx([0.0, 0.0, 3.0])
+    assert outer.torque == pytest.approx([0.0, 0.0, -1.5])
+    assert outer.torque_deviation == RMSE and np.isnan(outer.force_deviation)
+    assert not outer.located and 'cannot tell place' in outer.note
+    assert not none.felt and none.note == ''
+
+
+def test_a_contact_begins_at_five_deviations_and_ends_at_three() -> None:
+    """So that noise about one bound does not end it."""
+    sizes = [4.9, 5.1, 4.0, 3.1, 2.9, 4.0]
+    found = by_efforts(bundle(), [[0.0, -size * RMSE] for size in sizes])
+    assert [item.felt for item in found] == [False, True, True, True, False, False]
+
+
+def test_currents_need_torque_constants() -> None:
+    """A joint whose motor is not described feels nothing, and without any motor all is refused."""
+    joints = [{'name': name, 'effort': {'unit': 'A'}} for name in ('j1', 'j2')]
+    motor = {'joint': 'j1', 'torque_constant': 0.05, 'gear_ratio': 100, 'efficiency': 0.8,
+             'rotor_inertia': 1e-5}
+    found, = by_efforts(bundle(joints, motors=[motor]), [[-2.0, -9.0]])
+    assert found.joint == 'j1' and found.torque[2] == pytest.approx(2.0 * 0.05 * 100 * 0.8)
+    with pytest.raises(ModelError, match='no torque constant is known'):
+        contact_estimator(bundle(joints), 'analytical', ('momentum',))
+
+
+def test_a_residual_that_settles_ends_a_contact() -> None:
+    """Nothing is estimated of samples without a residual, and nothing is held beyond them."""
+    estimator = contact_estimator(bundle(), 'analytical', ('momentum',))
+    zero = np.zeros(2)
+    first = estimator.step(10_000_000, True, ROW, zero, np.array([-3.0, 0.0]))
+    assert first is not None and first.felt
+    assert estimator.step(20_000_000, False, ROW, zero, None) is None and not estimator.felt
+    assert estimator.record().summary() == {}
+
+
+def test_why_there_is_no_estimate_is_said() -> None:
+    """By each method that was asked for."""
+    bare = ModelBundle(planar_arm(), PreprocessingSpec(), {})
+    with pytest.raises(ModelError, match='methods strain or momentum'):
+        contact_estimator(bare, 'analytical', ('effort',))
+    with pytest.raises(ModelError, match='model of the strain.*; .*fit it with bags'):
+        contact_estimator(bare, 'analytical', ('strain', 'momentum'))
+
+
+class StrainModel:
+    """A rigid model of the strain, of which only its noise matters here."""
+
+    noise_ = np.full(4, 4.0)
+
+
+def pushed(force: float, place: float) -> tuple[ContactEstimator, list[ContactEstimate | None]]:
+    """Push the outer link of the reference arm at rest for 2 s, 1 s after the start."""
+    arm = load_arm(Path(__file__).parents[2] / 'config' / 'tudor.yaml')
+    known = ModelBundle(arm, arm.spec.preprocessing, {
+        'strain': {'analytical': StrainModel()}})  # type: ignore[dict-item]
+    estimator = ContactEstimator(known, 'analytical')
+    gain = np.array([sensor.gain for sensor in arm.spec.sensors])
+    lever: FloatArray = RigidFront(arm, estimator.spans, gain).rows(ROW)[-1]
+    residual = gain * (lever @ [force, force * place, 0.0])
+    rng = np.random.default_rng(2)
+    return estimator, [estimator.step(
+        10_000_000 * (k + 1), k == 0, ROW, np.zeros(4),
+        (residual if 100 <= k < 300 else 0.0) + rng.normal(size=4)) for k in range(500)]
+
+
+def test_a_rigid_model_has_force_and_place_of_a_push_at_rest() -> None:
+    """On the link that is pushed, across it, while it lasts and not before nor long after."""
+    estimator, found = pushed(3.0, 0.33)
+    assert found[0] is None
+    assert not any(item.felt for item in found[1:100] if item)
+    during = [item for item in found[200:300] if item]
+    assert all(item.felt and item.link == 'link3' for item in during)
+    assert np.median([item.place for item in during]) == pytest.approx(0.33, abs=0.01)
+    assert np.median([np.linalg.norm(item.force) for item in during]) == pytest.approx(
+        3.0, rel=0.05)
+    assert not any(item.felt for item in found[350:] if item)
+    record = estimator.record()
+    for item in during:
+        record.add(item)
+    summary = record.summary()
+    assert summary['link'] == 'link3' and summary['certain'] > 0.9
+    assert abs(summary['force']) == pytest.approx(3.0, rel=0.05)
+    assert summary['place'] == pytest.approx(0.33, abs=0.01)

@@ -1,0 +1,91 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Tuned numbers of the nodes, with unit, meaning and where each was settled.
+
+``source: none known`` marks a number of which no bench or measurement is left.
+"""
+
+from __future__ import annotations
+
+# Queues.
+
+DEPTH = 10
+"""Messages that may wait. One is too few: at 1 kHz it loses samples; bench/node_rates.py."""
+DEEP = 100
+"""Messages that may wait where every one is used however late it comes: with 10, 99.73 to 99.98 %
+came through at 2 kHz, as a machine halts for 20 ms now and then, measured by bench/node_rates.py.
+What commands an arm needs the newest one alone, and has the short queue."""
+RECORDER_DEPTH = 1000
+"""Messages of a topic that may wait for the recorder. source: none known."""
+WAITING = 200
+"""Motions that may wait for their prediction. source: none known."""
+
+# Diagnostics.
+
+REPEAT = 5.0
+"""Time before another fault of the same level is logged [s]. source: none known."""
+LATENCIES = 4096
+"""Latencies of which percentiles are taken: to sort them takes half a millisecond, in which
+samples wait; bench/node_rates.py."""
+TOO_MANY = 0.2
+"""Share of unusable messages that is a warning. source: none known."""
+AGE_SHARE = 0.02
+"""Weight of a new age of stamps in the mean. source: none known."""
+EARLY = 0.005
+"""A stamp so far in the future comes from another clock [s]. source: none known."""
+OLD = 0.5
+"""A stamp so old as well: no driver keeps its readings for so long [s]. source: none known."""
+ENOUGH = 20
+"""Stamps before a fault is reported. source: none known."""
+
+# Time between two looks.
+
+SUBSCRIPTIONS_LOOK = 0.01
+"""At who listens, of which each count takes 2 us [s]; bench/node_rates.py."""
+SIGNAL_LOOK = 0.2
+"""At signals: the longest time until one is noticed [s]."""
+ARMS_LOOK = 0.1
+"""At the monitors of several arms [s]. source: none known."""
+TOPICS_LOOK, SAVE = 0.2, 1.0
+"""At topics to record; time after which a message is on disk [s]. source: none known."""
+MONITORS_LOOK, ALIVE = 0.5, 2.5
+"""At who watches for collisions; age of a monitor's last diagnosis, of which one comes a second,
+at which it counts as gone [s]. source: none known."""
+
+# Loads.
+
+MOVED = 1e-3
+"""Way of a finger from which on it moves [rad or m]. source: none known."""
+EVERY = 100_000_000
+"""Time between two messages of a load that goes on changing [ns]. source: none known."""
+CHANGED = 0.1
+"""Part of its standard deviation by which it has to have changed. source: none known."""
+
+# Arms that move.
+
+LATE = 0.2
+"""A simulator that is so late gives up real time instead of hurrying [s]. source: none known."""
+SILENT = 0.1
+"""Strains that are older than positions by more are missing; a longer gap between positions is an
+interruption of force control [s]. source: none known."""
+BRAKING = 2.0
+"""A process that ends waits no longer than this for the arm to stand [s]. source: none known."""
+LONGEST_GAP = 60.0
+"""The damper says itself what an interruption is; this is for clocks that are set [s]."""
+RECORD = 3.5
+"""Strain that the sign test listens to after each step [s]. source: none known."""
+PATIENCE = 30.0
+"""The sign test waits no longer than this for nodes, positions and strains [s]."""
