@@ -56,7 +56,8 @@ class Robot:
             for cause, n in causes.items():
                 counts = self.measured if cause.startswith('strain_') else self.motions
                 counts[cause.removeprefix('strain_')] += n
-            seen.append(self.judged.look(self.now).level)
+            self.verdict = self.judged.look(self.now)
+            seen.append(self.verdict.level)
         return seen
 
 
@@ -64,7 +65,7 @@ def test_all_judged() -> None:
     """Nothing is told."""
     robot = Robot()
     assert set(robot.live(5.0, judged=50)) == {CoverageLevel.ENOUGH}
-    assert robot.judged.verdict.share == 0.0 and robot.judged.verdict.text == ''
+    assert robot.verdict.share == 0.0 and robot.verdict.text == ''
 
 
 @pytest.mark.parametrize(('n', 'level'), [
@@ -75,7 +76,7 @@ def test_limits(n: int, level: CoverageLevel) -> None:
     robot = Robot()
     seen = robot.live(3.0, judged=50 - n, gap=n)
     assert seen[-1] is level
-    assert robot.judged.verdict.causes.get('gap', 0.0) == pytest.approx(n / 50)
+    assert robot.verdict.causes.get('gap', 0.0) == pytest.approx(n / 50)
     assert robot.live(1.2, judged=50)[-1] is CoverageLevel.ENOUGH
 
 
@@ -83,7 +84,7 @@ def test_settling_is_a_warning_for_its_time_only() -> None:
     """0.7 s behind the start: WARN. A gap every second, with settling: ERROR in the end."""
     robot = Robot()
     assert set(robot.live(0.7, settling=50)[1:]) == {CoverageLevel.PARTIAL}
-    assert 'settling' in robot.judged.verdict.text
+    assert 'settling' in robot.verdict.text
     assert robot.live(1.2, judged=50)[-1] is CoverageLevel.ENOUGH
     seen: list[CoverageLevel] = []
     for _ in range(6):
@@ -113,10 +114,10 @@ def test_silence_of_one_topic_names_it() -> None:
     robot.live(3.0, judged=50)
     seen = robot.live(1.2, strains=0)
     assert seen[7] is CoverageLevel.ENOUGH and seen[-1] is CoverageLevel.NONE
-    assert 'nothing on strains' in robot.judged.verdict.text
+    assert 'nothing on strains' in robot.verdict.text
     robot.live(1.2, judged=50)
     robot.live(1.2, joints=0)
-    assert 'nothing on joints' in robot.judged.verdict.text
+    assert 'nothing on joints' in robot.verdict.text
 
 
 def test_measurements_left_out_are_the_reason_for_motions_without() -> None:
@@ -124,7 +125,7 @@ def test_measurements_left_out_are_the_reason_for_motions_without() -> None:
     robot = Robot()
     robot.live(2.0, judged=50)
     robot.live(2.0, strain_not_finite=50, no_measurement=50)
-    assert 'not_finite' in robot.judged.verdict.text
+    assert 'not_finite' in robot.verdict.text
 
 
 @pytest.mark.parametrize('offset', [-0.25, -0.03, 0.03, 0.25])
@@ -134,7 +135,7 @@ def test_stamps_apart(offset: float) -> None:
     seen = robot.live(3.0, judged=50, offset=offset)
     side = 'behind' if offset > 0 else 'ahead of'
     assert seen[-1] is CoverageLevel.PARTIAL
-    assert f'strains are {abs(offset) * 1e3:.0f} ms {side}' in robot.judged.verdict.text
+    assert f'strains are {abs(offset) * 1e3:.0f} ms {side}' in robot.verdict.text
     assert set(Robot().live(3.0, judged=50, offset=0.4 * offset / 10)) == {CoverageLevel.ENOUGH}
 
 
@@ -154,14 +155,14 @@ def test_any_counts(steps: list[dict[str, int]]) -> None:
     robot = Robot()
     for causes in steps:
         robot.live(0.1, **causes)
-        verdict = robot.judged.verdict
+        verdict = robot.verdict
         assert 0.0 <= verdict.share <= 1.0 + 1e-9
         assert all(0.0 <= share <= 1.0 and cause in MEANING
                    for cause, share in verdict.causes.items())
         assert bool(verdict.text) == (verdict.level > CoverageLevel.ENOUGH)
         assert verdict.level is not CoverageLevel.ENOUGH or verdict.share < 0.01
     robot.live(4.0, judged=50)
-    assert robot.judged.verdict.level is CoverageLevel.ENOUGH and robot.judged.verdict.share == 0.0
+    assert robot.verdict.level is CoverageLevel.ENOUGH and robot.verdict.share == 0.0
 
 
 def test_coverage_takes_the_worst_output() -> None:

@@ -81,14 +81,10 @@ def test_a_load_needs_a_method_that_listens_to_its_output(bundle: ModelBundle) -
     monitor = Monitor(bundle, MonitorSettings(methods=('effort',)), payload=stage)
     motion = multisine(np.arange(0.0, 14.0, 0.01), 2, 5)
     heavier = true_outputs(bundle.arm, motion, 0.3)['effort']
-    loads = []
     for k, row in enumerate(motion):
-        if k == 200:
-            stage.expect()
         monitor.add_joints(10_000_000 * (k + 1), row[:2])
-        loads += monitor.add_measured('effort', 10_000_000 * (k + 1), heavier[k]).loads
+        monitor.add_measured('effort', 10_000_000 * (k + 1), heavier[k])
     assert stage.mass == pytest.approx(0.3, abs=0.05)
-    assert sum(load.change for load in loads) == pytest.approx(stage.mass, abs=0.05)
 
 
 def test_the_rate_of_alarms_is_shared_among_methods(bundle: ModelBundle) -> None:

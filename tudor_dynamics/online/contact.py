@@ -51,10 +51,10 @@ class ContactEstimate:
     # On the link, about the origin of its frame, (3,) [N, N m].
     force: FloatArray
     torque: FloatArray
+    # Standard deviation of the force across the link [N]; NaN where the force is not known.
+    force_deviation: float
     # Standard deviation of the torque about the axis that its gauges bend about [N m].
     torque_deviation: float
-    # Standard deviation of the force across the link [N]; NaN where the force is not known.
-    force_deviation: float = math.nan
     # Along the link, from its joint; NaN where place and force are not identifiable [m].
     place: float = math.nan
     place_deviation: float = math.nan
@@ -147,10 +147,10 @@ def place_among(
     spans: Sequence[Span], share: FloatArray, places: Sequence[tuple[float, float]],
 ) -> tuple[float, float, bool]:
     """
-    Give the place of a contact on one of several spans of a link, its deviation [m], and whether
-    that is certain enough to be reported.
+    Give the place of a contact on one of several spans of a link, and its deviation [m].
 
-    share (spans,): how likely each is; places: place and standard deviation on each [m].
+    share (spans,): how likely each is; places: place and standard deviation on each [m]; the third
+    result is whether the place is certain enough to be reported.
     """
     means, deviations = np.array(places).T
     place = float(share @ means)
@@ -387,8 +387,8 @@ class ContactEstimator:
         return ContactEstimate(
             stamp, self.links[best], joint, self.felt,
             values[ACROSS] * axes.across + values[ALONG] * axes.along,
-            values[MOMENT] * axes.bending, math.sqrt(max(float(spread[MOMENT, MOMENT]), 0.0)),
-            math.sqrt(max(float(spread[ACROSS, ACROSS]), 0.0)), place, unsure,
+            values[MOMENT] * axes.bending, math.sqrt(max(float(spread[ACROSS, ACROSS]), 0.0)),
+            math.sqrt(max(float(spread[MOMENT, MOMENT]), 0.0)), place, unsure,
             place * axes.along, pressing, likely)
 
 
@@ -446,7 +446,7 @@ class TorqueEstimator:
         place = int(feeling[-1]) if self.felt else int(np.argmax(size))
         return ContactEstimate(
             stamp, self._links[place], self._joints[place], self.felt, np.zeros(3),
-            float(np.nan_to_num(torque[place])) * self._axes[place],
+            float(np.nan_to_num(torque[place])) * self._axes[place], math.nan,
             float(self._deviation[place]))
 
 

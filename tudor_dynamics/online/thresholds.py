@@ -110,7 +110,7 @@ def learn_taps(
         past = lagged[:, 1:].reshape(len(lagged), -1)
         gram += past.T @ past
         moment += past.T @ lagged[:, 0]
-    scale = np.sqrt(np.diag(gram)) + 1e-300
+    scale = np.sqrt(np.diag(gram)) + 1e-150  # a channel may be zero; its square must not be
     scaled = gram / np.outer(scale, scale) + 1e-9 * np.eye(len(gram))
     weights = (np.linalg.solve(scaled, moment / scale[:, None]) / scale[:, None])
     weights = weights.reshape(LAGS, n, n)

@@ -68,8 +68,9 @@ class StaticStrain:
             self.source = 'model'
             return
         self._gain = np.nan_to_num(gauge_gain(arm, model))
-        values = (dict(model.values) if isinstance(model, ElasticModel)
-                  and model.coefficients_ is not None else {})
+        values: dict[str, float] = (
+            dict(model.values) if isinstance(model, ElasticModel)
+            and model.coefficients_ is not None else {})
         try:
             self._driven = DrivenArm(arm)
             self._driven.set_parameters(values)
