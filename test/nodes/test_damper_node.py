@@ -26,9 +26,10 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from ros_world import joint_message, JOINTS, values_of, World
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tudor_dynamics.control.schedule import columns_of, Schedule, ScheduleFile
-from tudor_dynamics.nodes.common.base import latched
+from tudor_dynamics.nodes.common.base import ClockWatch, latched
 from tudor_dynamics.nodes.oscillation_damper import OscillationDamperNode
 import yaml
 
@@ -291,6 +292,35 @@ def test_stamps_that_are_zero_or_of_another_clock(world: World, tudor: Path) -> 
     status = arm.told()
     assert status.level == DiagnosticStatus.WARN and 's in the future' in status.message
     assert float(values_of(status)['age of stamps [ms]']) == pytest.approx(-7000.0)
+
+
+def test_a_clock_that_ticks_after_the_sample_is_no_other_clock() -> None:
+    """Stamps of a simulator at 100 Hz are 10 ms ahead of its own clock."""
+    clocks = ClockWatch()
+    for k in range(200):
+        clocks.step(10_000_000 * (k + 1), 10_000_000 * k)
+    assert clocks.offset() == ''
+    for k in range(200):
+        clocks.step(10_000_000 * (k + 30), 10_000_000 * k)
+    assert 's in the future' in clocks.offset()
+
+
+def test_others_that_command_or_publish_positions(world: World, tudor: Path) -> None:
+    """A second node on the commands is an error with its name; a second source a warning."""
+    arm = Arm(world, tudor)
+    arm.run(20)
+    world.output('velocity_commands', Float64MultiArray)
+    assert world.spin(lambda: arm.node.crowded is not None)
+    status = arm.told()
+    assert status.level == DiagnosticStatus.ERROR
+    assert '/probe can command the joints, too, on /velocity_commands' in status.message
+    world.probe.destroy_publisher(world.outputs.pop('velocity_commands'))
+    other = world.probe.create_publisher(JointState, 'joint_states', 10)
+    assert world.spin(lambda: arm.node.crowded is not None
+                      and 'positions on joint_states' in arm.node.crowded[1])
+    assert arm.told().level == DiagnosticStatus.WARN
+    world.probe.destroy_publisher(other)
+    assert world.spin(lambda: arm.node.crowded is None)
 
 
 def test_position_gain_goes_back_to_that_of_the_arm(world: World, tudor: Path) -> None:

@@ -41,7 +41,7 @@ from tudor_dynamics.nodes.common.interfaces import (
 from tudor_dynamics.nodes.common.messages import floats, NamedReader
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.nodes.settings import BRAKING, LONGEST_GAP
+from tudor_dynamics.nodes.settings import BRAKING, LONGEST_GAP, PUBLISHERS_LOOK
 from tudor_dynamics.online.streams import Tick
 from tudor_dynamics.typing import FloatArray
 
@@ -96,7 +96,9 @@ class OscillationDamperNode(MovingNode):
         self.reported_refusals: Counter[str] = Counter()
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
         self.serve(RESET, self._reset)
+        self.crowded: tuple[bytes, str] | None = None
         self._watchdog = self.every(WATCH_PERIOD, self._watch)
+        self._look_timer = self.every(PUBLISHERS_LOOK, self._look)
         self.autostart()
 
     def build(self) -> tuple[Arm, Collection[str]]:
@@ -199,6 +201,19 @@ class OscillationDamperNode(MovingNode):
             return level, message
         return self._worst(self.controller) or (level, message)
 
+    def _look(self) -> None:
+        """Count who commands the arm, and who says where it is: of each there may be one."""
+        rivals, sources = self.rivals(self._output), []
+        if self.controller is not None:
+            sources = self.publishing(self.resolve_topic_name(self._own))
+        self.crowded = None
+        if rivals:
+            self.crowded = ERROR, (f'{", ".join(rivals)} can command the joints, too, on '
+                                   f'{self._output.topic_name}: end all but one')
+        elif len(sources) > 1:
+            self.crowded = WARN, (f'{len(sources)} nodes publish positions on {self._own}: '
+                                  f'{", ".join(sorted(sources))}; there may be one')
+
     def _worst(self, controller: MotionController) -> tuple[bytes, str] | None:
         """Give the level and the words of what matters most; None where all is well."""
         if controller.state is State.FAULT:
@@ -207,6 +222,8 @@ class OscillationDamperNode(MovingNode):
         if gains.excited:
             return ERROR, (f'the damper is off: {gains.excited}; look at its sign, its gain '
                            'and the delay of the loop, then ~/reset')
+        if self.crowded:
+            return self.crowded
         bad = self._gauge_faults(controller)
         if bad:
             return ERROR, '; '.join(bad)

@@ -44,8 +44,9 @@ TOO_MANY = 0.2
 """Share of unusable messages that is a warning. source: none known."""
 AGE_SHARE = 0.02
 """Weight of a new age of stamps in the mean. source: none known."""
-EARLY = 0.005
-"""A stamp so far in the future comes from another clock [s]. source: none known."""
+EARLY = 0.05
+"""A stamp so far in the future comes from another clock [s]: simulated time that ticks with the
+samples is one sample late, which is 10 ms at 100 Hz and this at 20 Hz."""
 OLD = 0.5
 """A stamp so old as well: no driver keeps its readings for so long [s]. source: none known."""
 ENOUGH = 20
@@ -61,6 +62,9 @@ ARMS_LOOK = 0.1
 """At the monitors of several arms [s]. source: none known."""
 TOPICS_LOOK, SAVE = 0.2, 1.0
 """At topics to record; time after which a message is on disk [s]. source: none known."""
+PUBLISHERS_LOOK = 1.0
+"""At who commands the arm, and who says where it is: the graph takes 0.1 ms to ask [s]. source:
+none known."""
 MONITORS_LOOK, ALIVE = 0.5, 2.5
 """At who watches for collisions; age of a monitor's last diagnosis, of which one comes a second,
 at which it counts as gone [s]. source: none known."""
