@@ -194,7 +194,7 @@ def test_samples_that_would_overflow(
     tmp_path: Path, root: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
     """A sample of 1e154, whose square is no number, is left out with a warning."""
-    effort = joint_states().effort.copy()
+    effort = joint_states().values['effort'].copy()
     effort[150, 0] = 1e154
     bag = make_bag(tmp_path / 'b', joint_states(effort=effort))
     arm = written(tmp_path / 'arm.yaml', yaml.safe_dump(ARM))
