@@ -41,10 +41,11 @@ _first = int(os.environ.setdefault('TUDOR_TEST_DOMAIN', str(1 + os.getpid() % 90
 _worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
 os.environ['ROS_DOMAIN_ID'] = str(_first + int(_worker) % 10)
 
-LONGEST = ('test_closed_loop.py', 'test_evaluate_collisions.py', 'test_elastic_search.py',
+LONGEST = ('test_evaluate_collisions.py', 'test_elastic_search.py',
            'test_documented_commands.py', 'test_flake8.py', 'test_mypy.py', 'test_processes.py',
-           'test_damper_sign_test.py', 'test_doctor_bench.py')
-"""What takes longest in one piece begins first, so that no worker is left alone with it."""
+           'test_damper_sign_test.py', 'test_doctor_bench.py', 'nodes/test_closed_loop.py')
+"""What takes longest in one piece begins first, so that no worker is left alone with it; the loop
+over topics after what compiles, because it is repeated more slowly where it was held up."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -199,6 +199,10 @@ def test_a_later_one_that_does_not_fit_brakes(driver: Driver) -> None:
     rows = driver.run(2.0)
     assert driver.source.outcome.startswith('not begun: joint2 comes to velocity')
     assert not rows[-1, 2:].any()
+    place = driver.q - POSE
+    assert driver.source.take(points([1.0, 2.0], place, place + [0.1, 0.0])) == ''
+    driver.run(2.5)
+    assert driver.source.outcome == 'reached'
 
 
 def test_tolerances(driver: Driver) -> None:

@@ -434,8 +434,9 @@ class MotionController:
             added = gain * (q_ref - q) + weight * yielding
         # What a lost sample left out is not made up for in one command.
         command = envelope.step(min(dt, gains.period), dq_ref + added, place)
-        for j in np.flatnonzero(envelope.cuts):
+        cuts = envelope.cuts
+        for j in np.flatnonzero(cuts):
             self.cuts[self.joints[j]] += 1
         envelope.lag = gains.commanded(
-            dt, command, added, moving > 0.0, bool((envelope.cuts & BY_SPEED).any()))
+            dt, command, added, moving > 0.0, bool((cuts & BY_SPEED).any()))
         return command

@@ -101,6 +101,7 @@ class ReactingReference:
 
     def follow(self, trajectory: Trajectory, since: float) -> str:
         """Take a trajectory; empty if it is taken, see `Follower.take`."""
+        self.refused = ''
         return self.follower.take(trajectory, since, self._state(), self._planner.remaining <= 0.0)
 
     def _state(self) -> MotionState:
@@ -156,9 +157,11 @@ class ReactingReference:
 
     def _advance(self, dt: float) -> None:
         """Follow a trajectory where there is one, otherwise move to the target."""
-        state, self.refused = self.follower.step(dt, self._state())
-        if self.refused:
-            self._planner.brake()
+        state: MotionState | None = None
+        if self.follower.path is not None or self.follower.coming is not None:
+            state, self.refused = self.follower.step(dt, self._state())
+            if self.refused:
+                self._planner.brake()
         if state is None:
             self._planner.step(dt)
         else:

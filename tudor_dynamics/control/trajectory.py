@@ -111,27 +111,23 @@ class Follower:
     """
     Drives along trajectories, one after the other, each from its start on.
 
-    bounds: what a path may not leave, from where the reference is on.
+    bounds: what a path may not leave; path: what is driven; coming: what begins later. None where
+    there is none.
     """
 
     def __init__(self, bounds: Limits) -> None:
         self.bounds = bounds
-        self._path: Path | None = None
+        self.path: Path | None = None
         self._time = 0.0
-        self._next: Trajectory | None = None
+        self.coming: Trajectory | None = None
         self._since = 0.0
-
-    @property
-    def path(self) -> Path | None:
-        """Give the path that is driven; None where there is none."""
-        return self._path
 
     @property
     def progress(self) -> tuple[float, float] | None:
         """Time since the start of a trajectory, below 0 before it, and when it ends [s]."""
-        if self._path is not None:
-            return self._time, self._path.end
-        return None if self._next is None else (self._since, float(self._next.t[-1]))
+        if self.path is not None:
+            return self._time, self.path.end
+        return None if self.coming is None else (self._since, float(self.coming.t[-1]))
 
     def take(self, trajectory: Trajectory, since: float, state: MotionState, resting: bool) -> str:
         """
@@ -143,18 +139,18 @@ class Follower:
         """
         if since >= 0.0:
             return self._begin(trajectory, since, state)
-        if self._path is not None:
-            state = self._path.at(self._time - since)
+        if self.path is not None:
+            state = self.path.at(self._time - since)
         elif not resting:  # on the way to a goal: its own points are known
             state = Path(state, trajectory).at(float(trajectory.t[0]))
         why = Path(state, trajectory).beyond(self.bounds)
         if not why:
-            self._next, self._since = trajectory, since
+            self.coming, self._since = trajectory, since
         return why
 
     def leave(self) -> None:
         """Follow nothing any more, and begin nothing later."""
-        self._path = self._next = None
+        self.path = self.coming = None
 
     def step(self, dt: float, state: MotionState) -> tuple[MotionState | None, str]:
         """
@@ -163,31 +159,31 @@ class Follower:
         Returns the state to go to, None where no trajectory is driven, and why one that was to
         begin now does not; then none is driven any more.
         """
-        if self._next is not None:
-            trajectory = self._next
+        if self.coming is not None:
+            trajectory = self.coming
             self._since += dt
             if self._since > 0.0:
-                self._next = None
+                self.coming = None
                 self._time += dt - self._since  # what is driven goes on until the start
                 if why := self._begin(trajectory, 0.0, state):
                     self.leave()
                     return None, why
                 self._time = self._since - dt
-        if self._path is None:
+        if self.path is None:
             return None, ''
         self._time += dt
-        reached = self._path.at(self._time)
-        if self._time >= self._path.end:
-            self._path = None
+        reached = self.path.at(self._time)
+        if self._time >= self.path.end:
+            self.path = None
         return reached, ''
 
     def _begin(self, trajectory: Trajectory, since: float, state: MotionState) -> str:
-        if self._path is not None:  # with its acceleration
-            state = self._path.at(self._time)
+        if self.path is not None:  # with its acceleration
+            state = self.path.at(self._time)
         path = Path(state, trajectory, since)
         why = path.beyond(self.bounds)
         if not why:
-            self._path, self._time, self._next = path, since, None
+            self.path, self._time, self.coming = path, since, None
         return why
 
 
