@@ -32,7 +32,7 @@ from motion_machine import broken_limits, FIRST, go, MotionMachine, moving, tudo
 import numpy as np
 import pytest
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
-from tudor_dynamics.control.motion_controller import State
+from tudor_dynamics.control.motion_controller import MotionController, State
 from tudor_dynamics.mechanics.closed_loop import Sample
 from tudor_dynamics.mechanics.rig import Rig
 
@@ -455,3 +455,47 @@ def test_a_jump_away_from_a_limit_hides_it_from_nobody() -> None:
     machine.goal(seconds=0.946926748336506, shares=(0.0, 0.0))
     machine.fault(kind='jump', seconds=1.2541051943465202, size=0.5708148412449479)
     machine.within_limits()
+
+
+def test_no_timeout_lets_a_reference_run_on() -> None:
+    """However long is waited by a parameter, an arm stops where the last reference leads it."""
+    rig = moving()
+    rig.controller.timeout = 60.0
+    speed, place = rig.trace.dq[-1][0], rig.trace.q[-1][0]
+    rig.source = None
+    rig.run(1.5)
+    assert abs(rig.trace.q[-1][0] - place) < 0.25 * abs(speed)
+    judge(rig)
+    still(rig)
+
+
+def test_no_timeout_leaves_an_arm_without_positions() -> None:
+    """Standstill is commanded within a quarter of a second."""
+    controller = moving().controller
+    controller.timeout = 60.0
+    begin = controller._at
+    assert controller.watch(begin + 0.2) is None
+    assert controller.watch(begin + 0.26) is not None and controller.missing
+
+
+def test_positions_hiccup_while_their_stamps_go_on() -> None:
+    """A wall clock that ran on alone: standstill is commanded, and is over with the next sample."""
+    controller = MotionController(tudor())
+    q, strain, fresh = FIRST, np.zeros(len(tudor().gauges)), np.ones(len(tudor().gauges), bool)
+    now = 0.0
+
+    def samples(count: int) -> None:
+        nonlocal now
+        for _ in range(count):
+            now += 0.01
+            controller.reference.add(now, q, np.zeros(2))
+            controller.step(now, 0.01, q, strain, fresh)
+    samples(200)
+    assert controller.state is State.FOLLOWING
+    for _ in range(2):  # the second loss is like the first
+        for _ in range(30):
+            now += 0.01
+            controller.watch(now)
+        assert controller.missing and controller.state is State.HOLDING
+        samples(200)
+        assert not controller.missing and controller.state is State.FOLLOWING

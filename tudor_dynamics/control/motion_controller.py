@@ -78,7 +78,13 @@ class ReferenceGate:
 
         now, longest [s]; returns (joints,) [rad].
         """
+        longest = min(longest, settings.LONGEST_EXTRAPOLATED)
         return np.asarray(self.q + min(self.age(now), longest) * self.dq)
+
+    def motion(self, now: float, longest: float) -> tuple[FloatArray, FloatArray]:
+        """Give place and speed of the newest reference; too old, it stands [rad, rad/s]."""
+        old = self.age(now) > settings.LONGEST_EXTRAPOLATED
+        return self.place(now, longest), np.zeros_like(self.dq) if old else self.dq
 
     def add(self, now: float, q: FloatArray, dq: FloatArray) -> None:
         """Take a reference, if it can be one: now [s], q, dq (joints,) [rad, rad/s]."""
@@ -288,7 +294,7 @@ class MotionController:
         gains = self.gains
         gains.period = gains.period or max(dt, 0.0)
         if self._q is None or dt <= 0.0 or dt > self._patience or (
-                not self._unknown and self._slept(now)):
+                not self._unknown and (self._blind or self._slept(now))):
             self._take_first(now, q)
             return None
         dq = (q - self._q) / dt
@@ -348,7 +354,7 @@ class MotionController:
     @property
     def _patience(self) -> float:
         """Longest time between samples that is no interruption [s]."""
-        return max(self.timeout, 3.0 * self.gains.period)
+        return max(min(self.timeout, settings.LONGEST_BLIND), 3.0 * self.gains.period)
 
     def _take_first(self, now: float, q: FloatArray) -> None:
         """Take a sample before which nothing counts: the next one tells how fast the arm is."""
@@ -412,7 +418,7 @@ class MotionController:
         fresh: FloatArray,
     ) -> FloatArray:
         if self.state is State.FOLLOWING:
-            q_ref, dq_ref = self.reference.place(now, self.timeout), self.reference.dq
+            q_ref, dq_ref = self.reference.motion(now, self.timeout)
         else:
             q_ref, dq_ref = self._hold.q, self._hold.dq
         gains, envelope = self.gains, self.envelope

@@ -144,6 +144,12 @@ NEAR_TIME = 0.07
 FOLLOWING_TIME = 0.3
 # Part of the planned speed below which a reference rests; source: none known.
 RESTING_SPEED = 0.05
+# A reference is not extrapolated for longer than this, whatever the timeout [s]: 9 deg at the
+# planned speed of the reference arm; source: none known, the timeout by default.
+LONGEST_EXTRAPOLATED = 0.1
+# Without positions for so long standstill is commanded, whatever the timeout [s]; source: none
+# known, longer than machines without real time hold up a process as a rule.
+LONGEST_BLIND = 0.25
 # Period at which `MotionController.watch` wants to be called [s]: ten times in a timeout.
 WATCH_PERIOD = 0.01
 # Without a command for so long beyond the timeout, drives have stopped by themselves [s]: their

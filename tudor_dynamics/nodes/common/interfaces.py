@@ -85,7 +85,8 @@ ROBOT = Param('robot', '', 'hardware_id of the diagnostics; the name of the arm 
 TIMEOUT = Param('timeout', 0.5, 'input older than this is stale', 's', 0.01, 60.0, dynamic=True)
 COMMON = (ROBOT, TIMEOUT)
 COMMAND_TIMEOUT = Param('timeout', 0.1, 'a reference or positions older than this are missing: '
-                        'the arm brakes and is held', 's', 0.01, 60.0, dynamic=True)
+                        'the arm brakes and is held; positions after 0.25 s at the latest', 's',
+                        0.01, 60.0, dynamic=True)
 MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
 KIND = Param('kind', 'analytical', 'model that predicts', choices=KINDS)
 OBSERVER = Param('observer', 'ringing', 'what measured strain corrects in the elastic model: '
