@@ -479,9 +479,10 @@ def test_no_timeout_leaves_an_arm_without_positions() -> None:
 
 
 def test_positions_hiccup_while_their_stamps_go_on() -> None:
-    """A wall clock that ran on alone: standstill is commanded, and is over with the next sample."""
+    """A wall clock that ran on alone: standstill is commanded until the next sample."""
     controller = MotionController(tudor())
-    q, strain, fresh = FIRST, np.zeros(len(tudor().gauges)), np.ones(len(tudor().gauges), bool)
+    gauges = len(tudor().gauges)
+    q, strain, fresh = FIRST, np.zeros(gauges), np.ones(gauges, dtype=bool)
     now = 0.0
 
     def samples(count: int) -> None:
