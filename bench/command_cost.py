@@ -19,6 +19,7 @@ Time and memory of a `tudor` command, run several times in processes of its own.
     python bench/command_cost.py evaluate --model model BAG
     python bench/command_cost.py --against ../before fit BAG --arm ARM --out model --overwrite
     python bench/command_cost.py --against ../before --script bench/simulate_speed.py
+    python bench/command_cost.py --against ../before -- --help
 
 CPU time counts user and system, with one thread for linear algebra; beside other work it is the
 figure to compare. The first run is not counted: it reads files from disk, and compiles what is not
@@ -64,6 +65,7 @@ def main() -> int:
     parser.add_argument('command', nargs=argparse.REMAINDER, metavar='...',
                         help='words after `tudor`, such as: evaluate --model model BAG')
     args = parser.parse_args()
+    args.command = args.command[args.command[:1] == ['--']:]
     trees = [ROOT] if args.against is None else [args.against.resolve(), ROOT]
     taken: dict[Path, list[tuple[float, float]]] = {tree: [] for tree in trees}
     for _ in range(1 + args.runs):
