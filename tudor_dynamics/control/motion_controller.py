@@ -282,13 +282,16 @@ class MotionController:
         return self._blind
 
     def step(
-        self, now: float, dt: float, q: FloatArray, strain: FloatArray, fresh: FloatArray,
+        self, now: float, dt: float, q: FloatArray, strain: FloatArray, fresh: FloatArray, *,
+        age: float | None = None, dq: FloatArray | None = None,
     ) -> FloatArray | None:
         """
         Give the commands for one sample.
 
         now [s], q (joints,) [rad or m], strain, fresh (gauges,); dt [s]: 0 where nothing before it
-        counts; returns (joints,) [rad/s or m/s], None until it is known how fast the arm is.
+        counts; age [s]: of its stamp by the node's clock, None where that is not known; dq
+        (joints,) [rad/s or m/s]: what the driver itself says, None or no numbers where it says
+        nothing; returns (joints,) [rad/s or m/s], None until it is known how fast the arm is.
         """
         self._at = now
         gains = self.gains
@@ -297,21 +300,21 @@ class MotionController:
                 not self._unknown and (self._blind or self._slept(now))):
             self._take_first(now, q)
             return None
-        dq = (q - self._q) / dt
+        speed = (q - self._q) / dt
         self._q = q.copy()
         clock, commanded, delay = gains.sampled(dt)
         doubts = self.encoders.step(dt, q, commanded)
         if self._unknown:
-            if not (doubts or self._takeover.step(clock, dq, delay)):
+            if not (doubts or self._takeover.step(clock, speed, delay)):
                 return None
             self.takeovers += 1
-            self._begin(now, q, np.zeros_like(dq) if doubts else dq)
+            self._begin(now, q, np.zeros_like(speed) if doubts else speed)
         if doubts and self.state is not State.FAULT:
             self._fault('; '.join(f'{self.joints[j]}: {text}' for j, text in doubts))
         self._hold.step(dt)
         self._choose(now, q)
         self._gave = now
-        return self._command(now, dt, q, dq, strain, fresh)
+        return self._command(now, dt, q, speed, strain, fresh)
 
     def watch(self, now: float) -> FloatArray | None:
         """

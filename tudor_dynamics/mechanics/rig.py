@@ -90,6 +90,8 @@ class Rig:
         Record of what happened.
     alter : callable or None
         Changes a sample on its way, or loses it by None.
+    obey : callable or None
+        Changes what the driver makes of a command [rad/s], or loses it by None.
     frozen : set of str
         Which of 'controller' and 'source' are stopped, as a process by SIGSTOP.
     active : bool
@@ -108,6 +110,7 @@ class Rig:
         self.t = 0.0
         self.trace = RigLog()
         self.alter: Callable[[Sample], Sample | None] | None = None
+        self.obey: Callable[[FloatArray], FloatArray | None] | None = None
         self._inward: deque[tuple[float, Sample]] = deque()
         self._outward: deque[tuple[float, FloatArray]] = deque()
         self._stamp: float | None = None
@@ -191,7 +194,9 @@ class Rig:
         self._watch()
         while self._outward and self._outward[0][0] <= self.t + 1e-9:
             _, command = self._outward.popleft()
-            self.process.command(command)
+            obeyed = command if self.obey is None else self.obey(command)
+            if obeyed is not None:
+                self.process.command(obeyed)
         self.t += 1.0 / self.rate
 
     def _awake(self) -> tuple[MotionController | None, ReferenceSource | None]:
@@ -212,7 +217,8 @@ class Rig:
         stamp, self._stamp = self._stamp, sample.t
         dt = sample.t - stamp if stamp is not None else 0.0
         self._command(controller.step(
-            self.t, dt, sample.q, sample.strain, np.ones(len(sample.strain), dtype=bool)))
+            self.t, dt, sample.q, sample.strain, np.ones(len(sample.strain), dtype=bool),
+            age=self.t - sample.t, dq=sample.dq))
 
     def _watch(self) -> None:
         if self.t < self._due - 1e-9:
