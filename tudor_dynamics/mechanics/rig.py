@@ -37,9 +37,12 @@ class RigLog:
     """What happened, sample by sample."""
 
     t: list[float] = field(default_factory=list)  # time of each record [s]
-    # Positions and speeds of the joints, true or measured as the arm's encoders have it.
+    # Positions and speeds of the joints as honest encoders have them, before ``Rig.alter``.
     q: list[FloatArray] = field(default_factory=list)
     dq: list[FloatArray] = field(default_factory=list)
+    # The same of the links, after the gears with their play, as the plant has them.
+    true_q: list[FloatArray] = field(default_factory=list)
+    true_dq: list[FloatArray] = field(default_factory=list)
     # Speeds that the drives were commanded last, or brake to by themselves [rad/s].
     command: list[FloatArray] = field(default_factory=list)
     # Commands that left a controller: time [s], a number that changes where it took over an arm
@@ -92,6 +95,9 @@ class Rig:
         Changes a sample on its way, or loses it by None.
     obey : callable or None
         Changes what the driver makes of a command [rad/s], or loses it by None.
+    late : float
+        Further delay on the way in, as on a busy machine; what it held back arrives in order, and
+        at once where it falls [s].
     frozen : set of str
         Which of 'controller' and 'source' are stopped, as a process by SIGSTOP.
     active : bool
@@ -105,9 +111,11 @@ class Rig:
     ) -> None:
         self.arm, self.rate, self.delay, self.loss = arm, rate, delay, loss
         self.process = ArmProcess(arm, rate=rate, payload=payload, seed=seed)
+        mechanism = self.process.loop.plant.mechanism
+        self._joints = mechanism.q_index[[mechanism.joints.index(j) for j in arm.active_joints]]
         self._random = np.random.default_rng(seed)
         self._share = share
-        self.t = 0.0
+        self.t = self.late = 0.0
         self.trace = RigLog()
         self.alter: Callable[[Sample], Sample | None] | None = None
         self.obey: Callable[[FloatArray], FloatArray | None] | None = None
@@ -179,14 +187,17 @@ class Rig:
 
     def step(self) -> None:
         """Advance by one sample."""
+        plant = self.process.loop.plant
+        self.trace.true_q.append(plant.coordinates[self._joints])
+        self.trace.true_dq.append(plant.rates[self._joints])
         measured = self.process.step()
         self._note(measured)
         sample = measured if self.alter is None else self.alter(measured)
         if sample is not None and not self._lost():
-            self._inward.append((self.t + 0.5 * self.delay, sample))
-        while self._inward and self._inward[0][0] <= self.t + 1e-9:
-            _, arrived = self._inward.popleft()
-            self._hear(arrived)
+            self._inward.append((self.t, sample))
+        while self._inward and (
+                self._inward[0][0] + 0.5 * self.delay + self.late <= self.t + 1e-9):
+            self._hear(self._inward.popleft()[1])
         controller, source = self._awake()
         reference = None if source is None else source.step(self.t, 1.0 / self.rate)
         if reference is not None and not self._lost() and controller is not None:
