@@ -18,8 +18,9 @@ A docstring says what the signature does not: a summary everywhere, sections whe
 
 Sections (``Parameters`` and so on) stand at the names that ``import tudor_dynamics`` gives, at
 contracts (abstract classes, protocols), at file formats and at equations of a paper; there they
-explain every argument, arrays with their shape. Nothing else has any: units and shapes stand in a
-line, fields of a dataclass are commented where they stand.
+explain every argument, arrays with their shape. Their methods with one argument or two may do with
+a line. Nothing else has sections: units and shapes stand in a line, fields of a dataclass are
+commented where they stand.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ SECTION = re.compile(r'^(Parameters|Other Parameters|Attributes|Returns|Yields|R
                      re.M)
 EQUATION = re.compile(r'\bEqs?\. |:math:|\.\. math')
 MOST = 2
-"""Arguments that a contract or a format may leave to a docstring of one line."""
+"""Arguments that a method, a contract or a format may leave to a docstring of one line."""
 LEAST_WORDS = 3
 """Of a description; a unit counts as one of them."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -147,7 +148,8 @@ def complaints(item: Item) -> Iterator[str]:
         yield f'{item}: sections, where a summary and a line with units are enough'
     elif SECTION.search(item.doc) and item.public:
         yield from unexplained(item)
-    elif item.exported and item.arguments and not pointed(item):
+    elif (item.exported and len(item.arguments) > MOST * ('.' in item.name)
+          and not pointed(item)):
         yield f'{item}: no section Parameters, but others call it'
     elif (item.allowed and item.public and item.place not in FORMATS
           and len(item.arguments) > MOST and not pointed(item)):

@@ -67,15 +67,7 @@ class TudorError(Exception):
         return '; '.join(part for part in (self.cause, self.remedy) if part)
 
     def at(self, place: str | Path) -> TudorError:
-        """
-        Give the same error with a place; unchanged where it has one.
-
-        Parameters
-        ----------
-        place : str or Path
-            What was being read when it was raised.
-
-        """
+        """Give the same error with the place of what was read; unchanged where it has one."""
         return self if self.place is not None else type(self)(
             self.cause, place=place, remedy=self.remedy)
 

@@ -210,30 +210,13 @@ class Arm:
                          for name in self.active_joints], dtype=np.intp)
 
     def with_joints(self, changes: Mapping[str, Mapping[str, Any]]) -> Arm:
-        """
-        Give the same arm with other values of some keys of its joints.
-
-        Parameters
-        ----------
-        changes : mapping of str to mapping
-            Name of a joint to the keys of its description with their values, which are not
-            checked again.
-
-        """
+        """Give the same arm with other values of some keys of its joints, not checked again."""
         joints = tuple(joint.model_copy(update=dict(changes.get(joint.name, {})))
                        for joint in self.spec.joints)
         return replace(self, spec=self.spec.model_copy(update={'joints': joints}))
 
     def with_gauges(self, names: Collection[str]) -> Arm:
-        """
-        Give the same arm with some of its gauges.
-
-        Parameters
-        ----------
-        names : collection of str
-            Gauges that stay.
-
-        """
+        """Give the same arm with the named ones of its gauges."""
         return replace(self, spec=self.spec.model_copy(update={
             'gauges': tuple(gauge for gauge in self.spec.gauges if gauge.name in names),
             'sensors': tuple(item for item in self.spec.sensors if item.gauge in names)}))
@@ -254,20 +237,7 @@ class Arm:
         return self.spec.couplings.speeds(names)[np.ix_(index, index)]
 
     def is_prismatic(self, joint: str) -> bool:
-        """
-        Say whether a joint moves along its axis instead of about it.
-
-        Parameters
-        ----------
-        joint : str
-            Name of the joint.
-
-        Returns
-        -------
-        bool
-            False for revolute and continuous joints.
-
-        """
+        """Say whether a joint moves along its axis instead of about it."""
         return is_prismatic(self.full_model, joint)
 
     @cached_property

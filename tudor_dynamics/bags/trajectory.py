@@ -146,20 +146,7 @@ class Trajectory:
         return cls(joints, t, q, dq, None if dq is None else ddq)
 
     def of(self, joints: tuple[str, ...]) -> Trajectory:
-        """
-        Take some of the joints, in an order of their own.
-
-        Parameters
-        ----------
-        joints : tuple of str
-            Names of the joints wanted.
-
-        Raises
-        ------
-        SignalError
-            If one of them is missing, or named twice.
-
-        """
+        """Take some of the joints, in their own order; none may be missing or named twice."""
         missing = [name for name in joints if self.joints.count(name) != 1]
         if missing:
             msg = (f'the trajectory has the joints {list(self.joints)}; the model needs each of '

@@ -269,22 +269,7 @@ class Plant:
         return self.state
 
     def drive(self, joint: str, kind: DrivenBy) -> None:
-        """
-        Choose how a joint is driven from the next step on.
-
-        Parameters
-        ----------
-        joint : str
-            Name of the joint.
-        kind : {'torque', 'motion', 'hold'}
-            By its torque, by a motion given with each step, or held where it is.
-
-        Raises
-        ------
-        SimulationError
-            If there is no such joint or kind.
-
-        """
+        """Choose how a joint is driven from now on: by torque, by a given motion, or held."""
         if joint not in self.mechanism.joints or kind not in ('torque', 'motion', 'hold'):
             msg = (f'joint {joint!r} cannot be driven by {kind!r}: joints are '
                    f'{list(self.mechanism.joints)}, drives torque, motion and hold')
@@ -349,33 +334,15 @@ class Plant:
         """
         Take over what a compiled loop has done with the tables.
 
-        Parameters
-        ----------
-        steps : int
-            Steps since the last ``reset``.
-        status : int
-            Of the last step, see ``integrator.step``.
-
-        Raises
-        ------
-        SimulationError
-            If that step failed.
-
+        ``status`` is that of the last of the steps since ``reset``, see ``integrator.step``; a
+        SimulationError if it failed.
         """
         self._time_steps = steps
         if status != gen.OK:
             self._fail(status)
 
     def start_torque(self, torque: ArrayLike) -> None:
-        """
-        Give the torque that acts already at the start, for the first accelerations.
-
-        Parameters
-        ----------
-        torque : array of shape (n_joints,)
-            Torque of each joint at the start [N m or N].
-
-        """
+        """Give the torque, shape (n_joints,), that acts already at the start [N m or N]."""
         self.tables.torque[self._q] = torque
         self._start()
 

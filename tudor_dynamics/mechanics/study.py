@@ -325,71 +325,19 @@ class SimulatedRun:
         return tuple(signal_names(self.mechanism, self.arm.gauge_names))
 
     def values(self, signal: str) -> FloatArray:
-        """
-        Take a signal out of the run.
-
-        Parameters
-        ----------
-        signal : str
-            One of ``signals``.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_curves)
-            Values; angles are in degrees, as they are drawn.
-
-        Raises
-        ------
-        SimulationError
-            If there is no such signal.
-
-        """
+        """Take one of ``signals`` (n_samples, n_curves); angles in degrees, as they are drawn."""
         return self.curves(signal).values
 
     def curves(self, signal: str) -> Curves:
-        """
-        Take a signal out of the run, with the labels of its curves and its unit.
-
-        Parameters
-        ----------
-        signal : str
-            One of ``signals``.
-
-        Returns
-        -------
-        Curves
-            ``values`` of shape (n_samples, n_curves) as ``values`` gives them, ``labels``,
-            ``title`` and ``unit``.
-
-        Raises
-        ------
-        SimulationError
-            If there is no such signal.
-
-        """
+        """Take one of ``signals`` with the labels of its curves, its title and its unit."""
         return pick_signal(self.run, self.mechanism, self.arm.gauge_names, signal)
 
     def spectrum(self, signal: str) -> tuple[FloatArray, FloatArray]:
         """
-        Give the amplitudes of a signal over frequency, through a Hann window.
+        Give the amplitudes of one of ``signals`` over frequency, through a Hann window.
 
-        Parameters
-        ----------
-        signal : str
-            One of ``signals``.
-
-        Returns
-        -------
-        frequency : ndarray of shape (n_frequencies,)
-            Frequencies [Hz].
-        amplitude : ndarray of shape (n_frequencies, n_curves)
-            In the unit of the signal.
-
-        Raises
-        ------
-        SimulationError
-            If there is no such signal.
-
+        Returns frequency (n_frequencies,) [Hz] and amplitude (n_frequencies, n_curves), in the
+        unit of the signal.
         """
         return spectrum(self.values(signal), float(self.run.t[1] - self.run.t[0]))
 
@@ -425,41 +373,13 @@ class SimulatedRun:
         return figure
 
     def animate(self, path: str | Path) -> None:
-        """
-        Draw the run as a moving picture in real time.
-
-        Parameters
-        ----------
-        path : str or Path
-            File to write, ``.gif``, or ``.mp4`` where ffmpeg is installed.
-
-        Raises
-        ------
-        SimulationError
-            If it is of another kind, or ffmpeg is missing.
-
-        """
+        """Draw the run in real time to a ``.gif``, or a ``.mp4`` where ffmpeg is installed."""
         from tudor_dynamics.mechanics.plots import animate  # slow to import
 
         animate(Path(path), self.run, self.mechanism)
 
     def save(self, folder: str | Path, *, bag: bool = True) -> None:
-        """
-        Write ``run.npz``, and ``bag/`` as the real arm would record it.
-
-        Parameters
-        ----------
-        folder : str or Path
-            Directory, made where it is missing.
-        bag : bool, default=True
-            Whether a bag is written too.
-
-        Raises
-        ------
-        BagError
-            If the bag exists already.
-
-        """
+        """Write ``run.npz`` into a folder, and ``bag/`` as the real arm would record it."""
         path, arm, mechanism = Path(folder), self.arm, self.mechanism
         path.mkdir(parents=True, exist_ok=True)
         self.run.save(

@@ -197,15 +197,7 @@ class Live(Protocol):
     """Whether measured strain corrects them."""
 
     def measure(self, strain: FloatArray) -> None:
-        """
-        Give the strain that was measured at the newest sample; it counts with the next step.
-
-        Parameters
-        ----------
-        strain : ndarray of shape (n_gauges,)
-            Readings in their units; NaN for a gauge that does not count.
-
-        """
+        """Give the strain (n_gauges,) of the newest sample; NaN where a gauge does not count."""
 
     def step(
         self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
@@ -251,37 +243,10 @@ class Model(ABC):
 
     @abstractmethod
     def follow(self, stretch: Stretch) -> FloatArray:
-        """
-        Predict the outputs at all samples of a stretch.
-
-        Parameters
-        ----------
-        stretch : Stretch
-            Motion without a gap.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
-        """
+        """Predict the outputs, shape (n_samples, n_channels), at all samples of a stretch."""
 
     def inputs(self, stretch: Stretch) -> FloatArray:
-        """
-        Give what `predict` takes of a stretch: its motion, unless a kind needs more.
-
-        Parameters
-        ----------
-        stretch : Stretch
-            Motion without a gap.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_inputs)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2], and
-            what else it takes.
-
-        """
+        """Give what `predict` takes of a stretch: ``[q, dq, ddq]``, unless a kind needs more."""
         return stretch.motion
 
     def trail(self) -> LiveFriction | None:
@@ -289,20 +254,7 @@ class Model(ABC):
         return None
 
     def follow_kept(self, stretch: Stretch) -> FloatArray:
-        """
-        Predict the outputs at the samples that decimation keeps.
-
-        Parameters
-        ----------
-        stretch : Stretch
-            Motion without a gap.
-
-        Returns
-        -------
-        ndarray of shape (n_kept, n_channels)
-            Outputs in their units, decimated as measured ones are.
-
-        """
+        """Predict the outputs at the samples that decimation keeps, filtered as measured ones."""
         return stretch.decimation(self.follow(stretch))
 
     def observe(
@@ -400,20 +352,7 @@ class Model(ABC):
         return np.zeros(len(self.channels))
 
     def at(self, payload: float) -> Model:
-        """
-        Put a payload in.
-
-        Parameters
-        ----------
-        payload : float
-            Mass at the tip [kg].
-
-        Returns
-        -------
-        Model
-            Model of the motion alone; this one itself where it knows of no payloads.
-
-        """
+        """Give a model of the motion alone for a mass [kg] at the tip; itself without loads."""
         return self
 
     @classmethod
@@ -422,20 +361,10 @@ class Model(ABC):
         cls: type[AnyModel], models: Mapping[str, AnyModel], observer: str = 'off',
     ) -> Live:
         """
-        Put models of one arm beside the running robot.
+        Put models of one arm, by output and all of this kind, beside the running robot.
 
-        Parameters
-        ----------
-        models : mapping of str to Model
-            Output to model, all of this kind.
-        observer : {'off', 'ringing'}, default='off'
-            Whether measured strain corrects them, where the kind can make use of it.
-
-        Returns
-        -------
-        Live
-            The same models, sample by sample.
-
+        With the observer 'ringing', measured strain corrects them, where the kind can make use of
+        it.
         """
 
     @abstractmethod

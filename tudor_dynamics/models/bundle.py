@@ -111,24 +111,10 @@ class ModelBundle:
 
     def at(self, payload: float) -> ModelBundle:
         """
-        Put a load into the models.
+        Give models of the motion alone for a mass [kg] at the tip.
 
-        Parameters
-        ----------
-        payload : float
-            Mass at the tip [kg].
-
-        Returns
-        -------
-        ModelBundle
-            Models of the motion alone; this bundle itself where its models are of one load
-            and that, or none (0), is asked for.
-
-        Raises
-        ------
-        ModelError
-            If the models are of one load, but another one is asked for.
-
+        This bundle itself where its models are of one load and that, or none (0), is asked for; a
+        ModelError if another one is.
         """
         if self.payload_range is None:
             known = self.payload

@@ -96,14 +96,7 @@ class Regressor(ABC):
         """
         Evaluate rows times the parameters of each channel, shape (n_samples, n_channels).
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
-        parameters : ndarray of shape (n_channels, n_columns)
-            Parameters of each channel.
-
+        ``motion`` as for ``rows``; ``parameters`` (n_channels, n_columns).
         """
 
 

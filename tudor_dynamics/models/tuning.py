@@ -162,25 +162,10 @@ class TunedArm:
 
     def at(self, payload: float, q: FloatArray) -> SmallMotion:
         """
-        Linearise at rest.
+        Linearise about rest with a mass [kg] at the tip, the drives at ``q`` [rad].
 
-        Parameters
-        ----------
-        payload : float
-            Mass at the tip [kg].
-        q : ndarray of shape (n_joints,)
-            Positions of the drives [rad].
-
-        Returns
-        -------
-        SmallMotion
-            About rest there.
-
-        Raises
-        ------
-        SimulationError
-            If there is no equilibrium.
-
+        ``values`` are readings in the units of the arm description, NaN where there is none. The
+        result has residuals, ratios to the thresholds, and collisions that became known.
         """
         driven = self._driven
         self._carry(payload)

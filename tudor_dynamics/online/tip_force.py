@@ -152,20 +152,7 @@ class ForceRig:
         self.force: list[float] = []
 
     def run(self, seconds: float) -> FloatArray:
-        """
-        Let time pass.
-
-        Parameters
-        ----------
-        seconds : float
-            How much [s].
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Forces of the floor meanwhile [N].
-
-        """
+        """Let time [s] pass; give the forces of the floor, shape (n_samples,), meanwhile [N]."""
         dt, begun = 1.0 / RATE, len(self.force)
         controller = self.controller
         for _ in range(round(seconds * RATE)):
@@ -189,27 +176,11 @@ class ForceRig:
         return self.controller.phase is Phase.HOLD
 
     def press(self, wanted: float) -> None:
-        """
-        Give the controller another force.
-
-        Parameters
-        ----------
-        wanted : float
-            Force to press with [N].
-
-        """
+        """Give the controller another force to press with [N]."""
         self.controller.press(wanted)
 
     def approach(self, wanted: float) -> None:
-        """
-        Come to rest, put the floor below the tip, and press on it until it is held.
-
-        Parameters
-        ----------
-        wanted : float
-            Force to press with [N].
-
-        """
+        """Come to rest, put the floor below the tip, and press with a force [N] until held."""
         self.run(1.0)
         self.process.floor = Floor(float(self.process.tip()[2]) - GAP, self._stiffness)
         self.controller.press(wanted)

@@ -271,20 +271,9 @@ class ElasticModel(Model):
 
     def outputs(self, response: Response, motion: FloatArray) -> FloatArray:
         """
-        Turn moments and torques into outputs.
+        Turn what gauges and gears feel into outputs, shape (n_samples, n_channels).
 
-        Parameters
-        ----------
-        response : Response
-            What gauges and gears feel.
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the same samples [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
+        ``motion`` is ``[q, dq, ddq]`` of the same samples, shape (n_samples, 3 n_joints).
         """
         return self.prepared()(response, motion)
 
