@@ -122,9 +122,8 @@ def check_type(
     """Refuse an argument of another type, before it fails far from where it was given."""
     if not isinstance(value, wanted):
         kinds = wanted if isinstance(wanted, tuple) else (wanted,)
-        msg = (f'{name} is {repr(value)[:60]} of type {type(value).__name__}; expected '
-               f'{" or ".join(kind.__name__ for kind in kinds)}: {advice}')
-        raise ArgumentError(msg)
+        raise ArgumentError(f'{name} is {repr(value)[:60]} of type {type(value).__name__}; '
+                            f'expected {" or ".join(kind.__name__ for kind in kinds)}: {advice}')
 
 
 class TudorWarning(UserWarning):

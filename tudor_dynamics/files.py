@@ -221,8 +221,7 @@ def _check(text: str | bytes) -> None:
         for found, most, what in ((len(begun), MAX_DEPTH, 'levels'),
                                   (values, MAX_VALUES, 'values')):
             if found > most:
-                msg = f'more than {most} {what}'
-                raise _refused(msg, event)
+                raise _refused(f'more than {most} {what}', event)
 
 
 def _refused(problem: str, event: yaml.Event) -> yaml.YAMLError:

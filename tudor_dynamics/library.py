@@ -136,18 +136,16 @@ def fit_bags(
 
 def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> FitSettings:
     if settings.random_split:
-        msg = ('--random-split is for models of one payload, and these bags have several; leave '
-               'it out, or add --ignore-payload')
-        raise UsageError(msg)
+        raise UsageError('--random-split is for models of one payload, and these bags have '
+                         'several; leave it out, or add --ignore-payload')
     kinds = tuple(kind for kind in settings.kinds if KINDS[kind].of_loads)
     left_out = [kind for kind in settings.kinds if kind not in kinds]
     if left_out and kinds:
         msg = f'{", ".join(left_out)}: not fitted to several payloads at once, and left out'
         warnings.warn(msg, TudorWarning, stacklevel=2)
     if not kinds:
-        msg = (f'{", ".join(left_out)} cannot be fitted to several payloads at once; fit each '
-               'payload apart, or add --ignore-payload')
-        raise UsageError(msg)
+        raise UsageError(f'{", ".join(left_out)} cannot be fitted to several payloads at once; '
+                         'fit each payload apart, or add --ignore-payload')
     return replace(settings, kinds=kinds, payloads=payloads)
 
 
@@ -251,11 +249,7 @@ def fit_choices(
     overwrite: bool = False, streaming: Streaming | None = None,
     progress: Progress = lambda _: None,
 ) -> Fit:
-    """
-    Fit, judge and write: the one way from bags to a bundle, of ``td.fit`` and ``tudor fit``.
-
-    payloads: of bags by their resolved paths [kg].
-    """
+    """Fit, judge and write: the one way from bags to a bundle, of ``td.fit`` and ``tudor fit``."""
     check_choices(training, test)
     if out is not None:
         check_target(out, overwrite=overwrite)
@@ -491,8 +485,7 @@ class Prediction:
 
 def _known(items: dict[str, T], name: str, what: str) -> T:
     if name not in items:
-        msg = f'there is no {what} {name!r} here; there are {", ".join(items)}'
-        raise UsageError(msg)
+        raise UsageError(f'there is no {what} {name!r} here; there are {", ".join(items)}')
     return items[name]
 
 
@@ -501,9 +494,8 @@ def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:
     outputs = [output for output in common_outputs(data) if output in bundle.models]
     bags = ', '.join(str(bag.choice) for bag in data)
     if not outputs:
-        msg = (f'the model predicts {" and ".join(bundle.models)}, which not all of {bags} have: '
-               'evaluate them apart, or use other bags')
-        raise UsageError(msg)
+        raise UsageError(f'the model predicts {" and ".join(bundle.models)}, which not all of '
+                         f'{bags} have: evaluate them apart, or use other bags')
     return Prediction(bundle.arm, tuple(data), {
         output: {kind: validated(cases_of(model, data), output, bags)
                  for kind, model in bundle.models[output].items()} for output in outputs})

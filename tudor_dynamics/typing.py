@@ -13,7 +13,16 @@
 # limitations under the License.
 
 
-"""Types with one name everywhere: arrays by what they hold (shapes stand in the docstrings)."""
+"""
+Types with one name everywhere, and what arrays of one name hold where a docstring says no more.
+
+Samples come first, channels last; a single sample has no axis of samples. ``t`` and ``dt`` are the
+time and the time since the sample before [s], where 0 restarts a filter; ``stamp`` is the stamp of
+a message [ns]. ``motion``, of one sample ``row``, is ``[q, dq, ddq]`` of the active joints in
+columns, shape (samples, 3 joints) [rad, rad/s, rad/s^2 or m, m/s, m/s^2]. ``measured``,
+``predicted``, ``residual`` and ``output`` have the shape (samples, channels) and the units of the
+arm description, ``strain`` (samples, gauges), and ``moment`` the same [N m].
+"""
 
 from __future__ import annotations
 

@@ -297,8 +297,7 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
 
     """
     if not isinstance(content, dict):
-        msg = f'{source}: expected a YAML mapping with name, kinematics and joints'
-        raise ArmError(msg)
+        raise ArmError(f'{source}: expected a YAML mapping with name, kinematics and joints')
     check_no_open_values(content, source)
     spec = read_spec(content, source)
     model, urdf, note = build_model(spec, base, source)
@@ -330,12 +329,10 @@ def load_arm(path: str | Path) -> Arm:
     try:
         content = read_yaml(path, MAX_YAML_BYTES)
     except OSError as err:
-        msg = (f'{path}: the arm description cannot be read ({err.strerror}); check --arm, or '
-               'write one with `tudor init`')
-        raise ArmError(msg) from None
+        raise ArmError(f'{path}: the arm description cannot be read ({err.strerror}); check '
+                       '--arm, or write one with `tudor init`') from None
     except YamlError as err:
-        msg = f'{path}: {err}'
-        raise ArmError(msg) from None
+        raise ArmError(f'{path}: {err}') from None
     except ValueError as err:  # no UTF-8, or a NUL in the path
         msg = f'{path}: the arm description cannot be read ({err}); check --arm'
         raise ArmError(msg) from None

@@ -53,11 +53,7 @@ SHOWN = 3
 
 
 def exact(angle: float) -> float:
-    """
-    Give the multiple of 45 degrees that an angle was rounded from.
-
-    angle [rad]; returns the multiple where it is within `NEAR`, else the angle itself [rad].
-    """
+    """Give the multiple of 45 degrees that an angle [rad] was rounded from, or the angle."""
     nearest = round(angle / STEP) * STEP
     return nearest if abs(angle - nearest) <= NEAR else angle
 
@@ -108,22 +104,19 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
     known = list(model.names)[1:]
     for joint in spec.joints:
         if joint.name not in known:
-            msg = (f'{source}: joint {joint.name!r} is not in the kinematics, '
-                   f'whose joints are {known}; correct joints[].name')
-            raise ArmError(msg)
+            raise ArmError(f'{source}: joint {joint.name!r} is not in the kinematics, '
+                           f'whose joints are {known}; correct joints[].name')
     for joint in spec.joints:
         prismatic = is_prismatic(model, joint.name)
         if joint.type is not None and prismatic != (joint.type == 'prismatic'):
             found = 'prismatic' if prismatic else 'revolute'
-            msg = (f'{source}: joint {joint.name!r} is described as {joint.type}, '
-                   f'but is {found} in the kinematics')
-            raise ArmError(msg)
+            raise ArmError(f'{source}: joint {joint.name!r} is described as {joint.type}, '
+                           f'but is {found} in the kinematics')
         wrong = {'N m': prismatic, 'N': not prismatic}.get(joint.effort.unit, False)
         if wrong:
             kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
-            msg = (f'{source}: joint {joint.name!r} is {kind} and has effort unit '
-                   f'{joint.effort.unit!r}; expected {unit!r} or A')
-            raise ArmError(msg)
+            raise ArmError(f'{source}: joint {joint.name!r} is {kind} and has effort unit '
+                           f'{joint.effort.unit!r}; expected {unit!r} or A')
         for gauge in spec.gauges:
             if prismatic and gauge.joint == joint.name and gauge.axis is None:
                 msg = (f'{source}: gauge {gauge.name!r} is behind the prismatic joint '
@@ -160,8 +153,7 @@ class _Bounded(ElementTree.TreeBuilder):
         self._depth += 1
         self._count += 1
         if self._depth > MAX_DEPTH or self._count > MAX_ELEMENTS:
-            msg = f'more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements'
-            raise ArmError(msg)
+            raise ArmError(f'more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements')
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> Any:
@@ -170,8 +162,7 @@ class _Bounded(ElementTree.TreeBuilder):
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
         """Refuse what could define entities, of which a few lines can stand for gigabytes."""
-        msg = 'has a DOCTYPE, which no URDF needs'
-        raise ArmError(msg)
+        raise ArmError('has a DOCTYPE, which no URDF needs')
 
 
 def read_urdf(path: Path) -> str:
@@ -220,9 +211,8 @@ def adapt(root: ElementTree.Element, path: str,
             limit.attrib.setdefault('effort', '1e9')
             limit.attrib.setdefault('velocity', '1e9')
         elif kind in ('floating', 'planar'):
-            msg = (f'{path}: joint {joint.get("name")!r} is {kind}; revolute, continuous, '
-                   'prismatic and fixed joints can be modelled')
-            raise ArmError(msg)
+            raise ArmError(f'{path}: joint {joint.get("name")!r} is {kind}; revolute, continuous, '
+                           'prismatic and fixed joints can be modelled')
     for link in root.iter('link'):  # meshes are not needed and often not there
         for tag in drawn:
             for element in link.findall(tag):
@@ -237,9 +227,8 @@ def _check_numbers(root: ElementTree.Element, path: str) -> None:
                 if text is not None and not _are_numbers(text, count, element.tag):
                     what = ('a mass in kg' if element.tag == 'mass' else
                             'a finite number' if count == 1 else f'{count} finite numbers')
-                    msg = (f'{path}: {part.tag} {part.get("name")!r} has {element.tag} '
-                           f'{key}={text[:60]!r}; expected {what}')
-                    raise ArmError(msg)
+                    raise ArmError(f'{path}: {part.tag} {part.get("name")!r} has {element.tag} '
+                                   f'{key}={text[:60]!r}; expected {what}')
 
 
 def _are_numbers(text: str, count: int, tag: str) -> bool:
@@ -297,13 +286,11 @@ def model_from_urdf(text: str, path: str, angles: ExactAngles | None = None) -> 
     errors = re.findall(r'^Error: *(.*)', said, re.MULTILINE)
     if model is None or errors:
         cause = errors[0] if errors else cause
-        msg = f'{path}: Pinocchio cannot build a model from this URDF ({cause})'
-        raise ArmError(msg)
+        raise ArmError(f'{path}: Pinocchio cannot build a model from this URDF ({cause})')
     if said and sys.stderr is not None:
         sys.stderr.write(said)
     if model.nq != model.nv:
-        msg = f'{path}: a joint of this URDF needs more than one coordinate'
-        raise ArmError(msg)
+        raise ArmError(f'{path}: a joint of this URDF needs more than one coordinate')
     return model
 
 
@@ -315,18 +302,13 @@ def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
     vector = np.asarray(axis, dtype=float)
     norm = float(np.linalg.norm(vector))
     if norm < 1e-12:
-        msg = f'the axis {list(axis)} has no length: give x, y, z or a vector'
-        raise ArmError(msg)
+        raise ArmError(f'the axis {list(axis)} has no length: give x, y, z or a vector')
     unit: NDArray[np.float64] = vector / norm
     return unit
 
 
 def gauge_point(gauge: GaugeSpec) -> NDArray[np.float64]:
-    """
-    Give the place of a gauge, for the regressor's cut and the simulator's beam alike.
-
-    Returns (3,) [m].
-    """
+    """Give the place (3,) of a gauge [m], for the regressor's cut and for the simulator's beam."""
     return gauge.distance * unit_vector(gauge.direction)
 
 
@@ -392,11 +374,7 @@ def model_from_dh(
 
 
 def is_prismatic(model: pin.Model, joint: str) -> bool:
-    """
-    Say whether a joint moves along its axis.
-
-    Returns False for a joint that turns about its axis.
-    """
+    """Say whether a joint moves along its axis, not about it."""
     short: str = model.joints[model.getJointId(joint)].shortname()
     return short.startswith('JointModelP')
 

@@ -149,11 +149,7 @@ def planned_limits(arm: Arm) -> Limits:
 
 
 def effort_limits(arm: Arm) -> FloatArray:
-    """
-    Give the largest effort of each active joint, in the unit that it is measured in.
-
-    Returns (joints,) [A, N m or N], infinite where none is known.
-    """
+    """Give the largest effort (joints,) [A, N m or N] of active joints, infinite where unknown."""
     largest = np.full(len(arm.joints), np.inf)
     for i, joint in enumerate(arm.joints):
         constant = joint.effort.torque_constant

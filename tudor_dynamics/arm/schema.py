@@ -194,11 +194,7 @@ class LimitSpec(Spec):
 
 
 class PlannedSpec(LimitSpec):
-    """
-    What planned motion keeps to: within ``limits``, with room for the damper.
-
-    Positions leave room to stop where nothing is said.
-    """
+    """What planned motion keeps to: within ``limits``, with room for the damper and to stop."""
 
     velocity: Positive | None = None
     """Largest speed; two thirds of that of ``limits`` by default [rad/s or m/s]."""
@@ -880,5 +876,4 @@ def read_spec(content: dict[str, Any], source: str) -> ArmSpec:
     try:
         return ArmSpec.model_validate(content)
     except ValidationError as err:
-        msg = f'{source}: {validation_message(err)}'
-        raise ArmError(msg) from None
+        raise ArmError(f'{source}: {validation_message(err)}') from None

@@ -38,11 +38,7 @@ STRAIN_WORDS = ('strain', 'gauge')
 
 
 def guess_plan(topics: Mapping[str, DecodedTopic]) -> Sources | None:
-    """
-    Guess what an arm description would say, from the topics alone.
-
-    Returns None where no topic has positions.
-    """
+    """Guess an arm description from the topics alone; None where no topic has positions."""
     def with_field(what: str) -> dict[str, list[str]]:
         found = {}
         for name, states in topics.items():

@@ -62,8 +62,7 @@ def read_merit(path: str | Path) -> FloatArray:
         msg = f'{path}: cannot be read ({err.strerror or err}); check path and permissions'
         raise BagError(msg) from None
     except (UnicodeDecodeError, csv.Error) as err:
-        msg = f'{path}: no CSV text ({err}); give a file of the MERIt dataset'
-        raise BagError(msg) from None
+        raise BagError(f'{path}: no CSV text ({err}); give a file of the MERIt dataset') from None
     if len(rows) < 2:
         msg = f'{path}: has {len(rows)} rows of numbers; give a file of the MERIt dataset'
         raise BagError(msg)
@@ -86,16 +85,14 @@ def _is_number(cell: str) -> bool:
 
 def _numbers(path: Path, line: int, cells: list[str]) -> list[float]:
     if len(cells) != len(COLUMNS):
-        msg = (f'{path}: line {line} has {len(cells)} columns, expected {len(COLUMNS)} separated '
-               f'by commas ({", ".join(COLUMNS)})')
-        raise BagError(msg)
+        raise BagError(f'{path}: line {line} has {len(cells)} columns, expected {len(COLUMNS)} '
+                       f'separated by commas ({", ".join(COLUMNS)})')
     try:
         values = [float(cell) for cell in cells]
     except ValueError:
         place = next(i for i, cell in enumerate(cells) if not _is_number(cell))
-        msg = (f'{path}: line {line}, column {COLUMNS[place]}: {cells[place][:40]!r} is not a '
-               'number; correct or remove the line')
-        raise BagError(msg) from None
+        raise BagError(f'{path}: line {line}, column {COLUMNS[place]}: {cells[place][:40]!r} is '
+                       'not a number; correct or remove the line') from None
     for name, value in zip(COLUMNS, values, strict=True):
         if not np.isfinite(value):
             msg = f'{path}: line {line}, column {name}: {value} is not finite; remove the line'
@@ -108,17 +105,14 @@ def _check(path: Path, table: FloatArray) -> None:
     steps = np.diff(t)
     if np.any(steps <= 0):
         row = int(np.argmax(steps <= 0)) + 1
-        msg = (f'{path}: the time in row {row + 1} ({t[row]:g} s) does not follow '
-               f'{t[row - 1]:g} s; the first column must increase, in seconds')
-        raise BagError(msg)
+        raise BagError(f'{path}: the time in row {row + 1} ({t[row]:g} s) does not follow '
+                       f'{t[row - 1]:g} s; the first column must increase, in seconds')
     if t[0] < 0 or t[-1] > MAX_TIME or np.any(np.diff(np.round(t * 1e9)) <= 0):
-        msg = (f'{path}: the first column runs from {t[0]:g} to {t[-1]:g}; expected seconds that '
-               'do not begin before 0')
-        raise BagError(msg)
+        raise BagError(f'{path}: the first column runs from {t[0]:g} to {t[-1]:g}; expected '
+                       'seconds that do not begin before 0')
     if np.abs(q).max() > TWO_TURNS:
-        msg = (f'{path}: positions go to {np.abs(q).max():.4g}; columns 2 to 7 must be in rad and '
-               'rad/s, this looks like degrees')
-        raise BagError(msg)
+        raise BagError(f'{path}: positions go to {np.abs(q).max():.4g}; columns 2 to 7 must be in '
+                       'rad and rad/s, this looks like degrees')
 
 
 def import_merit(path: str | Path, out: str | Path, *, storage: str = 'mcap') -> int:

@@ -323,13 +323,11 @@ def decode(
             try:
                 layout = parse(messages[int(index[0])])
             except CdrError as err:
-                msg = (f'topic {topic}, message {index[0]}: {err}; the bag is damaged or '
-                       'announces the wrong type')
-                raise BagError(msg) from None
+                raise BagError(f'topic {topic}, message {index[0]}: {err}; the bag is damaged or '
+                               'announces the wrong type') from None
             if len(blocks) == MAX_LAYOUTS:
-                msg = (f'topic {topic}: names, fields or frames change more than {MAX_LAYOUTS} '
-                       'times; record the joints of one arm on one topic')
-                raise BagError(msg)
+                raise BagError(f'topic {topic}: names, fields or frames change more than '
+                               f'{MAX_LAYOUTS} times; record the joints of one arm on one topic')
             same = _same_layout(rows, layout)
             group = rows if same.all() else rows[same]
             blocks.append(MessageBatch(index[same], layout, group.view(layout.dtype).reshape(-1)))
@@ -458,11 +456,7 @@ class DecodedTopic:
     def select(
         self, names: Sequence[str], field: str, path: str,
     ) -> tuple[NDArray[np.intp], FloatArray]:
-        """
-        Take the values of names from all messages that have them, in their order.
-
-        Returns places among the messages (n,), and values (n, names) in the units of the topic.
-        """
+        """Take the values of names: places of messages that have them (n,), and (n, names)."""
         for block in self.blocks:
             self._check_lengths(block, names, path)
         chosen = [block for block in self.having(field) if set(names) <= set(block.layout.names)]
@@ -507,11 +501,7 @@ class DecodedTopic:
                 raise BagError(msg, place=path)
 
     def ranges(self, besides: Collection[str]) -> dict[str, float]:
-        """
-        Say how far joints move besides some.
-
-        Returns name to range of its positions, its outermost percents excluded [rad or m].
-        """
+        """Say how far joints move besides some [rad or m], outermost percents excluded."""
         found: dict[str, float] = {}
         for block in self.having('position'):
             values = block.values('position')
@@ -527,9 +517,8 @@ def decode_topic(raw: RawMessages, path: str) -> DecodedTopic:
     """Decode a topic."""
     layout = LAYOUTS.get(raw.msgtype)
     if layout is None:
-        msg = (f'{path}: topic {raw.topic} is of type {raw.msgtype}, expected {JOINT_STATE}; '
-               'name another topic in the arm description')
-        raise BagError(msg)
+        raise BagError(f'{path}: topic {raw.topic} is of type {raw.msgtype}, expected '
+                       f'{JOINT_STATE}; name another topic in the arm description')
     try:
         blocks = decode(raw.data, layout, raw.topic)
     except BagError as err:

@@ -52,11 +52,7 @@ def increasing(stamp: NDArray[np.int64]) -> tuple[NDArray[np.bool_], int, int]:
 
 
 def set_backs(stamp: NDArray[np.int64]) -> list[tuple[int, int, int]]:
-    """
-    Find where a clock was set back: messages in a row that begin again before the newest stamp.
-
-    stamp (n,) [ns]; returns newest stamp before, by how much the clock was set back [ns].
-    """
+    """Find where a clock was set back: newest stamp before, and by how much [ns]."""
     if len(stamp) < 3:
         return []
     newest = np.maximum.accumulate(stamp)
@@ -72,11 +68,7 @@ def set_backs(stamp: NDArray[np.int64]) -> list[tuple[int, int, int]]:
 
 
 def gap_limit(stamp: NDArray[np.int64]) -> float:
-    """
-    Give the longest time between samples that is not a gap.
-
-    stamp (n,) [ns]; returns limit [s].
-    """
+    """Give the longest time between samples that is not a gap [s] for stamps [ns]."""
     if len(stamp) < 2:
         return GAP_FLOOR
     return max(GAP_PERIODS * float(np.median(np.diff(stamp))) * 1e-9, GAP_FLOOR)
@@ -195,11 +187,7 @@ class Assembly:
         self.clock = choose_clock(topics, self.notes, self.path)
 
     def states(self, name: str, channel: ChannelSource | None = None) -> DecodedTopic:
-        """
-        Give a topic of the bag, which must be of the type wanted.
-
-        channel: positions by default.
-        """
+        """Give a topic of the bag, which must be of the type wanted; positions by default."""
         found = self.bag.topics[name].msgtype
         msgtype = JOINT_STATE if channel is None else channel.msgtype
         if name not in self.topics or found != msgtype:
@@ -301,11 +289,7 @@ class Assembly:
     def output(
         self, motion: Signals, names: Sequence[str], channels: Sequence[ChannelSource],
     ) -> tuple[FloatArray, NDArray[np.bool_]] | None:
-        """
-        Give efforts or strains on the stamps of the motion; None where there are none.
-
-        Returns values (samples, channels), and at which samples all channels have one (samples,).
-        """
+        """Give efforts or strains (samples, channels) on the motion's stamps, and at which all."""
         if not channels:
             return None
         values = np.full((len(motion.stamp), len(names)), np.nan)
@@ -513,18 +497,13 @@ def _messages(
     if name is None or not bag.topics[name].count:
         return None
     if bag.topics[name].msgtype != known[0]:
-        msg = (f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
-               f'{" or ".join(known)}; name another topic')
-        raise BagError(msg)
+        raise BagError(f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
+                       f'{" or ".join(known)}; name another topic')
     return bag.read([name])[name]
 
 
 def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Signals | None:
-    """
-    Read the wrenches of a bag.
-
-    Returns None where the bag has no such topic, or no message in it.
-    """
+    """Read the wrenches of a bag; None where it has no message with one."""
     raw = _messages(open_bag(path), topic, (WRENCH_STAMPED,), path)
     if raw is None or not raw.data:
         return None
@@ -535,11 +514,7 @@ def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Signals | 
 def read_flags(
     path: str | Path, topic: str, clock: str = 'joint_states',
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
-    """
-    Read a Bool topic, which has no stamps of its own, on the header stamps of another.
-
-    Returns (n,) [ns], None where the bag has no such topic, or no message in it.
-    """
+    """Read a Bool topic (n,), without stamps of its own, on header stamps of another; or None."""
     bag = open_bag(path)
     raw = _messages(bag, topic, (BOOL, WRENCH_STAMPED), path)
     if raw is None:

@@ -74,15 +74,13 @@ def read_metadata(directory: Path) -> Metadata:
 def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     version = information['version']
     if not isinstance(version, int) or version > MAX_VERSION:
-        msg = f'version {version!r}; at most {MAX_VERSION} is known'
-        raise ValueError(msg)
+        raise ValueError(f'version {version!r}; at most {MAX_VERSION} is known')
     if information['storage_identifier'] not in STORAGES:
         msg = f'storage {information["storage_identifier"]!r}; known are {", ".join(STORAGES)}'
         raise ValueError(msg)
     compression = str(information.get('compression_mode') or '').lower().replace('none', '')
     if compression not in ('', 'file', 'message', 'storage'):
-        msg = f'compression mode {compression!r}'
-        raise ValueError(msg)
+        raise ValueError(f'compression mode {compression!r}')
     if compression and information['compression_format'] != 'zstd':
         msg = f'compression format {information["compression_format"]!r}; zstd can be read'
         raise ValueError(msg)
@@ -90,8 +88,7 @@ def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     files = tuple(directory / name for name in dict.fromkeys(names))
     for file in files:
         if not file.is_file():
-            msg = f'{file.name} is not there, or no file'
-            raise ValueError(msg)
+            raise ValueError(f'{file.name} is not there, or no file')
     custom = information.get('custom_data')
     return Metadata(
         files, compression.replace('storage', ''), _counts(information),
@@ -126,11 +123,7 @@ def natural(path: Path) -> list[tuple[int, int, str]]:
 
 
 def bags_below(path: Path, deepest: int = DEEPEST) -> list[Path]:
-    """
-    Find the bags in a folder.
-
-    Returns the path itself where it is a bag, or has none below it.
-    """
+    """Find the bags in a folder; the path itself where it is a bag, or has none below it."""
     if deepest == 0 or not path.is_dir() or _is_bag(path):
         return [path]
     found = []
@@ -405,10 +398,9 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
     with open_regular(journal) as stream:
         # written before SQLite changes the file itself, whose pages may now be of two times
         if stream.read(len(HOT_JOURNAL)) == HOT_JOURNAL:
-            msg = (f'{file}: its recorder was killed while it wrote, {journal.name} takes that '
-                   f'back: run `sqlite3 {file.name} "pragma quick_check"` beside it, best '
-                   'on a copy of the directory')
-            raise BagError(msg)
+            raise BagError(f'{file}: its recorder was killed while it wrote, {journal.name} takes '
+                           f'that back: run `sqlite3 {file.name} "pragma quick_check"` beside it, '
+                           'best on a copy of the directory')
 
 
 def _open_directory(path: Path, notes: Notes) -> Bag:
@@ -416,9 +408,8 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
                           if item.suffix in SUFFIXES and item.is_file()), key=natural))
     if not (path / METADATA).exists():
         if not files:
-            msg = (f'{path}: no bag in this directory (neither {METADATA} nor .mcap or .db3 '
-                   'files); give the directory that `ros2 bag record` made')
-            raise BagError(msg)
+            raise BagError(f'{path}: no bag in this directory (neither {METADATA} nor .mcap or '
+                           '.db3 files); give the directory that `ros2 bag record` made')
         notes.add(f'no {METADATA}; read {", ".join(file.name for file in files)} '
                   'in the order of their names')
         return _open_files(path, notes, Metadata(files))
@@ -499,8 +490,7 @@ def read_track(path: str | Path, topics: Collection[str] = ()) -> Track:
     found = bag.read(wanted or list(bag.topics))
     time = np.concatenate([np.empty(0, np.int64), *(raw.log_time for raw in found.values())])
     if not len(time):
-        msg = f'{path}: no messages; record again with the drivers running'
-        raise BagError(msg)
+        raise BagError(f'{path}: no messages; record again with the drivers running')
     order = np.argsort(time, kind='stable').tolist()
     names = [name for name, raw in found.items() for _ in raw.data]
     data = [item for raw in found.values() for item in raw.data]

@@ -85,13 +85,11 @@ class Trajectory:
         for name, values in (('positions', self.q), ('velocities', self.dq),
                              ('accelerations', self.ddq), ('efforts', self.effort)):
             if values is not None and values.shape != shape:
-                msg = (f'the trajectory has {name} of shape {values.shape}, expected '
-                       f'{shape[0]} points of the joints {list(self.joints)}')
-                raise SignalError(msg)
+                raise SignalError(f'the trajectory has {name} of shape {values.shape}, expected '
+                                  f'{shape[0]} points of the joints {list(self.joints)}')
             if values is not None and not np.isfinite(values).all():
                 row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-                msg = f'{name} of point {row + 1} are not finite'
-                raise SignalError(msg)
+                raise SignalError(f'{name} of point {row + 1} are not finite')
         if not np.isfinite(self.t).all() or np.any(np.diff(self.t) <= 0.0):
             row = int(np.argmin(np.append(np.diff(self.t) > 0.0, False)))
             msg = (f'time does not increase after point {row + 1}, at {self.t[row]:g} s; '
@@ -288,8 +286,7 @@ def _decode(data: bytes, topic: str, time: int, place: str) -> Sent:
         raise BagError(msg, place=place, remedy='the bag is damaged; record it anew') from None
     joints, stamp = tuple(message.joint_names), message.header.stamp
     if len(joints) > MAX_NAMES:
-        msg = f'has {len(joints)} joints; at most {MAX_NAMES} are read'
-        raise BagError(msg, place=place)
+        raise BagError(f'has {len(joints)} joints; at most {MAX_NAMES} are read', place=place)
     t = np.array([point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
                   for point in message.points])
     try:

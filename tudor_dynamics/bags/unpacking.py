@@ -52,24 +52,21 @@ class Unpacker:
         """Count what was unpacked; Damaged where it becomes too much."""
         self._left -= size
         if self._left < 0:
-            msg = (f'it unpacks to more than {MAX_RATIO} times its size, or '
-                   f'{FREE_BYTES >> 20} MB')
-            raise Damaged(msg)
+            raise Damaged(f'it unpacks to more than {MAX_RATIO} times its size, or '
+                          f'{FREE_BYTES >> 20} MB')
 
     def unpack(self, data: bytes, compression: str, size: int | None = None) -> bytes:
         """Unpack a piece; compression: not at all if empty."""
         most = MAX_PIECE if size is None else size
         if most > MAX_PIECE:
-            msg = f'a piece of {most} bytes; at most {MAX_PIECE} are unpacked at once'
-            raise Damaged(msg)
+            raise Damaged(f'a piece of {most} bytes; at most {MAX_PIECE} are unpacked at once')
         if size is not None:  # before any memory is asked for
             self.take(size)
         raw = _unpack(data, compression, min(most, self._left + 1) if size is None else most)
         if size is None:
             self.take(len(raw))
         elif len(raw) != size:
-            msg = f'a piece of {size} bytes unpacks to {len(raw)} or more'
-            raise Damaged(msg)
+            raise Damaged(f'a piece of {size} bytes unpacks to {len(raw)} or more')
         return raw
 
 
@@ -84,8 +81,7 @@ def _decompressor(compression: str) -> Any:
     except ImportError as err:
         msg = f'compressed with {compression}, for which a library is missing ({err})'
         raise Damaged(msg) from None
-    msg = f'compression {compression[:40]!r} is unknown; zstd and lz4 can be read'
-    raise Damaged(msg)
+    raise Damaged(f'compression {compression[:40]!r} is unknown; zstd and lz4 can be read')
 
 
 def _unpack(data: bytes, compression: str, most: int) -> bytes:

@@ -159,9 +159,8 @@ def encode(signals: Signals) -> RawMessages:
     """Encode messages, each recorded at its stamp."""
     stamp = np.asarray(signals.stamp, dtype=np.int64)
     if len(stamp) and not 0 <= int(stamp.min()) <= int(stamp.max()) < 2**31 * 10**9:
-        msg = (f'{signals.topic}: a stamp is negative or beyond the year 2038, which ROS 2 cannot '
-               'express')
-        raise BagError(msg)
+        raise BagError(f'{signals.topic}: a stamp is negative or beyond the year 2038, which ROS '
+                       '2 cannot express')
     data = [b''] * len(stamp)
     frames = np.full(len(stamp), signals.frame, dtype=object)
     for frame in set(frames.tolist()) or {''}:
@@ -238,8 +237,7 @@ def write_bag(
     """
     path = Path(path)
     if storage not in PLUGINS:
-        msg = f'{path}: storage {storage!r} is unknown; use one of {", ".join(PLUGINS)}'
-        raise BagError(msg)
+        raise BagError(f'{path}: storage {storage!r} is unknown; use one of {", ".join(PLUGINS)}')
     _check_free(path)
     try:
         with whole(path, replace=False) as scratch:
@@ -415,9 +413,8 @@ class LiveWriter:
                 made.rename(self.path)
             shutil.rmtree(self._scratch, ignore_errors=True)
         except FAILURES as err:
-            msg = (f'{self.path}: {failure or "cannot be finished"}; what was recorded is left in '
-                   f'{made} ({reason(err)})')
-            raise BagError(msg) from None
+            raise BagError(f'{self.path}: {failure or "cannot be finished"}; what was recorded is '
+                           f'left in {made} ({reason(err)})') from None
         if failure:
             msg = (f'{self.path}: {failure}; recording has ended, the {count} messages that were '
                    'on disk are kept; make room and record on under another name')

@@ -79,16 +79,13 @@ def configure_collisions(group: argparse._ArgumentGroup) -> None:
 def run_collisions(args: argparse.Namespace) -> int:
     """Replay bags through the detector, and judge it by what is known of the pushes."""
     if not args.false_alarms > 0 or not args.debounce >= 0:
-        msg = (f'--false-alarms {args.false_alarms:g} --debounce {args.debounce:g}: expected a '
-               'rate above 0 per hour and a time of 0 s or more')
-        raise UsageError(msg)
+        raise UsageError(f'--false-alarms {args.false_alarms:g} --debounce {args.debounce:g}: '
+                         'expected a rate above 0 per hour and a time of 0 s or more')
     if sum((bool(args.pushes), bool(args.truth), args.free)) > 1:
-        msg = '--pushes, --truth and --free exclude each other; give one of them'
-        raise UsageError(msg)
+        raise UsageError('--pushes, --truth and --free exclude each other; give one of them')
     if args.pushes and len(args.pushes) != len(args.bags):
-        msg = (f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give one for '
-               'each, in their order')
-        raise UsageError(msg)
+        raise UsageError(f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give '
+                         'one for each, in their order')
     from tudor_dynamics.show.pictures import (  # plots are slow to import
         draw_events, picture_path, write_picture, write_roc)
 
@@ -97,9 +94,8 @@ def run_collisions(args: argparse.Namespace) -> int:
     bundle = at_payload(load_bundle(args.model), args.payload)
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
     if args.kind not in kinds:
-        msg = (f'{args.model} has no {args.kind} model; it has {" and ".join(kinds)}: give '
-               f'--kind, or fit it again with --models {args.kind}')
-        raise UsageError(msg)
+        raise UsageError(f'{args.model} has no {args.kind} model; it has {" and ".join(kinds)}: '
+                         f'give --kind, or fit it again with --models {args.kind}')
     choices = [parse_choice(text) for text in args.bags]
     settings = MonitorSettings(
         args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),
@@ -375,8 +371,7 @@ def chosen_rate(spec: PreprocessingSpec, rate: str | None) -> PreprocessingSpec:
     except ValueError:
         value = -1.0
     if value is not None and not 0 < value < float('inf'):
-        msg = f'--rate {rate}: expected a rate above 0 Hz, or "full"'
-        raise UsageError(msg)
+        raise UsageError(f'--rate {rate}: expected a rate above 0 Hz, or "full"')
     return spec.model_copy(update={'rate': value})
 
 

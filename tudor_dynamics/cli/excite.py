@@ -156,8 +156,7 @@ def _check(args: argparse.Namespace) -> None:
                               ('noise', 1e-12, 1e12), ('budget', 0.0, 1e6)):
         value = getattr(args, name)
         if value is not None and not least <= value <= most:
-            msg = f'--{name} {value:g}: give {least:g} to {most:g}'
-            raise UsageError(msg)
+            raise UsageError(f'--{name} {value:g}: give {least:g} to {most:g}')
     if args.model and (args.noise is not None or args.noise_of):
         raise UsageError('--model says the noise already', remedy='leave out --noise')
     if Path(args.out).exists():
@@ -178,9 +177,8 @@ def _noise(args: argparse.Namespace, arm: Arm) -> dict[str, FloatArray]:
         except ValueError:
             number = 0.0
         if name not in names or not 0.0 < number < 1e12:
-            msg = (f'--noise-of {text}: expected NAME=SIZE with a positive size and one of '
-                   f'{", ".join(names)}')
-            raise UsageError(msg)
+            raise UsageError(f'--noise-of {text}: expected NAME=SIZE with a positive size and one '
+                             f'of {", ".join(names)}')
         output, place = names[name]
         size[output][place] = number
     return size if arm.gauges else {'effort': size['effort']}

@@ -165,8 +165,7 @@ def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpe
         return PreprocessingSpec.model_validate({
             **arm.spec.preprocessing.model_dump(exclude_unset=True), **changes})
     except ValidationError as err:
-        msg = f'command line: {validation_message(err)}'
-        raise UsageError(msg) from None
+        raise UsageError(f'command line: {validation_message(err)}') from None
 
 
 def run(args: argparse.Namespace) -> int:

@@ -55,8 +55,7 @@ def run(args: argparse.Namespace) -> int:
     """Look at the bags, ask where somebody can answer, write the file and say what is in it."""
     out = Path(args.out)
     if out.exists() and not args.overwrite:
-        msg = f'{out}: exists already; give another name, or --overwrite to replace it'
-        raise UsageError(msg)
+        raise UsageError(f'{out}: exists already; give another name, or --overwrite to replace it')
     draft = draft_of(args.bags, urdf=None if args.urdf is None else Path(args.urdf),
                      dh=None if args.dh is None else Path(args.dh), out=out)
     if sys.stdin.isatty() and sys.stdout.isatty():

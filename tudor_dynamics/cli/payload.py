@@ -81,8 +81,7 @@ def run(args: argparse.Namespace) -> int:
     telling(bundle, args.kind)  # says so if there is none
     choices = [parse_choice(text) for text in args.bags]
     if not args.live and (args.announced or args.begin):
-        msg = '--announced and --begin belong to --live: add it'
-        raise UsageError(msg)
+        raise UsageError('--announced and --begin belong to --live: add it')
     truths = parse_payloads(args.payload_of, choices)
     bags: list[BagData] = []
     with steps(len(choices)) as step:

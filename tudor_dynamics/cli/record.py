@@ -112,15 +112,12 @@ def _conditions(args: argparse.Namespace, arm: Arm, specs: list[StimulusSpec], d
 def _check(args: argparse.Namespace) -> None:
     for name in ('stimuli', 'jobs', 'best_of'):
         if getattr(args, name) < 1:
-            msg = f'--{name.replace("_", "-")} {getattr(args, name)}: give 1 or more'
-            raise UsageError(msg)
+            raise UsageError(f'--{name.replace("_", "-")} {getattr(args, name)}: give 1 or more')
     if min(args.pushes, args.loads, args.seed) < 0:
-        msg = (f'--pushes {args.pushes} --loads {args.loads} --seed {args.seed}: none can be '
-               'negative')
-        raise UsageError(msg)
+        raise UsageError(f'--pushes {args.pushes} --loads {args.loads} --seed {args.seed}: none '
+                         'can be negative')
     if not 2.0 < args.seconds <= 3600.0:
-        msg = f'--seconds {args.seconds}: give more than 2 and at most 3600'
-        raise UsageError(msg)
+        raise UsageError(f'--seconds {args.seconds}: give more than 2 and at most 3600')
 
 
 def _imperfections(ideal: list[str]) -> Imperfections:
@@ -161,8 +158,7 @@ def run(args: argparse.Namespace) -> int:
     paths = [out / f'stimulus_{number + 1:02d}' for number in range(args.stimuli)]
     for path in (*paths, out / 'campaign.yaml'):
         if path.exists():
-            msg = f'{path}: exists already and is not overwritten; give another --out'
-            raise BagError(msg)
+            raise BagError(f'{path}: exists already and is not overwritten; give another --out')
     # Whatever is wrong with arm or options shows here, and compiled code is ready for all.
     loop = ClosedLoop(with_payload(arm, args.payload), damping=0.0 if args.no_damping else 1.0)
     steps_per_message(loop.dt, args.rate)

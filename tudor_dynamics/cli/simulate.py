@@ -128,13 +128,11 @@ def _runs(args: argparse.Namespace) -> bool:
 def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
     for name in args.free + args.hold:
         if name not in mechanism.joints:
-            msg = (f'joint {name!r} is not among the joints {list(mechanism.joints)} of '
-                   f'{args.arm}')
-            raise UsageError(msg)
+            raise UsageError(f'joint {name!r} is not among the joints {list(mechanism.joints)} of '
+                             f'{args.arm}')
     Steps.of(args.seconds, args.dt, args.rate)  # says so if they are impossible
     if args.modes is not None and args.modes < 1:
-        msg = f'--modes counts modes, found {args.modes}'
-        raise UsageError(msg)
+        raise UsageError(f'--modes counts modes, found {args.modes}')
     if (args.plot or args.animate is None) and args.out is None and (
             args.plot or _runs(args)) and not args.json:
         msg = 'nothing says where results go: give --out DIR (or --json for figures alone)'
@@ -166,9 +164,8 @@ def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tupl
     plant.start_torque(torque[0])
     if args.integrator != 'generalised-alpha':
         if motion is not None or force is not None:
-            msg = (f'--integrator {args.integrator} takes torques only; leave --motion and '
-                   '--force out')
-            raise UsageError(msg)
+            raise UsageError(f'--integrator {args.integrator} takes torques only; leave --motion '
+                             'and --force out')
         return run_with_bar(steps, lambda bar: simulate_with_scipy(
             plant, probe, torque, every=every, method=args.integrator, progress=bar))
     return run_with_bar(steps, lambda bar: run_plant(
@@ -215,9 +212,8 @@ def run(args: argparse.Namespace) -> int:
     signals = args.signals or _default_signals(mechanism, arm)
     for name in signals:
         if name not in signal_names(mechanism, arm.gauge_names):
-            msg = (f'there is no signal {name!r}; there are '
-                   f'{", ".join(signal_names(mechanism, arm.gauge_names))}')
-            raise UsageError(msg)
+            raise UsageError(f'there is no signal {name!r}; there are '
+                             f'{", ".join(signal_names(mechanism, arm.gauge_names))}')
     result = SimulatedRun(
         arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
     if folder is not None:

@@ -131,11 +131,7 @@ def _friction(
 def quantities(
     some: Sequence[Measure], model: AnalyticalModel, others: Sequence[AnalyticalModel],
 ) -> list[Quantity]:
-    """
-    Give the numbers of an arm at a date.
-
-    Returns None without enough parts for standard errors.
-    """
+    """Give the numbers of an arm at a date; None without enough parts for standard errors."""
     n = len(others)
     if n < FEWEST_PARTS:
         return []
@@ -148,11 +144,7 @@ def quantities(
 
 
 def rings(arm: Arm, bag: BagData) -> list[tuple[str, float, float]]:
-    """
-    Find oscillations that die out while the joints stand still.
-
-    Returns gauge, frequency [Hz].
-    """
+    """Find oscillations [Hz] of gauges that die out while the joints stand still."""
     found = []
     for stretch in bag.stretches:
         for part in standstills(stretch) if stretch.strain is not None else ():

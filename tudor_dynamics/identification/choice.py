@@ -174,11 +174,7 @@ class LeftOut:
                 for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
     def assume(self, parameters: FloatArray) -> None:
-        """
-        Take parameters by which the loads are known, for the terms that grow with them.
-
-        parameters (channels, columns).
-        """
+        """Take parameters (channels, columns) that give the loads which some terms grow with."""
         self._multiply_out(parameters[:, :len(self.columns)])
 
     def _multiply_out(self, parameters: FloatArray | None) -> None:
@@ -217,11 +213,7 @@ class LeftOut:
         self, joints: Sequence[JointSpec], *, shared: bool = False, weighted: bool = True,
         constants: FloatArray | None = None,
     ) -> FloatArray:
-        """
-        Fit a candidate to all parts but one, and predict that, for every part.
-
-        constants (channels,); returns (parts, channels), infinite where a fit has too few samples.
-        """
+        """Fit to all parts but one and predict it; (parts, channels), inf with few samples."""
         errors = np.zeros((len(self._parts), len(self._total)))
         for channels, kept in self.groupings[shared]:
             places = self.taken(joints, kept)
@@ -239,11 +231,7 @@ class LeftOut:
     def fitted(
         self, joints: Sequence[JointSpec], *, shared: bool = False,
     ) -> tuple[FloatArray, FloatArray | None]:
-        """
-        Fit a candidate to all parts.
-
-        Returns parameters (channels, columns) and constants (channels,).
-        """
+        """Fit all parts: parameters (channels, columns), torque constants (channels,)."""
         full = np.zeros((len(self._total), self.n_columns))
         constants = None
         for channels, kept in self.groupings[shared]:
@@ -316,11 +304,7 @@ def is_open(joint: JointSpec) -> bool:
 
 
 def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, JointChange]:
-    """
-    Give what may be added to the friction of a joint, by its name.
-
-    Returns an empty dict where all is fixed.
-    """
+    """Give what may be added to the friction of a joint, by its name; empty where all is fixed."""
     found: dict[str, JointChange] = {}
     if is_open(joint):
         for term in TRIED:

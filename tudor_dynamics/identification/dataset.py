@@ -128,9 +128,8 @@ def parse_choice(text: str) -> BagChoice:
     if timed is not None:
         begin, end = float(timed[2]), float(timed[3])
         if not begin < end < float('inf'):
-            msg = (f'{text}: the part {timed[2]}s-{timed[3]}s is empty; give the earlier time '
-                   f'first, such as {timed[1]}@5s-50s')
-            raise UsageError(msg)
+            raise UsageError(f'{text}: the part {timed[2]}s-{timed[3]}s is empty; give the '
+                             f'earlier time first, such as {timed[1]}@5s-50s')
         return BagChoice(timed[1], begin, end, seconds=True)
     match = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)%', text)
     if match is None:
@@ -175,8 +174,7 @@ def found_choices(texts: Sequence[str]) -> list[BagChoice]:
 def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> None:
     """Refuse parts of one bag that overlap."""
     if not training:
-        msg = 'there is no bag to learn from: give the path of one, better of several'
-        raise UsageError(msg)
+        raise UsageError('there is no bag to learn from: give the path of one, better of several')
     known: dict[Path, list[BagChoice]] = {}
     for number, other in enumerate((*training, *test)):
         same = known.setdefault(Path(other.path).resolve(), [])
@@ -261,9 +259,8 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
         if stop > start:
             segments.append(slice(start - int(first), stop - int(first)))
     if not segments:
-        msg = (f'{choice}: nothing was recorded in this part of {t[-1]:.3g} s; name a part that '
-               'has samples')
-        raise UsageError(msg)
+        raise UsageError(f'{choice}: nothing was recorded in this part of {t[-1]:.3g} s; name a '
+                         'part that has samples')
 
     start = next((part.start for part in recording.segments
                   if part.start < int(first) < part.stop), int(first))
@@ -287,11 +284,7 @@ def load(
     choice: BagChoice, arm: Arm, preprocessing: PreprocessingSpec, *, learn: bool = False,
     payload: float | None = None, whole: bool = False,
 ) -> BagData:
-    """
-    Read and filter a bag; stamps that jitter on a clearly even sampling become even.
-
-    payload [kg].
-    """
+    """Read and filter a bag, payload in [kg]; jittery stamps of an even sampling become even."""
     read = read_recording(choice.path, arm, need_output=True, need_motion=learn)
     full, timing = retimed(read)
     recording = cut(full, choice)
@@ -365,10 +358,9 @@ def refuse_copies(training: Sequence[BagData], test: Sequence[BagData]) -> None:
         for other in (*training[i + 1:], *test):
             same = one.recording.checksum == other.recording.checksum != ''
             if same and one.choice.overlaps(other.choice):
-                msg = (f'{other.choice} has the very bytes of the training bag {one.choice} '
-                       f'(sha256 {one.recording.checksum[:12]}): a copy is no test of what was '
-                       'learned from it; give another recording')
-                raise FitError(msg)
+                raise FitError(f'{other.choice} has the very bytes of the training bag '
+                               f'{one.choice} (sha256 {one.recording.checksum[:12]}): a copy is '
+                               'no test of what was learned from it; give another recording')
 
 
 def common_outputs(data: Sequence[BagData]) -> tuple[str, ...]:
@@ -442,13 +434,11 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
         except ValueError:
             mass = -1.0
         if not mark or not 0.0 <= mass < float('inf'):
-            msg = (f'--payload-of {text}: expected BAG=KG with a mass of 0 or more, such as '
-                   'run1=0.2')
-            raise UsageError(msg)
+            raise UsageError(f'--payload-of {text}: expected BAG=KG with a mass of 0 or more, '
+                             'such as run1=0.2')
         resolved = str(Path(path).resolve())
         if resolved not in known:
-            msg = f'--payload-of {text}: {path} is none of the bags of this command'
-            raise UsageError(msg)
+            raise UsageError(f'--payload-of {text}: {path} is none of the bags of this command')
         found[resolved] = mass
     return found
 
@@ -456,20 +446,15 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
 def payload_range(
     training: Sequence[BagData | SurveyedBag], test: Sequence[BagData | SurveyedBag],
 ) -> Range | None:
-    """
-    Find the payloads of a fit.
-
-    Returns least and largest payload of the training bags [kg], None where they do not differ.
-    """
+    """Find the least and largest payload of training bags [kg]; None where they do not differ."""
     masses = [bag.payload for bag in training if bag.payload is not None]
     if not masses or max(masses) - min(masses) < SAME:
         return None
     unknown = [str(bag.choice) for bag in (*training, *test) if bag.payload is None]
     if unknown:
-        msg = (f'the training bags have payloads of {min(masses):g} to {max(masses):g} kg, but '
-               f'that of {", ".join(unknown)} is not known: say so with --payload-of BAG=KG, or '
-               'use --ignore-payload')
-        raise UsageError(msg)
+        raise UsageError(f'the training bags have payloads of {min(masses):g} to {max(masses):g} '
+                         f'kg, but that of {", ".join(unknown)} is not known: say so with '
+                         '--payload-of BAG=KG, or use --ignore-payload')
     return min(masses), max(masses)
 
 
@@ -477,8 +462,7 @@ def model_for(model: Model, bag: BagData) -> Model:
     """Put the payload of a bag into a model that knows of payloads; others stay as they are."""
     if model.payload_range is not None:
         if bag.payload is None:
-            msg = (f'{bag.choice}: its payload is not known, and the model needs it: give '
-                   '--payload KG, or --payload-of BAG=KG')
-            raise UsageError(msg)
+            raise UsageError(f'{bag.choice}: its payload is not known, and the model needs it: '
+                             'give --payload KG, or --payload-of BAG=KG')
         return model.at(bag.payload)
     return model

@@ -103,9 +103,8 @@ def find_truth(path: str, topic: str | None = None, clock: str = 'joint_states')
         return Truth(name, _pushes(wrenches.stamp, size))
     if topic is None:
         return Truth()
-    msg = (f'{path}: there is no message on {topic}, from which pushes were to be read; name '
-           'another topic, or give --pushes FILE.csv')
-    raise BagError(msg)
+    raise BagError(f'{path}: there is no message on {topic}, from which pushes were to be read; '
+                   'name another topic, or give --pushes FILE.csv')
 
 
 def _pushes(stamp: NDArray[np.int64], size: FloatArray) -> tuple[KnownPush, ...]:
@@ -162,11 +161,7 @@ def table_of_pushes(path: str | Path) -> list[tuple[float, float]]:
 def truth_of_table(
     rows: Sequence[tuple[float, float]], recording: Recording, source: str, begun: float = 0.0,
 ) -> Truth:
-    """
-    Put a table of pushes on the stamps of a recording, which may be a part of a bag.
-
-    rows: begin and end of each push [s]; begun: when the part begins in its bag [s].
-    """
+    """Put rows of pushes [s] on the stamps of a recording, begun at a time of its bag [s]."""
     first = int(recording.stamp[0]) - round(begun * 1e9)
     return Truth(source, tuple(KnownPush(first + round(begin * 1e9), first + round(end * 1e9))
                                for begin, end in rows))
@@ -248,11 +243,7 @@ class WatchedBag:
 
 
 def push_of(stamp: int, pushes: Sequence[KnownPush]) -> int | None:
-    """
-    Find the push that an event belongs to.
-
-    stamp [ns]; returns None where it is over for longer than its aftermath.
-    """
+    """Find the push that an event at a stamp [ns] belongs to; None after its aftermath."""
     begun = [i for i, push in enumerate(pushes) if push.begin - _EARLY <= stamp]
     if not begun or stamp > pushes[begun[-1]].end + round(AFTERMATH * 1e9):
         return None
@@ -288,11 +279,7 @@ def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) ->
 
 
 def alarms_at(item: WatchedBag, factor: float, rearm: float) -> NDArray[np.int64]:
-    """
-    Give the times at which a threshold that much higher would have given an event.
-
-    rearm [s].
-    """
+    """Give the times at which a threshold that much higher would have given an event."""
     times = item.stamp[item.ratio > factor]
     if not len(times):
         return times
@@ -431,9 +418,8 @@ def evaluate_collisions(
         results.append(MethodResult(method, found, watched, tuple(roc),
                                     Watch(bundle.beside_robot(), alone).no_contact))
     if not results:
-        msg = ('the model has no collision thresholds for signals that these bags have; fit it '
-               'again with more free motion to be judged by')
-        raise UsageError(msg)
+        raise UsageError('the model has no collision thresholds for signals that these bags have; '
+                         'fit it again with more free motion to be judged by')
     return results
 
 

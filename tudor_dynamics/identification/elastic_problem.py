@@ -39,21 +39,13 @@ from tudor_dynamics.typing import FloatArray
 # -- How well simulated strain explains what was measured
 
 def fit_percent(errors: FloatArray, strain: FloatArray) -> float:
-    """
-    Give the fit of all channels together, ``100 (1 - |e| / |y - mean|)`` [%].
-
-    errors, strain (samples, gauges) [unit of the gauges].
-    """
+    """Give the fit of all channels together, ``100 (1 - |e| / |y - mean|)`` [%]."""
     spread = float(np.linalg.norm(strain - strain.mean(axis=0)))
     return 100.0 * (1.0 - float(np.linalg.norm(errors)) / max(spread, 1e-300))
 
 
 def robust_scale(errors: FloatArray, strain: FloatArray) -> FloatArray:
-    """
-    Give robust standard deviations: half of the errors lie within 0.6745 of them.
-
-    errors, strain (samples, gauges) [unit of the gauges].
-    """
+    """Give robust standard deviations: half of the errors lie within 0.6745 of them."""
     return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
                                  1e-3 * strain.std(axis=0) + 1e-12))
 
@@ -73,11 +65,7 @@ class Straight:
         self._plain = self._sign == 0.0
 
     def of(self, x: FloatArray) -> FloatArray:
-        """
-        Give compliances and masses relative to the centre, other logarithms as they are.
-
-        x (names,).
-        """
+        """Give compliances and masses relative to the centre, other logarithms as they are."""
         return np.where(self._plain, x, np.exp(self._sign * (x - self.center)))
 
     def back(self, u: FloatArray) -> FloatArray:
@@ -170,11 +158,7 @@ class Knowledge:
 
 
 def record_of(stretch: Stretch, payload: float | None) -> Record | None:
-    """
-    Take from a stretch what the search compares with.
-
-    payload [kg]; returns None where it is too short.
-    """
+    """Take from a stretch what the search compares with; None where it is too short."""
     if stretch.strain is None:
         return None
     t = stretch.t - stretch.t[0]
@@ -219,11 +203,7 @@ class Simulations:
         self._towards: list[tuple[FloatArray, FloatArray]] | None = None
 
     def several(self, vectors: Sequence[FloatArray]) -> list[FloatArray | None]:
-        """
-        Simulate the moments that bend the gauges, as many at once as there are lanes.
-
-        vectors (unknowns,); returns (samples, gauges) [N m], None where they cannot be simulated.
-        """
+        """Simulate moments at gauges (samples, gauges) [N m], or None, for vectors in lanes."""
         self.runs += len(vectors)
         together = in_threads(self._together, [
             vectors[first:first + LANES] for first in range(0, len(vectors), LANES)],
@@ -369,19 +349,11 @@ class Problem:
         return len(self.names) + (0 if self._gains is None else self.strain.shape[1])
 
     def extended(self, x: FloatArray) -> FloatArray:
-        """
-        Give the vector of these parameters, with the gains as they were when drawn.
-
-        x (names,).
-        """
+        """Give the vector of these parameters (names,), with the gains as they were when drawn."""
         return np.concatenate([x[:len(self.names)], np.zeros(self.unknowns - len(self.names))])
 
     def moments(self, x: FloatArray) -> FloatArray | None:
-        """
-        Simulate the moments that bend the gauges.
-
-        x (unknowns,); returns (samples, gauges) [N m], None where they cannot be simulated.
-        """
+        """Simulate the moments at the gauges (samples, gauges) [N m]; None where impossible."""
         for known, result in self._last:
             if np.array_equal(known, x):
                 return result
@@ -439,29 +411,17 @@ class Problem:
         return result
 
     def errors(self, moments: FloatArray, x: FloatArray) -> FloatArray:
-        """
-        Give measured less simulated strain, with the gains and offsets of ``gauges``.
-
-        moments (samples, gauges) [N m], x (unknowns,).
-        """
+        """Give measured less simulated strain of moments [N m], with the gains of ``gauges``."""
         gains = self.gauges(moments, x)
         return np.asarray(self.strain - moments * gains[:, 0] - gains[:, 1])
 
     def fits(self, several: Sequence[FloatArray]) -> list[float]:
-        """
-        Give the fit on all records for several vectors; -inf where one cannot be simulated [%].
-
-        several (unknowns,).
-        """
+        """Give the fit on all records [%] for several vectors; -inf where one is impossible."""
         return [-np.inf if moments is None else fit_percent(self.errors(moments, x), self.strain)
                 for x, moments in zip(several, self._simulations.several(several), strict=True)]
 
     def residuals(self, several: Sequence[FloatArray]) -> list[FloatArray]:
-        """
-        Give the weighted errors, and how far the parameters are from their prior.
-
-        several (unknowns,); returns (samples * gauges + names,).
-        """
+        """Give weighted errors, and how far parameters are from their prior, in one vector."""
         result = []
         for x, moments in zip(several, self._kept(several), strict=True):
             errors = (np.full(self.strain.size, HOPELESS) if moments is None
@@ -471,11 +431,7 @@ class Problem:
         return result
 
     def slopes(self, x: FloatArray) -> FloatArray:
-        """
-        Differentiate the moments by each unknown.
-
-        x (unknowns,); returns (unknowns, samples, gauges).
-        """
+        """Differentiate the moments by each unknown: (unknowns, samples, gauges)."""
         here = self.moments(x)
         if here is None:
             return np.zeros((len(x), *self.strain.shape))
@@ -485,11 +441,7 @@ class Problem:
             for there in self._simulations.several(list(x + STEP * np.eye(len(x))))])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
-        """
-        Differentiate ``residuals``; what a gain or an offset can take up is left out.
-
-        x (unknowns,).
-        """
+        """Differentiate ``residuals``; what a gain or an offset can take up is left out."""
         slopes = self.slopes(x)
         moments = self.moments(x)
         size, n = self.strain.size, len(self.names)

@@ -209,11 +209,7 @@ def _stiff(names: tuple[str, ...]) -> NDArray[np.intp]:
 def shared(
     arm: Arm, names: tuple[str, ...], x: FloatArray, share: float | None,
 ) -> FloatArray:
-    """
-    Give gears a share of the compliance that each has together with the link after it.
-
-    x (names,); share: None to change nothing; returns (names,).
-    """
+    """Give gears a share, unless None, of the compliance that each has with the link after it."""
     x = x.copy()
     if share is None:
         return x
@@ -259,9 +255,8 @@ def compare_starts(
             progress('elastic model, stiffness and damping')
             starts.append((Start(factor, share, better(x, STEPS)), x))
     if not starts:
-        msg = (f'{arm.name}: the elastic model cannot be simulated along these bags with any '
-               'stiffness; check links and motors of the arm description')
-        raise FitError(msg)
+        raise FitError(f'{arm.name}: the elastic model cannot be simulated along these bags with '
+                       'any stiffness; check links and motors of the arm description')
     starts.sort(key=lambda item: -item[0].fit)
     first: dict[float | None, FloatArray] = {}
     for start, x in starts:
@@ -332,15 +327,10 @@ def identify(
     arm: Arm, records: Sequence[Record], *, warm: dict[str, float] | None = None,
     knowledge: Knowledge | None = None, progress: Progress = lambda _: None,
 ) -> Identified:
-    """
-    Identify the physical parameters of an elastic arm from strain.
-
-    knowledge: those of the description by default.
-    """
+    """Identify the physical parameters of an elastic arm, by default as described, from strain."""
     if not records or not arm.gauges:
-        msg = (f'{arm.source}: the elastic model is identified from strain, and there is none; '
-               'give gauges and bags with their readings')
-        raise FitError(msg)
+        raise FitError(f'{arm.source}: the elastic model is identified from strain, and there is '
+                       'none; give gauges and bags with their readings')
     known = knowledge or knowledge_of(
         arm, payload=any(record.payload is None for record in records))
     starts: tuple[Start, ...] = ()
@@ -435,11 +425,7 @@ def chosen(fits: Sequence[float]) -> int:
 def rivals(
     names: tuple[str, ...], ends: Sequence[FloatArray], fits: Sequence[float],
 ) -> tuple[str, ...]:
-    """
-    Name stiffnesses that searches end at different values of, with errors as small.
-
-    ends (names,), fits [%].
-    """
+    """Name stiffnesses that searches end at different values of, with fits [%] as good."""
     best = chosen(fits)
     good = [end for end, fit in zip(ends, fits, strict=True)
             if 100.0 - fit <= AS_GOOD * (100.0 - fits[best])]

@@ -48,9 +48,8 @@ def check_arm(arm: Arm) -> None:
                      for term in term_names(joint, loaded=True, state=True)})
     if arm.coupling is not None or beyond:
         what = f'friction: {", ".join(beyond)}' if beyond else 'couplings'
-        msg = (f'{arm.source}: the elastic model knows nothing of {what}; leave that out of the '
-               'description, or elastic out of --models')
-        raise FitError(msg)
+        raise FitError(f'{arm.source}: the elastic model knows nothing of {what}; leave that out '
+                       'of the description, or elastic out of --models')
     if not arm.gauges:
         reason = (f'{arm.source}: no gauges are described, and the elastic model is identified '
                   'from strain')
@@ -60,8 +59,7 @@ def check_arm(arm: Arm) -> None:
         except TudorError as err:
             reason = f'{err} (the elastic model needs links)'
     if reason:
-        msg = f'{reason}; describe them, or leave it out of --models'
-        raise FitError(msg)
+        raise FitError(f'{reason}; describe them, or leave it out of --models')
 
 
 def _tell(arm: Arm, found: Identified) -> None:

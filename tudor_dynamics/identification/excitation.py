@@ -65,21 +65,13 @@ class Series:
     centre: FloatArray  # middle of the range, (joints,) [rad or m]
 
     def motion(self, x: FloatArray) -> FloatArray:
-        """
-        Give ``[q, dq, ddq]`` of coefficients, shape (n_samples, 3 n_joints).
-
-        x (functions, joints).
-        """
+        """Give ``[q, dq, ddq]`` of coefficients (functions, joints)."""
         parts = self.basis @ (x * self.sizes)
         parts[0] += self.centre
         return np.hstack(list(parts))
 
     def slope(self, motion: FloatArray) -> FloatArray:
-        """
-        Turn slopes by motion into slopes by coefficients.
-
-        motion (samples, 3 joints): slopes by each sample of ``[q, dq, ddq]``.
-        """
+        """Turn slopes by each value of the motion into slopes by coefficients."""
         parts = np.stack(np.split(motion, 3, axis=1))
         return np.asarray(np.einsum('dsf,dsj->fj', self.basis, parts) * self.sizes)
 
@@ -95,10 +87,9 @@ def series(
     length = seconds - 2.0 * REST
     harmonics = int(highest * length + 1e-9)
     if length < 2.0 * FADE or harmonics < 1:
-        msg = (f'a Fourier series of {seconds:g} s up to {highest:g} Hz has no room; give at '
-               f'least {2.0 * (REST + FADE):g} s, and a frequency above '
-               f'{1.0 / max(length, 1e-3):.3g} Hz')
-        raise SignalError(msg)
+        raise SignalError(f'a Fourier series of {seconds:g} s up to {highest:g} Hz has no room; '
+                          f'give at least {2.0 * (REST + FADE):g} s, and a frequency above '
+                          f'{1.0 / max(length, 1e-3):.3g} Hz')
     t = np.asarray(np.arange(int(round(seconds / dt)) + 1) * dt - REST, dtype=np.float64)
     window = [part[:, None] for part in fade(t, length, FADE)]
     w = 2.0 * np.pi / length * np.arange(1, harmonics + 1)
@@ -192,31 +183,18 @@ class Information:
                 _Group.of(subject, place) for place in range(len(subject.model.base_))]))
 
     def matrices(self, motion: FloatArray) -> list[FloatArray]:
-        """
-        Give the information matrix of each group of channels of all models.
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        """
+        """Give the information matrix of each group of channels of all models."""
         return [_square(rows) for rows in self.rows(motion)]
 
     def rows(self, motion: FloatArray) -> list[FloatArray]:
-        """
-        Give the rows of each group in units of its noise, (n_samples, n_channels, n_parameters).
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        """
+        """Give each group's rows in units of its noise, (samples, channels, parameters)."""
         found = [(regressor.rows(motion), groups) for regressor, groups in self._parts]
         return [group.rows(rows) for rows, groups in found for group in groups]
 
     def cost(
         self, motion: FloatArray, criterion: Criterion = mean_error,
     ) -> tuple[float, FloatArray]:
-        """
-        Judge a motion.
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
-        returns (samples, 3 joints).
-        """
+        """Judge a motion (samples, 3 joints); gives the slope by each of its values, too."""
         rows = [regressor.rows(motion) for regressor, _ in self._parts]
         cost, slopes = criterion([
             covariance_of(_square(group.rows(rows_)))
@@ -243,11 +221,7 @@ def _square(rows: FloatArray) -> FloatArray:
 
 
 def covariance_of(information: FloatArray) -> FloatArray:
-    """
-    Invert an information matrix in units of its columns.
-
-    information (parameters, parameters); returns (parameters, parameters).
-    """
+    """Invert an information matrix (parameters, parameters) in units of its columns."""
     size = np.sqrt(np.diag(information))
     size = np.where(size > 0.0, size, 1e-6 * max(float(size.max(initial=0.0)), 1e-300))
     values, vectors = linalg.eigh(information / np.outer(size, size))
@@ -350,20 +324,12 @@ class Efforts:
     largest: FloatArray
 
     def ratio(self, motion: FloatArray) -> FloatArray:
-        """
-        Give efforts over their limits, shape (n_samples, n_joints).
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` of the active joints.
-        """
+        """Give efforts over their limits, shape (samples, joints), of a motion."""
         return self.regressor.outputs(motion, self.parameters) / self.largest
 
 
 def known_efforts(arm: Arm, parameters: FloatArray | None = None) -> Efforts | None:
-    """
-    Collect what is known of the efforts of an arm and of their limits.
-
-    parameters (joints, columns); returns None where no limit, or nothing of the bodies, is known.
-    """
+    """Collect what is known of the efforts of an arm and of their limits; None without either."""
     largest = EFFORT * effort_limits(arm)
     if parameters is None:
         if any(joint.effort.unit == 'A' and joint.effort.torque_constant is None
@@ -416,12 +382,7 @@ class Bounds:
                                      limits.acceleration])
 
     def penalty(self, motion: FloatArray) -> tuple[float, FloatArray]:
-        """
-        Punish positions, speeds and accelerations beyond their limits.
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
-        returns (samples, 3 joints).
-        """
+        """Punish a motion beyond limits; gives the slope by each of its values as well."""
         ratio = (motion - self._centre) / self._size
         beyond = np.maximum(np.abs(ratio) - 1.0, 0.0)
         count = beyond.shape[0] * len(self.range.lower)
@@ -429,12 +390,7 @@ class Bounds:
         return cost, 2.0 / count * beyond * np.sign(ratio) / self._size
 
     def coupled_penalty(self, motion: FloatArray) -> tuple[float, FloatArray]:
-        """
-        Punish efforts beyond their limits, and links that come too near; as `penalty` does.
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
-        returns (samples, 3 joints).
-        """
+        """Punish efforts beyond their limits, and links too near each other, as `penalty` does."""
         cost, slope = 0.0, np.zeros_like(motion)
         count = len(motion) * len(self.range.lower)
         if self.efforts is not None:
@@ -458,11 +414,7 @@ class Bounds:
         return cost, slope
 
     def beyond(self, motion: FloatArray) -> Beyond:
-        """
-        Say how far a motion goes.
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        """
+        """Say how far a motion (samples, 3 joints) goes."""
         parts = np.split(np.abs((motion - self._centre) / self._size).max(axis=0), 3)
         n = len(self.range.lower)
         effort = np.zeros(n) if self.efforts is None else np.abs(

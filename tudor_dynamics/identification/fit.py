@@ -85,11 +85,7 @@ SHORTEST = 4.0
 
 
 def left_out(training: Sequence[BagData], preprocessing: PreprocessingSpec) -> list[Left]:
-    """
-    Leave out each training bag once, or each part of an only one.
-
-    Returns an empty list where the only bag is too short.
-    """
+    """Leave out each training bag once, or each part of an only one that is long enough."""
     bags = list(training)
     if len(bags) > 1:
         return [([*bags[:i], *bags[i + 1:]], bag) for i, bag in enumerate(bags)]

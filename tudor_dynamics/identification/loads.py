@@ -43,11 +43,7 @@ from tudor_dynamics.signals.filters import SmoothStates
 # -- How the links of a fit's arm bend: what its training bags show of it
 
 def bent_links_of(result: FitResult) -> BentLinks | None:
-    """
-    Find how links bend, where that helps to tell loads.
-
-    Returns None where strain tells no kilograms, or links hardly bend.
-    """
+    """Find how links bend; None where strain shows no kilograms, or links hardly bend."""
     model = next((item.model for item in result.fitted
                   if (item.output, item.kind) == ('strain', KIND)), None)
     if not isinstance(model, AnalyticalModel):
@@ -149,19 +145,14 @@ def _error(
 # -- What the arm of bags carries, by the models of a bundle and what is known of their errors
 
 def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
-    """
-    Give the models of a bundle that can tell a load.
-
-    kind: analytical by default, elastic where that is not there.
-    """
+    """Give the models of a bundle that show a load: by default analytical, else elastic."""
     have = sorted({name for kinds in bundle.models.values() for name in kinds})
     chosen = kind or ('elastic' if 'elastic' in have and 'analytical' not in have else
                       'analytical')
     found = {output: kinds[chosen] for output, kinds in bundle.models.items() if chosen in kinds}
     if chosen == 'elm' or not found:
-        msg = (f'the bundle has models of the kinds {have}; a load is told by an analytical or an '
-               'elastic one: fit that, or name it')
-        raise UsageError(msg)
+        raise UsageError(f'the bundle has models of the kinds {have}; a load is told by an '
+                         'analytical or an elastic one: fit that, or name it')
     return found
 
 

@@ -318,11 +318,7 @@ def survey(
     choices: Sequence[BagChoice], payloads: Mapping[str, float], base: Path, jobs: int,
     progress: Progress,
 ) -> list[SurveyedBag | Unused]:
-    """
-    See many bags without reading them: in threads, as checksums need no more.
-
-    payloads [kg].
-    """
+    """See many bags, with payloads [kg], without reading them: in threads, for checksums."""
     def see(choice: BagChoice) -> SurveyedBag | Unused:
         path = base / choice.path
         try:

@@ -82,11 +82,7 @@ def power_density(
 def find_ringing(
     model: Model, data: Sequence[BagData], output: str,
 ) -> tuple[Ringing, ...]:
-    """
-    Look for a resonance in what a rigid-body model leaves over, at the full sample rate.
-
-    Returns an empty tuple for a damped arm.
-    """
+    """Look for resonances in a rigid-body model's residual, at the full rate; none if damped."""
     densities: list[FloatArray] = []
     seconds: list[float] = []
     spread: list[FloatArray] = []
@@ -159,11 +155,7 @@ class ModeMap:
 
 
 def vibrations(driven: DrivenArm, q: FloatArray, count: int = MODES) -> tuple[Vibration, ...]:
-    """
-    Find the slowest small vibrations about the equilibrium at a pose, joints held.
-
-    q (joints,) [rad or m].
-    """
+    """Find the slowest small vibrations about rest at a pose [rad or m], joints held."""
     small = driven.linearised(q)
     m = len(small.mass)
     rates = np.zeros((2 * m, 2 * m))
@@ -183,11 +175,7 @@ def busiest(positions: FloatArray) -> tuple[int, ...]:
 
 
 def mode_map(driven: DrivenArm, positions: FloatArray, cells: int = CELLS) -> ModeMap | None:
-    """
-    Find the first modes over the poses that were visited, and those between them.
-
-    positions (samples, joints) [rad or m]; returns None where no joint moves.
-    """
+    """Find the first modes over, and between, the poses visited; None where no joint moves."""
     joints = busiest(positions)
     if not joints:
         return None
@@ -309,11 +297,7 @@ def _simulated(driven: DrivenArm, stretch: Stretch) -> FloatArray | None:
 
 
 def clear_ring(signal: FloatArray, dt: float) -> tuple[float, RingMode | None]:
-    """
-    Find the strongest oscillation, and how much of the signal it is.
-
-    signal (samples,), dt [s]; returns mode, None where it is not clear.
-    """
+    """Find the strongest oscillation, and its share of the signal; None where it is not clear."""
     try:
         modes = ring_modes(signal, dt, count=1)
     except SignalError:

@@ -72,11 +72,7 @@ def learn_all(
     unseen: Sequence[tuple[str, str, Sequence[tuple[Model, BagData]]]],
     spec: PreprocessingSpec,
 ) -> tuple[dict[tuple[str, str], MethodThresholds], dict[tuple[str, str], str]]:
-    """
-    Learn the thresholds of all methods that a fit allows, from bags that it was not fitted to.
-
-    Returns method and kind to thresholds, and method and kind to the reason why there are none.
-    """
+    """Learn thresholds from bags not fitted to, by method and kind; or the reason for none."""
     found: dict[tuple[str, str], MethodThresholds] = {}
     missing: dict[tuple[str, str], str] = {}
     for output, kind, cases in unseen:
@@ -128,11 +124,7 @@ def as_plain(learned: Mapping[tuple[str, str], MethodThresholds]) -> dict[str, A
 
 
 def marks(model: Model, arm: Arm, bag: BagData) -> tuple[str, ...]:
-    """
-    Look for what no arm can be in a model of efforts.
-
-    That is a negative inertia, and a weight far from that of the arm's own description.
-    """
+    """Look in a model of efforts for what no arm can be: negative inertias, a weight far off."""
     if model.has_memory:
         return ()
     still = _at_rest(bag, settings.PHYSICS_POSES)

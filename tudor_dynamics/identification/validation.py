@@ -170,15 +170,10 @@ def _fit(error: float, spread: float, square: float) -> float:
 def tally(
     measured: FloatArray, predicted: FloatArray, moving: NDArray[np.bool_] | None = None,
 ) -> Tally:
-    """
-    Sum up a prediction.
-
-    measured, predicted (samples, channels) [its unit], moving (samples, channels).
-    """
+    """Sum up a prediction (samples, channels), all of it and where joints are ``moving``."""
     if measured.shape != predicted.shape or measured.ndim != 2 or not len(measured):
-        msg = (f'measured has shape {measured.shape}, predicted {predicted.shape}; '
-               'expected two equal shapes (n_samples, n_channels) with samples')
-        raise FitError(msg)
+        raise FitError(f'measured has shape {measured.shape}, predicted {predicted.shape}; '
+                       'expected two equal shapes (n_samples, n_channels) with samples')
     squares = (measured - predicted) ** 2
     length = np.sqrt(squares.sum(axis=1))
     return Tally(
@@ -235,11 +230,7 @@ def rounded(score: Score, digits: int = 6) -> dict[str, Any]:
 # -- Errors of an analytical model on a part of the data, from what that part came to alone
 
 def part_errors(model: AnalyticalModel, part: list[list[Products]]) -> FloatArray:
-    """
-    Judge a model by products.
-
-    Returns (3, channels): squared errors and squared outputs, summed, and the number of samples.
-    """
+    """Judge a model by products: squared errors, squared outputs, samples, (3, channels)."""
     found = np.zeros((3, len(model.channels)))
     for group, products in zip(model.groups_, part, strict=True):
         for i, (channel, own) in enumerate(zip(group.base.channels, products, strict=True)):
@@ -444,11 +435,7 @@ def judge(
     unexcited: Sequence[str] = (),
     noise: Sequence[float] = (),
 ) -> Verdict:
-    """
-    Judge a model by its validation and by what its training data could show.
-
-    training_fit [%]; noise [its unit]: empty where it is not known.
-    """
+    """Judge a model by validation, training fit [%], and noise in its unit, empty if unknown."""
     scores = validation.score.channels
     floors = dict(zip(scores, noise, strict=True)) if len(noise) else dict.fromkeys(scores, 0.0)
     still = [name for name, item in scores.items() if math.isnan(item.fit)]
@@ -501,11 +488,7 @@ def _dead(channels: Sequence[str], method: str) -> str:
 def judge_model(
     model: Model, validation: Validation, training_fit: float, noise: Sequence[float] = (),
 ) -> Verdict:
-    """
-    Judge a model, by its conditioning as well where it has one.
-
-    training_fit [%], noise [its unit].
-    """
+    """Judge a model as `judge` does, by its conditioning as well where it has one."""
     known = model.conditioning()
     return judge(validation, training_fit, condition=known.condition,
                  unexcited=known.unexcited, noise=noise)

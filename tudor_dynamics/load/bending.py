@@ -130,11 +130,7 @@ class BentLinks:
 
 
 def links_of(states: FloatArray, bending: FloatArray) -> FloatArray:
-    """
-    Give how links move that bend so; see `BentLinks.motion`.
-
-    states (3, samples, joints + gauges), bending (joints, gauges).
-    """
+    """Give how links move for angles per strain (joints, gauges); see `BentLinks.motion`."""
     joints = len(bending)
     moved = states[..., :joints] + states[..., joints:] @ bending.T
     return np.ascontiguousarray(np.moveaxis(moved, 0, 1)).reshape(moved.shape[1], 3 * joints)
@@ -169,11 +165,7 @@ def bent_links(facts: Mapping[str, Any], arm: Arm) -> BentLinks | None:
 
 
 def bends(arm: Arm) -> FloatArray:
-    """
-    Say which gauges may turn which joints: those of the link itself, and of the link before.
-
-    Returns (joints, gauges).
-    """
+    """Say which gauges may turn which joints: those of the own link and the one before."""
     joints = list(arm.active_joints)
     found = np.zeros((len(joints), len(arm.gauges)), dtype=bool)
     for column, gauge in enumerate(arm.gauges):
@@ -186,11 +178,7 @@ def bends(arm: Arm) -> FloatArray:
 def find_bending(
     arm: Arm, model: AnalyticalModel, watched: Sequence[Watched],
 ) -> BentLinks | None:
-    """
-    Search for the angles per strain that explain strain best.
-
-    Returns None where links hardly bend, or there is too little motion.
-    """
+    """Search for angles per strain that explain strain best; None where links hardly bend."""
     stretches, allowed = _searched(watched), bends(arm)
     least = 10 * (model.n_inputs + int(allowed.sum()))
     if sum(len(item.strain) for item in stretches) < least or not allowed.any():

@@ -148,10 +148,9 @@ class CarriedLoad:
     def __init__(self, bundle: ModelBundle, known: float) -> None:
         self.worth = load_worth(bundle.arm, bundle.models)
         if not self.worth:
-            msg = ('no output of this model tells a load in kilograms: fit a model to bags of two '
-                   'payloads (tudor fit --payload-of), or describe torque constants or the gain '
-                   'of a gauge')
-            raise ModelError(msg)
+            raise ModelError('no output of this model tells a load in kilograms: fit a model to '
+                             'bags of two payloads (tudor fit --payload-of), or describe torque '
+                             'constants or the gain of a gauge')
         self.known = known
         self.frame, self.place = carrier_frame(bundle.arm), tip(bundle.arm)
         self.output = 'strain' if 'strain' in self.worth else 'effort'
@@ -200,12 +199,7 @@ class CarriedLoad:
         return back
 
     def add_to(self, predicted: dict[str, FloatArray], row: FloatArray) -> dict[str, FloatArray]:
-        """
-        Add the load to predictions.
-
-        predicted (channels,); row (3 joints,): ``[q, dq, ddq]``
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (channels,).
-        """
+        """Add the load to predictions (channels,) at ``row``, a sample of motion (3 joints,)."""
         more = self.mass - self.known
         return {output: values + more * self.worth[output].along(row[None])[0]
                 if output in self.worth else values for output, values in predicted.items()}

@@ -64,12 +64,7 @@ class Solution:
 def solve_load(
     residual: FloatArray, rows: FloatArray, own: Sequence[FloatArray], rate: float,
 ) -> Solution:
-    """
-    Explain residuals by a load.
-
-    residual (samples, channels), rows (samples, channels, parameters), own (samples, own), rate
-    [Hz].
-    """
+    """Explain a residual (samples, channels) by a load, with each channel's own columns."""
     count = residual.shape[1]
     free, left = np.empty_like(rows), np.empty_like(residual)
     for i in range(count):
@@ -108,11 +103,7 @@ def solve_load(
 
 
 def long_run(scores: FloatArray, window: int) -> FloatArray:
-    """
-    Sum the covariances of a series over lags, with weights that fall linearly.
-
-    scores (samples, parameters); returns (parameters, parameters).
-    """
+    """Sum covariances (parameters, parameters) over lags, with weights that fall linearly."""
     total = scores.T @ scores
     for lag in range(1, window + 1):
         part = scores[lag:].T @ scores[:-lag]

@@ -48,11 +48,7 @@ _LOWER = np.tril_indices(4)
 
 
 def reframed(placement: pin.SE3) -> FloatArray:
-    """
-    Give the matrix that takes parameters about one frame to those about another.
-
-    Returns (10, 10).
-    """
+    """Give the matrix (10, 10) that takes parameters about one frame to those about another."""
     into = placement.inverse().homogeneous
     return np.column_stack([parameters_from(into @ pseudo_inertia(unit) @ into.T)
                             for unit in np.eye(COUNT)])
@@ -128,11 +124,7 @@ def carrier_frame(arm: Arm) -> str:
 
 
 def tip(arm: Arm) -> FloatArray:
-    """
-    Give the place that a load is taken to sit at: the frame that is farthest out.
-
-    Returns (3,) [m].
-    """
+    """Give the place (3,) [m] that a load is taken to sit at: the frame that is farthest out."""
     index = arm.model.getJointId(carrier(arm))
     place = np.zeros(3)
     for frame in arm.model.frames:
@@ -144,11 +136,7 @@ def tip(arm: Arm) -> FloatArray:
 
 
 class LoadRows:
-    """
-    Rows of the last body, about the frame of the carrier whatever the output is.
-
-    point_parameters (channels, columns).
-    """
+    """Rows of the last body, about the frame of the carrier whatever the output is."""
 
     def __init__(self, arm: Arm, output: str) -> None:
         model = arm.gauge_model if output == 'strain' else arm.model
@@ -166,21 +154,11 @@ class LoadRows:
         self.point_parameters[:, self._carried] = self._frame @ point_mass(tip(arm))
 
     def rows(self, motion: FloatArray) -> FloatArray:
-        """
-        Evaluate the rows of all ten parameters.
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` of the active joints
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, channels, 10) [its unit].
-        """
+        """Evaluate the rows of all parameters, (samples, channels, 10), in the output's unit."""
         return np.asarray(self.regressor.rows(motion)[:, :, self._carried] @ self._frame)
 
     def point(self, motion: FloatArray) -> FloatArray:
-        """
-        Evaluate what one kilogram at the tip adds, without making the rows.
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` of the active joints
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, channels).
-        """
+        """Evaluate what one kilogram at the tip adds (samples, channels), without the rows."""
         return self.regressor.outputs(motion, self.point_parameters)
 
 
@@ -229,11 +207,7 @@ class Described:
 
 
 def friction_terms(speed: FloatArray, slow: float) -> FloatArray:
-    """
-    Give what a joint's friction may change by from one day to another.
-
-    speed (samples,) [rad/s or m/s]; returns (samples, 3).
-    """
+    """Give the ways (samples, 3) in which friction may change from one day to another."""
     sharp = max(slow, SLOW * float(np.sqrt(np.mean(speed ** 2))), 1e-9)
     return np.column_stack([speed, np.tanh(speed / sharp), np.ones(len(speed))])
 
@@ -269,12 +243,7 @@ def described_masses(arm: Arm, motion: FloatArray, effort: FloatArray) -> Descri
 def find_scale(
     arm: Arm, output: str, motion: FloatArray, predicted: FloatArray,
 ) -> Scale:
-    """
-    Find the scale from newton metres to the readings of an output.
-
-    predicted (samples, channels); motion (samples, 3 joints): ``[q, dq, ddq]`` of the active
-    joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    """
+    """Find the scale from newton metres to the readings of an output."""
     if output == 'strain':
         gains = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
         factor = np.array([gains.get(name, 0.0) for name in arm.gauge_names])
@@ -328,12 +297,7 @@ class LoadWorth:
                                max(float(self.typical[most]), 1e-300))
 
     def along(self, motion: FloatArray) -> FloatArray:
-        """
-        Evaluate samples.
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
-        returns (samples, channels).
-        """
+        """Evaluate samples of a motion: (samples, channels)."""
         return self._regressor.outputs(motion, self._parameters) * self._factor
 
 

@@ -62,8 +62,7 @@ class LoadChange:
         """Refuse what is no time and no mass."""
         if not (math.isfinite(self.time) and self.time >= 0.0
                 and math.isfinite(self.mass) and self.mass >= 0.0):
-            msg = f'{self}: a time and a mass are 0 or more'
-            raise SimulationError(msg)
+            raise SimulationError(f'{self}: a time and a mass are 0 or more')
 
 
 def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple[LoadChange, ...]:
@@ -96,10 +95,9 @@ def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple
         return ()
     slot = (seconds - settings.FIRST_CHANGE) / count
     if slot < settings.BETWEEN_CHANGES:
-        msg = (f'{count} changes of the load do not fit into {seconds:g} s: each takes '
-               f'{settings.BETWEEN_CHANGES:g} s after the first {settings.FIRST_CHANGE:g} s; '
-               'record longer or change less')
-        raise SimulationError(msg)
+        raise SimulationError(f'{count} changes of the load do not fit into {seconds:g} s: each '
+                              f'takes {settings.BETWEEN_CHANGES:g} s after the first '
+                              f'{settings.FIRST_CHANGE:g} s; record longer or change less')
     rng = np.random.default_rng(seed)
     found = []
     for number in range(count):
@@ -189,11 +187,7 @@ def push_wrenches(
     arm: Arm, mechanism: Mechanism, pushes: tuple[Push, ...], signals: LoopRecord,
     stamp: NDArray[np.int64],
 ) -> Signals:
-    """
-    Give the truth about the pushes, each in the frame of its (rigid) link.
-
-    stamp (samples,) [ns].
-    """
+    """Give the truth about the pushes at stamps [ns], each in the frame of its (rigid) link."""
     forces = push_forces(push_table(pushes, mechanism), signals.t)
     force, torque = np.zeros((2, len(stamp), 3))
     frames = np.full(len(stamp), 'base', dtype=object)
@@ -257,9 +251,8 @@ def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: fl
 def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     """Make a motion of a trajectory, at the rate of the loop: dt [s]."""
     if sorted(trajectory.joints) != sorted(arm.active_joints):
-        msg = (f'the trajectory moves {", ".join(trajectory.joints)}; {arm.name} has '
-               f'{", ".join(arm.active_joints)}')
-        raise SimulationError(msg)
+        raise SimulationError(f'the trajectory moves {", ".join(trajectory.joints)}; {arm.name} '
+                              f'has {", ".join(arm.active_joints)}')
     q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
     hard = hard_limits(arm)
     wrong = np.any((q < hard.lower) | (q > hard.upper) | (np.abs(dq) > hard.velocity), axis=0)
@@ -429,9 +422,8 @@ def steps_per_message(dt: float, rate: float) -> int:
     """Give the number of steps between two messages: dt [s], rate [Hz]."""
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
     if every < 1.0 - 1e-9 or abs(every - round(every)) > 1e-6:
-        msg = (f'a rate of {rate:g} Hz does not divide that of the loop, {1.0 / dt:g} Hz; '
-               'give e.g. 100')
-        raise SimulationError(msg)
+        raise SimulationError(f'a rate of {rate:g} Hz does not divide that of the loop, '
+                              f'{1.0 / dt:g} Hz; give e.g. 100')
     return int(round(every))
 
 

@@ -146,9 +146,8 @@ def _body_frame(beam: BeamSpec, end: FloatArray, axis: FloatArray, where: str) -
     start = np.asarray(beam.start, dtype=float)
     length = float(np.linalg.norm(end - start))
     if length < 1e-9:
-        msg = (f'{where} has no length: it starts and ends at {start.tolist()} m of the joint '
-               'frame; give its end, or length and direction')
-        raise SimulationError(msg)
+        raise SimulationError(f'{where} has no length: it starts and ends at {start.tolist()} m '
+                              'of the joint frame; give its end, or length and direction')
     x = (end - start) / length
     if beam.height_axis is not None:
         y = unit_vector(beam.height_axis)
@@ -230,11 +229,7 @@ class Builder:
         return node, axes.T @ place.rotation, local
 
     def rigid_part(self, parent: int, place: pin.SE3, part: InertiaPart | None) -> int:
-        """
-        Fix a rigid part to a link.
-
-        place: its placement in the link's joint frame [m]; part: none for a mere point.
-        """
+        """Fix a rigid part, or a mere point, to a link at a place in its joint frame [m]."""
         ints, floats = self._blank(parent, place)
         if part is not None:
             _put_inertia(floats, part.mass, part.center, part.components)
@@ -436,14 +431,12 @@ def build_mechanism(arm: Arm) -> Mechanism:
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
     builder = Builder(arm)
     if arm.spec.couplings is not None:
-        msg = (f'{arm.source}: couplings are described, and a simulated motor turns with its own '
-               'joint alone; leave couplings out of a copy of the description to simulate the '
-               'arm as if nothing were coupled')
-        raise SimulationError(msg)
+        raise SimulationError(f'{arm.source}: couplings are described, and a simulated motor '
+                              'turns with its own joint alone; leave couplings out of a copy of '
+                              'the description to simulate the arm as if nothing were coupled')
     if not arm.spec.links and not any(i.mass > 0 for i in list(arm.full_model.inertias)[1:]):
-        msg = (f'{arm.source}: the description has no links; add links: with a rigid or flexible '
-               'entry a joint to simulate it')
-        raise SimulationError(msg)
+        raise SimulationError(f'{arm.source}: the description has no links; add links: with a '
+                              'rigid or flexible entry a joint to simulate it')
     for index in range(1, arm.full_model.njoints):
         builder.link(index)
     tip = builder.tip_frame()

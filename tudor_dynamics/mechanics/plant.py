@@ -112,8 +112,7 @@ class Plant:
     ) -> None:
         check_type(mechanism, Mechanism, 'mechanism', 'build_mechanism(arm)')
         if not (np.isfinite(dt) and dt > 0.0):
-            msg = f'the step must be positive, found {dt} s'
-            raise SimulationError(msg)
+            raise SimulationError(f'the step must be positive, found {dt} s')
         if not 0.0 <= rho <= 1.0:
             msg = f'rho is the damping of the integrator, from 0 to 1, found {rho}'
             raise SimulationError(msg)
@@ -271,9 +270,8 @@ class Plant:
     def drive(self, joint: str, kind: DrivenBy) -> None:
         """Choose how a joint is driven from now on: by torque, by a given motion, or held."""
         if joint not in self.mechanism.joints or kind not in ('torque', 'motion', 'hold'):
-            msg = (f'joint {joint!r} cannot be driven by {kind!r}: joints are '
-                   f'{list(self.mechanism.joints)}, drives torque, motion and hold')
-            raise SimulationError(msg)
+            raise SimulationError(f'joint {joint!r} cannot be driven by {kind!r}: joints are '
+                                  f'{list(self.mechanism.joints)}, drives torque, motion and hold')
         number = self.mechanism.joints.index(joint)
         index = self._q[number]
         self._drives[number] = kind
@@ -426,9 +424,8 @@ class Plant:
         """Take an external force [N, N m] at the tip, or forces at all points."""
         wrench, force = self.tables.chain.wrench, np.asarray(given, dtype=float)
         if force.shape not in ((3,), (6,), wrench.shape):
-            msg = (f'external_force has shape {force.shape}; expected (3,) or (6,) at the tip, '
-                   f'or {wrench.shape} for all points')
-            raise SimulationError(msg)
+            raise SimulationError(f'external_force has shape {force.shape}; expected (3,) or (6,) '
+                                  f'at the tip, or {wrench.shape} for all points')
         if force.ndim == 1:
             wrench[:] = 0.0
             wrench[self.mechanism.tip, :force.size] = force
@@ -445,11 +442,7 @@ class Plant:
         report(self.tables, self._joints)
 
     def _find_equilibrium(self) -> None:
-        """
-        Bend the links as they rest under weight and forces, joints where they are.
-
-        Newton with the elastic tangent stiffness, which gravity hardly changes.
-        """
+        """Bend the links as they rest at these joints: Newton, elastic tangent stiffness."""
         mechanism, z = self.mechanism, self.coordinates
         elastic = mechanism.elastic
         if not elastic.any():

@@ -72,8 +72,7 @@ def pick_signal(
     what, _, which = name.partition(':')
     if name not in signal_names(mechanism, gauges):
         known = ', '.join(signal_names(mechanism, gauges))
-        msg = f'there is no signal {name!r} to plot; there are {known}'
-        raise SimulationError(msg)
+        raise SimulationError(f'there is no signal {name!r} to plot; there are {known}')
     if what in ('q', 'dq', 'effort'):
         column = mechanism.joints.index(which)
         values = np.asarray(getattr(run, what))[:, [column]]
@@ -96,11 +95,7 @@ def pick_signal(
 
 
 def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
-    """
-    Give one-sided amplitudes of Hann-windowed signals.
-
-    values (samples, curves), dt [s]; returns frequencies [Hz].
-    """
+    """Give frequencies [Hz] and one-sided amplitudes of Hann-windowed signals."""
     window = np.hanning(len(values))[:, None]
     content = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0))
     amplitude: FloatArray = 2.0 * content / window.sum()
@@ -169,11 +164,7 @@ def plot_configuration(
 
 
 def draw_mechanism(axes: object, mechanism: Mechanism, position: FloatArray) -> None:
-    """
-    Draw beams, rigid connections, nodes and joints into three-dimensional axes.
-
-    position (points, 3) [m].
-    """
+    """Draw beams, rigid connections, nodes and joints into three-dimensional axes [m]."""
     plot = getattr(axes, 'plot')
     for points, beam in body_lines(mechanism):
         part = position[points]
@@ -203,11 +194,9 @@ MAX_FRAMES = 600
 def check_target(path: Path) -> None:
     """Say before a run whether its animation can be written."""
     if path.suffix.lower() not in ('.gif', '.mp4'):
-        msg = f'{path}: animations are .gif or .mp4'
-        raise SimulationError(msg)
+        raise SimulationError(f'{path}: animations are .gif or .mp4')
     if path.suffix.lower() == '.mp4' and shutil.which('ffmpeg') is None:
-        msg = f'{path}: .mp4 needs ffmpeg, which is not installed; use .gif'
-        raise SimulationError(msg)
+        raise SimulationError(f'{path}: .mp4 needs ffmpeg, which is not installed; use .gif')
 
 
 def animate(path: Path, run: PlantRecord, mechanism: Mechanism) -> None:

@@ -80,9 +80,8 @@ def _evaluate(node: ast.AST, t: FloatArray) -> FloatArray:
             and node.func.id in FUNCTIONS and not node.keywords):
         return FUNCTIONS[node.func.id](*(_evaluate(arg, t) for arg in node.args))
     text = ast.unparse(node) if isinstance(node, ast.expr) else type(node).__name__
-    msg = (f'{text!r} is not allowed in an expression: use t, numbers, + - * / ** %, comparisons, '
-           f'pi, e and {", ".join(sorted(FUNCTIONS))}')
-    raise SimulationError(msg)
+    raise SimulationError(f'{text!r} is not allowed in an expression: use t, numbers, + - * / ** '
+                          f'%, comparisons, pi, e and {", ".join(sorted(FUNCTIONS))}')
 
 
 def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
@@ -98,27 +97,20 @@ def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
         msg = f'{text!r} is neither a file nor an expression in t; example: "0.6*sin(2*pi*t)"'
         raise SimulationError(msg) from None
     except (TypeError, ValueError, RecursionError, MemoryError) as err:
-        msg = f'the expression {text!r} cannot be evaluated ({err})'
-        raise SimulationError(msg) from None
+        raise SimulationError(f'the expression {text!r} cannot be evaluated ({err})') from None
     if not np.isfinite(values).all():
         when = t[np.flatnonzero(~np.isfinite(values))[0]]
-        msg = f'the expression {text!r} is not finite at t = {when:g} s'
-        raise SimulationError(msg)
+        raise SimulationError(f'the expression {text!r} is not finite at t = {when:g} s')
     return values
 
 
 def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """
-    Read a CSV table: time, then one column a joint, or a direction.
-
-    Returns times [s].
-    """
+    """Read a CSV table: time [s], then one column a joint, or a direction."""
     try:
         text = read_bounded(path, MAX_TABLE_BYTES).decode()
     except (OSError, ValueError) as err:  # ValueError: no UTF-8, or a NUL in the path
         cause = getattr(err, 'strerror', None) or err
-        msg = f'{path}: the table cannot be read ({cause})'
-        raise SimulationError(msg) from None
+        raise SimulationError(f'{path}: the table cannot be read ({cause})') from None
     first = text.lstrip().split('\n', 1)[0]
     head = [word.strip() for word in first.lstrip('#').split(',')]
     columns = ['t', *names]
@@ -141,16 +133,14 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
                f'and some of {list(names)}')
         raise SimulationError(msg)
     if data.shape[0] < 2:
-        msg = f'{path}: at least two rows are needed, found {data.shape[0]}'
-        raise SimulationError(msg)
+        raise SimulationError(f'{path}: at least two rows are needed, found {data.shape[0]}')
     if not np.isfinite(data).all():
         row = int(np.flatnonzero(~np.isfinite(data).all(axis=1))[0])
         msg = f'{path}: the value in data row {row + 1} is not finite (NaN or inf); mend the table'
         raise SimulationError(msg)
     if (np.diff(data[:, 0]) <= 0.0).any():
         row = int(np.flatnonzero(np.diff(data[:, 0]) <= 0.0)[0])
-        msg = f'{path}: time does not increase after data row {row + 1}'
-        raise SimulationError(msg)
+        raise SimulationError(f'{path}: time does not increase after data row {row + 1}')
     return data[:, 0], {name: data[:, 1 + i] for i, name in enumerate(columns[1:])}
 
 
@@ -158,11 +148,7 @@ def named_inputs(
     words: Sequence[str], t: FloatArray, names: tuple[str, ...], in_tables: tuple[str, ...],
     other: str,
 ) -> dict[str, Drive]:
-    """
-    Take NAME=EXPRESSION and tables from the command line; what is neither gets a name as well.
-
-    t (samples,) [s].
-    """
+    """Take NAME=EXPRESSION and tables from the command line, at times [s]; name the others."""
     found: dict[str, Drive] = {}
     for word in words:
         name, _, text = word.partition('=')
@@ -179,37 +165,24 @@ def named_inputs(
 def torque_signal(
     words: Sequence[str], t: FloatArray, joints: tuple[str, ...], active: tuple[str, ...],
 ) -> FloatArray:
-    """
-    Give the torques of a run from what the command line says.
-
-    t (samples,) [s]; returns (samples, joints) [N m or N], zero where nothing was said.
-    """
+    """Give the torques (samples, joints) [N m or N] that the command line asks for, or zero."""
     found = named_inputs(words, t, joints, active, active[0])
     return sampled_columns('torque', found, t, joints, joints)
 
 
 def force_signal(words: Sequence[str], t: FloatArray) -> FloatArray:
-    """
-    Give the force at the tip from what the command line says.
-
-    t (samples,) [s]; returns (samples, 3) [N], zero where nothing was said.
-    """
+    """Give the force at the tip (samples, 3) [N] that the command line asks for, or zero."""
     found = named_inputs(words, t, DIRECTIONS, DIRECTIONS, '')
     if '' in found:
-        msg = (f'{found[""]!r} is no force: give x=EXPRESSION, y=... or z=... [N, base frame], or '
-               'a CSV file with columns t, x, y, z')
-        raise SimulationError(msg)
+        raise SimulationError(f'{found[""]!r} is no force: give x=EXPRESSION, y=... or z=... [N, '
+                              'base frame], or a CSV file with columns t, x, y, z')
     return sampled_columns('force', found, t, DIRECTIONS, DIRECTIONS)
 
 
 def motion_signal(
     path: Path, t: FloatArray, joints: tuple[str, ...],
 ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], list[str]]:
-    """
-    Give the motion of joints that follow a table: quintic spline and its derivatives.
-
-    t (samples,) [s]; path: CSV file with columns t, JOINT, ... [rad or m].
-    """
+    """Give the motion of joints that follow a CSV table of t, JOINT, ...: a quintic spline."""
     times, columns = read_table(path, joints)
     if times[0] > t[0] + 1e-9 or times[-1] < t[-1] - 1e-9 or times.size < 6:
         msg = (f'{path}: covers {times[0]:g} to {times[-1]:g} s with {times.size} rows, but the '
@@ -242,8 +215,7 @@ def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
         raise SimulationError(msg) from None
     if not np.isfinite(values).all():
         when = t[np.flatnonzero(~np.isfinite(values))[0]]
-        msg = f'the {name} is not finite at t = {when:g} s'
-        raise SimulationError(msg)
+        raise SimulationError(f'the {name} is not finite at t = {when:g} s')
     return values
 
 
@@ -260,8 +232,7 @@ def sampled_columns(
     result = np.zeros((t.size, len(columns)))
     for name, value in given.items():
         if name not in allowed:
-            msg = f'{what} of {name!r}: expected some of {list(allowed)}'
-            raise SimulationError(msg)
+            raise SimulationError(f'{what} of {name!r}: expected some of {list(allowed)}')
         result[:, columns.index(name)] = sampled(value, t, f'{what} of {name}')
     return result
 
@@ -469,8 +440,7 @@ def _places(plant: Plant, start: Mapping[str, float]) -> FloatArray:
     joints, places = plant.mechanism.joints, plant.state.q.copy()
     for name, place in start.items():
         if name not in joints:
-            msg = f'start of {name!r}: the joints are {list(joints)}'
-            raise UsageError(msg)
+            raise UsageError(f'start of {name!r}: the joints are {list(joints)}')
         if not np.isfinite(place):
             msg = f'start of {name!r}: found {place}, expected a position [rad or m]'
             raise SimulationError(msg)

@@ -124,15 +124,13 @@ def groups_of(
     channels = {name: i for i, name in enumerate(regressor.channels)}
     listed = [name for part in parts for name in part.channels]
     if sorted(listed) != sorted(channels):
-        msg = f'{output} channels {listed} where {list(channels)} were expected'
-        raise ModelError(msg)
+        raise ModelError(f'{output} channels {listed} where {list(channels)} were expected')
     groups = []
     for part in parts:
         rows = part.coefficients
         unknown = [row.column for row in rows if row.column not in index]
         if unknown:
-            msg = f'parameter {unknown[0]!r} does not exist in the arm {arm.name!r}'
-            raise ModelError(msg)
+            raise ModelError(f'parameter {unknown[0]!r} does not exist in the arm {arm.name!r}')
         constants = part.torque_constants and Constants(
             np.array([item.value for item in part.torque_constants]),
             np.array([item.relative_error for item in part.torque_constants]))
@@ -222,8 +220,7 @@ class AnalyticalModel(MemorylessModel):
 
     def _begin(self) -> None:
         if self.estimator not in ESTIMATORS:
-            msg = f'estimator {self.estimator!r}; expected one of {tuple(ESTIMATORS)}'
-            raise FitError(msg)
+            raise FitError(f'estimator {self.estimator!r}; expected one of {tuple(ESTIMATORS)}')
         self.regressor.assume(np.zeros((len(self.channels), len(self.regressor.columns))))
 
     def _least_squares(

@@ -65,39 +65,27 @@ def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
     """
     motion, output = np.asarray(motion, dtype=float), np.asarray(output, dtype=float)
     if motion.ndim != 2 or output.ndim != 2 or len(motion) != len(output):
-        msg = (f'motion has shape {motion.shape} and output {output.shape}; expected '
-               '(n_samples, 3 n_joints) and (n_samples, n_channels)')
-        raise FitError(msg)
+        raise FitError(f'motion has shape {motion.shape} and output {output.shape}; expected '
+                       '(n_samples, 3 n_joints) and (n_samples, n_channels)')
     if not (np.all(np.isfinite(motion)) and np.all(np.isfinite(output))):
-        msg = 'motion or output has values that are not finite; leave such samples out'
-        raise FitError(msg)
+        raise FitError('motion or output has values that are not finite; leave such samples out')
     return lambda: [TrainingBlock(motion, output)]
 
 
 def check_block(block: TrainingBlock, n_inputs: int | None, channels: tuple[str, ...]) -> None:
-    """
-    Refuse a block whose columns are not those of the model.
-
-    n_inputs: None where the model takes any number.
-    """
+    """Refuse a block whose columns are not those of the model, where it has a number of them."""
     if n_inputs is not None:
         check_motion(block.motion, n_inputs)
     if block.output.ndim != 2 or block.output.shape[1] != len(channels):
-        msg = (f'output has shape {block.output.shape}; expected (n_samples, {len(channels)}) for '
-               f'the channels {list(channels)}')
-        raise FitError(msg)
+        raise FitError(f'output has shape {block.output.shape}; expected (n_samples, '
+                       f'{len(channels)}) for the channels {list(channels)}')
 
 
 def check_motion(motion: FloatArray, n_inputs: int, fewer: int | None = None) -> None:
-    """
-    Refuse motion whose columns are not those of the model.
-
-    motion (samples, inputs): ``[q, dq, ddq]`` and what else the model takes, in columns.
-    """
+    """Refuse motion whose columns are not those of the model."""
     if motion.ndim != 2 or motion.shape[1] not in (n_inputs, fewer):
-        msg = (f'motion has shape {motion.shape}; expected (n_samples, {n_inputs}): positions, '
-               f'velocities, accelerations of {n_inputs // 3} joints')
-        raise FitError(msg)
+        raise FitError(f'motion has shape {motion.shape}; expected (n_samples, {n_inputs}): '
+                       f'positions, velocities, accelerations of {n_inputs // 3} joints')
 
 
 # -- Parts of a bundle's head: what stands where, and which values a fit can have written there
@@ -301,9 +289,8 @@ class Model(ABC):
             If it has a memory.
 
         """
-        msg = (f'{type(self).__name__} has a memory, and samples alone have no past: use follow, '
-               'with a gapless stretch')
-        raise FitError(msg)
+        raise FitError(f'{type(self).__name__} has a memory, and samples alone have no past: use '
+                       'follow, with a gapless stretch')
 
     def conditioning(self) -> Conditioning:
         """Say how well the training data showed its parameters, where it has some."""
@@ -424,8 +411,7 @@ class Model(ABC):
 def check_payload(payload: float, known: Range) -> None:
     """Refuse what is no mass, and warn beyond the payloads that a model was fitted to."""
     if not 0.0 <= payload < float('inf'):
-        msg = f'a payload of {payload} kg is impossible; give 0 or more'
-        raise FitError(msg)
+        raise FitError(f'a payload of {payload} kg is impossible; give 0 or more')
     low, high = known
     if not low - 1e-9 <= payload <= high + 1e-9:
         msg = (f'the payload {payload:g} kg is outside the {low:g} to {high:g} kg that the model '
@@ -471,11 +457,7 @@ class ModelSettings(Protocol):
 
 
 class MemorylessModel(Model):
-    """
-    A model that learns from rows: its outputs depend on the motion at their sample.
-
-    What friction makes of the motion before, where it gives way, is another input.
-    """
+    """A model of rows: outputs depend on the motion at their sample, and on states of friction."""
 
     has_memory = False
     states: FrictionStates | None = None  # of friction that has some
@@ -492,11 +474,7 @@ class MemorylessModel(Model):
     def fit_parts(
         self: Learner, parts: Mapping[str, Blocks], known: dict[tuple[str, bool], Any],
     ) -> Learner:
-        """
-        Learn from several parts, such as bags, of which other models may learn too.
-
-        known: empty before the first.
-        """
+        """Learn from parts, such as bags; what is ``known`` of them serves other models, too."""
         def blocks() -> Iterator[TrainingBlock]:
             for part in parts.values():
                 yield from part()

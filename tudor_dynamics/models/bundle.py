@@ -95,11 +95,7 @@ class ModelBundle:
 
     @property
     def payload(self) -> float | None:
-        """
-        Load that all training bags were recorded with [kg].
-
-        None where bags do not say, differ, or the models are of all loads.
-        """
+        """Load of all training bags [kg]; None if unknown, different, or if models take any."""
         bags = self.facts.get('training')
         if self.payload_range is not None or not isinstance(bags, list) or not bags:
             return None
@@ -122,10 +118,9 @@ class ModelBundle:
                 return self
             what = ('which its bags do not tell: leave the payload out' if known is None else
                     f'{known:g} kg: ask for that')
-            msg = (f'the payload {payload:g} kg cannot be used: the model was fitted to one '
-                   f'payload, {what}, or fit it to bags with several payloads (tudor fit BAGS '
-                   '--payload-of BAG=KG ...)')
-            raise ModelError(msg)
+            raise ModelError(f'the payload {payload:g} kg cannot be used: the model was fitted to '
+                             f'one payload, {what}, or fit it to bags with several payloads '
+                             '(tudor fit BAGS --payload-of BAG=KG ...)')
         causal = self.causal
         if causal is not None:
             causal = replace(causal, models=_at(causal.models, payload))

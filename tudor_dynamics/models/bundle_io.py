@@ -337,11 +337,9 @@ def check_target(path: Path, *, overwrite: bool) -> None:
     if not path.exists() and not path.is_symlink():
         return
     if not overwrite:
-        msg = f'{path} exists already; choose another --out, or add --overwrite'
-        raise ModelError(msg)
+        raise ModelError(f'{path} exists already; choose another --out, or add --overwrite')
     if not (path / 'model.yaml').is_file():
-        msg = f'{path} is no model bundle and is not overwritten; choose another --out'
-        raise ModelError(msg)
+        raise ModelError(f'{path} is no model bundle and is not overwritten; choose another --out')
 
 
 def _arm_files(arm: Arm) -> dict[str, bytes]:
@@ -458,7 +456,6 @@ def _model(
     own = {name.removeprefix(prefix): array for name, array in arrays.items()
            if name.startswith(prefix)}
     if 'payload_range' in content and not KINDS[kind].of_loads:
-        msg = (f'{KINDS[kind].label}: a range of payloads, of which this kind of model knows '
-               'nothing')
-        raise ModelError(msg)
+        raise ModelError(f'{KINDS[kind].label}: a range of payloads, of which this kind of model '
+                         'knows nothing')
     return KINDS[kind].model.from_dict({**content, **own}, arm, output)

@@ -96,11 +96,7 @@ class FullParameters:
 
 
 def full_parameters(bundle: ModelBundle, prior: Prior | None = None) -> FullParameters:
-    """
-    Find full parameters that can exist, of the effort model of a bundle.
-
-    prior: from the description by default.
-    """
+    """Find full parameters that can exist, of the effort model of a bundle."""
     return full_parameters_of(bundle.arm, effort_model(bundle), prior)
 
 
@@ -120,22 +116,14 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
 def full_parameters_of(
     arm: Arm, model: AnalyticalModel, prior: Prior | None = None,
 ) -> FullParameters:
-    """
-    Find full parameters that can exist, of a model of efforts.
-
-    prior: from the description by default.
-    """
+    """Find full parameters that can exist, of a model of efforts; prior: as described."""
     return _full(arm, model, solve_consistent(arm, model, summed(model.data_.values()), prior))
 
 
 def described_parameters_of(
     arm: Arm, model: AnalyticalModel, prior: Prior | None = None,
 ) -> FullParameters:
-    """
-    Take bodies as they are described, with the drives that suit them best.
-
-    prior: those of the description by default.
-    """
+    """Take bodies as they are described, with the drives that suit them best."""
     return _full(arm, model, solve_drives(
         arm, model, summed(model.data_.values()), prior or prior_of(arm)))
 

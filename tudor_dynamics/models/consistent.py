@@ -169,11 +169,7 @@ def _body(mass: float, center: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def speed_grid(largest: float, sharp: float) -> FloatArray:
-    """
-    Give the speeds over which the friction of a joint is looked at, both ways.
-
-    largest, sharp [rad/s or m/s]; returns (2 GRID,).
-    """
+    """Give the speeds (2 GRID,) over which the friction of a joint is looked at, both ways."""
     forward = np.geomspace(sharp, max(largest, 2.0 * sharp), GRID)
     return np.concatenate([-forward, forward])
 
@@ -201,11 +197,7 @@ def energy_rows(arm: Arm, columns: Sequence[str], speeds: FloatArray) -> FloatAr
 
 
 def raised(values: FloatArray, columns: Sequence[str], rows: FloatArray) -> FloatArray:
-    """
-    Take away the little by which parameters fall short of ``energy_rows``.
-
-    values (columns,), rows (rows, columns); returns (columns,).
-    """
+    """Take away the little by which parameters (columns,) fall short of ``energy_rows``."""
     values = np.array(values)
     places = [i for kind in ('Ia', FRICTION, DAMPING) for i, name in enumerate(columns)
               if name.startswith(kind)]
@@ -251,11 +243,7 @@ class Solution:
 
 
 def scaled_columns(arm: Arm, columns: Sequence[str]) -> NDArray[np.bool_]:
-    """
-    Say which parameters unknown torque constants divide, where there are such.
-
-    Returns (columns,).
-    """
+    """Say which parameters (columns,) unknown torque constants divide, where there are such."""
     together = EffortRegressor(arm, shared=True)
     return together.scaled if together.unknown else np.zeros(len(columns), dtype=np.bool_)
 
@@ -354,11 +342,7 @@ class Problem:
         return x
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """
-        Give errors of the data in their noise, distances from the prior, energy of drives.
-
-        x (unknowns,).
-        """
+        """Give errors of the data in their noise, distances from the prior, energy of drives."""
         full, constants, _ = self._split(x)
         found = []
         for channel, matrix, target in self.data:
@@ -402,11 +386,7 @@ class Problem:
         return np.vstack([*found, own, mean, energy])
 
     def reweigh(self, x: FloatArray) -> None:
-        """
-        Take the noise of each channel from what bodies that can exist leave over of it.
-
-        x (unknowns,).
-        """
+        """Take the noise of each channel from what bodies that can exist leave over of it."""
         ratios = self.free / np.maximum(self._errors(x), 1e-300)
         self.parts = [(channel, ratios[channel] * matrix, ratios[channel] * target)
                       for channel, matrix, target in self.parts]
@@ -422,11 +402,7 @@ class Problem:
             for channel, matrix, target in self.parts])
 
     def solution(self, x: FloatArray) -> Solution:
-        """
-        Give the parameters with their errors; several samples of data count as one.
-
-        x (unknowns,).
-        """
+        """Give the parameters with their errors; several samples of data count as one."""
         full, constants, logs = self._split(x)
         end = self.first + len(self.sizes)
         jacobian = self.jacobian(x)[:-len(self.steps) or None]
@@ -495,11 +471,7 @@ def solve_consistent(
     arm: Arm, model: AnalyticalModel, products: Sequence[Sequence[Products]],
     prior: Prior | None = None,
 ) -> Solution:
-    """
-    Find the bodies and drives behind the base parameters of an effort model.
-
-    prior: from the description by default.
-    """
+    """Find bodies, by default near those described, and drives behind base parameters."""
     problem = Problem(arm, model, products, prior or prior_of(arm))
     x = problem.start()
     for search, (problem.trusted, problem.strict) in enumerate(SEARCHES, start=1):
@@ -507,9 +479,8 @@ def solve_consistent(
             problem.reweigh(x)
         x = _searched(problem, x)
     if not np.all(np.isfinite(x)):
-        msg = (f'{arm.name}: no bodies that can exist explain these recordings; see what '
-               '`tudor info` says of them')
-        raise FitError(msg)
+        raise FitError(f'{arm.name}: no bodies that can exist explain these recordings; see what '
+                       '`tudor info` says of them')
     return problem.solution(x)
 
 
@@ -523,11 +494,7 @@ def solve_drives(
 
 
 def full_of(solution: Solution, scaled: NDArray[np.bool_]) -> FloatArray:
-    """
-    Give the full parameters of each channel, as a model's regressor takes them.
-
-    scaled (columns,); returns (channels, columns).
-    """
+    """Give each channel's full parameters (channels, columns), as a model's regressor has them."""
     full = np.concatenate([solution.bodies.ravel(), solution.drives])
     return np.array([full * np.where(scaled, 1.0 / constant, 1.0)
                      for constant in solution.constants])

@@ -122,9 +122,8 @@ class ExtremeLearningMachine(MemorylessModel):
     def fit_blocks(self: Machine, blocks: Blocks) -> Machine:
         """Learn from data that come in blocks; see ``MemorylessModel``."""
         if self.hidden < 1 or not self.ridge >= 0:
-            msg = (f'hidden is {self.hidden} and ridge {self.ridge}; expected at least one neuron '
-                   'and a ridge of 0 or more')
-            raise FitError(msg)
+            raise FitError(f'hidden is {self.hidden} and ridge {self.ridge}; expected at least '
+                           'one neuron and a ridge of 0 or more')
         lows: list[FloatArray] = []
         highs: list[FloatArray] = []
         for block in blocks():
@@ -135,8 +134,7 @@ class ExtremeLearningMachine(MemorylessModel):
             lows.append(np.concatenate([x.min(axis=0) for x in both]))
             highs.append(np.concatenate([x.max(axis=0) for x in both]))
         if not lows:
-            msg = 'no training data'
-            raise FitError(msg)
+            raise FitError('no training data')
         limits = np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
         n_inputs = limits.shape[1] - len(self.channels)
         self.output_weights_ = None  # what was learned before goes with the ranges before
@@ -202,9 +200,8 @@ class ExtremeLearningMachine(MemorylessModel):
             if not isinstance(array, np.ndarray) or array.shape != shape or not np.all(
                     np.abs(array) <= MAX_COEFFICIENT):
                 found = f'shape {array.shape}' if isinstance(array, np.ndarray) else 'nothing'
-                msg = (f'elm.npz: {output}_elm_{name}: found {found}, expected finite values of '
-                       f'{shape}, none beyond {MAX_COEFFICIENT:g}')
-                raise ModelError(msg)
+                raise ModelError(f'elm.npz: {output}_elm_{name}: found {found}, expected finite '
+                                 f'values of {shape}, none beyond {MAX_COEFFICIENT:g}')
             setattr(model, f'{name}_', array)
         return model
 
@@ -228,8 +225,7 @@ class ExtremeLearningMachine(MemorylessModel):
 
     def _weights(self) -> FloatArray:
         if self.output_weights_ is None:
-            msg = 'the ELM has no weights yet: call fit, or load a bundle'
-            raise NotFittedError(msg)
+            raise NotFittedError('the ELM has no weights yet: call fit, or load a bundle')
         return self.output_weights_
 
     def _features(self, motion: FloatArray) -> FloatArray:

@@ -38,11 +38,7 @@ from tudor_dynamics.typing import FloatArray
 # accumulated as well (tall-skinny QR).
 
 def triangle(matrix: FloatArray) -> FloatArray:
-    """
-    Reduce rows to a triangular factor with the same Gram matrix.
-
-    matrix (rows, columns); returns (min(rows, columns), columns).
-    """
+    """Reduce rows to a triangular factor with the same Gram matrix."""
     return np.asarray(linalg.qr(matrix, mode='r', check_finite=False)[0][:matrix.shape[1]])
 
 
@@ -72,11 +68,7 @@ class Products:
             self.triangle = triangle(np.vstack([self.triangle, both]))
 
     def spread(self, places: NDArray[np.intp], n_parameters: int) -> Products:
-        """
-        Give the products on more parameters, which these rows do not depend on.
-
-        places (own,).
-        """
+        """Give the products on more parameters, at other ``places``, on which no row depends."""
         index = np.append(places, n_parameters)
         wide = Products.empty(n_parameters)
         wide.gram[np.ix_(index, index)] = self.gram
@@ -120,11 +112,7 @@ def triangular(parts: Iterable[Sequence[Sequence[Products]]]) -> bool:
 
 
 def squared_residuals(product: Products, parameters: FloatArray) -> float:
-    """
-    Give the residual sum of squares of a channel from its products.
-
-    parameters (parameters,).
-    """
+    """Give the residual sum of squares of a channel from its products."""
     vector = np.append(-parameters, 1.0)
     if product.triangle is not None:
         return float(np.sum((product.triangle @ vector) ** 2))
@@ -237,8 +225,7 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
     rows = sum(product.n for product in products)
     floors = _variance_floors(products)
     if rows <= p:
-        msg = f'{rows} samples for {p} parameters; record longer or decimate less'
-        raise FitError(msg)
+        raise FitError(f'{rows} samples for {p} parameters; record longer or decimate less')
     weights = np.ones(len(products))
     variances = weights
     passes = 3 if weighted and len(products) > 1 else 1
@@ -267,11 +254,7 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
 
 
 def expected(products: list[Products], variances: FloatArray) -> Estimate:
-    """
-    Say how well data will show parameters, whatever their outputs will be.
-
-    variances (channels,).
-    """
+    """Say how well data of such variances (channels,) will show parameters, whatever they are."""
     _, covariance, condition, unexcited = _solve(products, 1.0 / variances)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     errors[list(unexcited)] = np.inf
@@ -279,11 +262,7 @@ def expected(products: list[Products], variances: FloatArray) -> Estimate:
 
 
 def huber_weights(residuals: FloatArray) -> FloatArray:
-    """
-    Weigh residuals for iteratively re-weighted least squares.
-
-    residuals (samples,); returns (samples,).
-    """
+    """Weigh residuals (samples,) for iteratively re-weighted least squares."""
     sigma = 1.4826 * float(np.median(np.abs(residuals - np.median(residuals))))
     if sigma == 0.0:
         return np.ones_like(residuals)
@@ -320,11 +299,7 @@ class Constants:
 
 
 def rescaled(products: Products, scaled: NDArray[np.bool_], constant: float) -> Products:
-    """
-    Give the products of a channel whose torque constant is another.
-
-    scaled (parameters,) [unit of the channel].
-    """
+    """Give the products of a channel whose torque constant is another."""
     factor = np.append(np.where(scaled, 1.0 / constant, 1.0), 1.0)
     triangle = None if products.triangle is None else products.triangle * factor
     return Products(products.gram * np.outer(factor, factor), products.n, triangle)
@@ -333,11 +308,7 @@ def rescaled(products: Products, scaled: NDArray[np.bool_], constant: float) -> 
 def find_constants(
     products: Sequence[Products], scaled: NDArray[np.bool_], unknown: Sequence[int],
 ) -> Constants:
-    """
-    Find the torque constants of some of the channels that share their parameters.
-
-    scaled (parameters,).
-    """
+    """Find the torque constants of some of the channels that share their parameters."""
     problem = _Problem(products, scaled, list(unknown))
     logs = np.zeros(len(unknown))
     for _ in range(CONSTANT_PASSES):

@@ -213,8 +213,7 @@ class StrainRegressor(Regressor):
 
     def __init__(self, arm: Arm, form: str = 'exact') -> None:
         if form not in STRAIN_FORMS:
-            msg = f'strain form {form!r}; expected one of {STRAIN_FORMS}'
-            raise ArmError(msg)
+            raise ArmError(f'strain form {form!r}; expected one of {STRAIN_FORMS}')
         if not arm.gauges:
             msg = 'the arm has no gauges, so there is no strain to model'
             raise ArmError(msg, place=arm.source)
@@ -297,11 +296,7 @@ def random_motion(n_joints: int, n_samples: int, seed: int) -> FloatArray:
 def random_inputs(
     regressor: Regressor, n_joints: int, n_samples: int, seed: int,
 ) -> FloatArray:
-    """
-    Draw random inputs of a regressor: motion, and what it takes beyond that.
-
-    Returns (samples, 3 joints + states), and the payload if it takes one.
-    """
+    """Draw random inputs of a regressor: motion, states, and the payload if it takes one."""
     motion = random_motion(n_joints, n_samples, seed)
     if regressor.states is not None:
         states = np.random.default_rng([seed, 2]).uniform(
@@ -315,11 +310,7 @@ def random_inputs(
 def independent_columns(
     matrix: FloatArray, tolerance: float = RELATIVE_TOLERANCE,
 ) -> tuple[NDArray[np.intp], FloatArray]:
-    """
-    Take each column that is no combination of the columns before it.
-
-    matrix (rows, columns); returns mixture (kept, columns).
-    """
+    """Take each column that is no combination, mixture (kept, columns), of those before it."""
     largest = float(np.max(np.linalg.norm(matrix, axis=0), initial=0.0))
     basis = np.zeros((matrix.shape[0], 0))
     kept: list[int] = []

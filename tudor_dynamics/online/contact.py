@@ -222,9 +222,8 @@ class ContactEstimator:
         gain = gauge_gain(bundle.arm, model)
         deviation = np.abs(strain_deviation(bundle, kind) / gain)
         if not np.isfinite(deviation).any():
-            msg = (f'{bundle.arm.name}: no gauge has a scale in N m; give sensors: with a gain to '
-                   'the arm description, or fit an elastic model')
-            raise ModelError(msg)
+            raise ModelError(f'{bundle.arm.name}: no gauge has a scale in N m; give sensors: with '
+                             'a gain to the arm description, or fit an elastic model')
         arm = bundle.arm
         self.spans = spans_of(arm, [bool(v) for v in np.isfinite(deviation)])
         if not self.spans:
@@ -410,13 +409,11 @@ class TorqueEstimator:
         self._gain = torque_scale(arm)
         usual = validation_rmse(bundle, 'effort', 'analytical')
         if usual is None:
-            msg = ('the model does not say what efforts are left over in free motion: fit it with '
-                   'bags to be judged by')
-            raise ModelError(msg)
+            raise ModelError('the model does not say what efforts are left over in free motion: '
+                             'fit it with bags to be judged by')
         if not np.isfinite(self._gain).any():
-            msg = (f'{arm.name}: no torque constant is known; give motors: with torque_constant '
-                   'and gear_ratio to have contacts in N m')
-            raise ModelError(msg)
+            raise ModelError(f'{arm.name}: no torque constant is known; give motors: with '
+                             'torque_constant and gear_ratio to have contacts in N m')
         self._deviation = usual * self._gain
         self._links = tuple(link_frame(arm.full_model, name) for name in self._joints)
         self._axes = [joint_axis(arm.full_model, name) for name in self._joints]
@@ -430,11 +427,7 @@ class TorqueEstimator:
         self, stamp: int, begins: bool, row: FloatArray, measured: FloatArray,
         residual: FloatArray | None,
     ) -> ContactEstimate | None:
-        """
-        Take a sample into account; arguments as in ``ContactEstimator.step``.
-
-        stamp [ns], row (3 joints,), measured, residual (joints,).
-        """
+        """Take a sample into account, as ``ContactEstimator.step`` does."""
         if residual is None:
             self.felt = False
             return None

@@ -214,8 +214,7 @@ class Watch:
         spec = bundle.preprocessing
         unknown = [name for name in settings.methods if name not in METHODS]
         if unknown:
-            msg = f'methods {unknown} are unknown; expected some of {list(METHODS)}'
-            raise ModelError(msg)
+            raise ModelError(f'methods {unknown} are unknown; expected some of {list(METHODS)}')
         if thresholds is None:
             thresholds = stored_thresholds(bundle, settings.kind)
         kinds = bundle.models
@@ -245,9 +244,8 @@ class Watch:
         """Choose the method whose samples the load goes by."""
         own = [name for name in self.methods if SOURCE[name] == payload.output]
         if not own and isinstance(payload, PayloadStage):
-            msg = (f'the load is told by {payload.output}, which none of the methods '
-                   f'{list(self.methods)} listens to: add it to methods')
-            raise ModelError(msg)
+            raise ModelError(f'the load is told by {payload.output}, which none of the methods '
+                             f'{list(self.methods)} listens to: add it to methods')
         return min(own or self.methods, key=lambda name: name != payload.output)
 
     def use_thresholds(
@@ -307,11 +305,7 @@ class Watch:
         return settle if self.observer is None else max(settle, self.observer.settle)
 
     def add_motion(self, motion: Motion, predicted: dict[str, FloatArray] | None) -> Found:
-        """
-        Take a motion with its predictions into account.
-
-        predicted: None while the filters settle.
-        """
+        """Take a motion and its predictions, None while the filters settle, into account."""
         found = Found()
         for output, pairing in self.pairing.items():
             values = None if predicted is None else predicted.get(output)
@@ -319,11 +313,7 @@ class Watch:
         return found
 
     def add_output(self, output: str, motion: Motion, predicted: FloatArray | None) -> Found:
-        """
-        Take a motion with the prediction of one output into account.
-
-        predicted (channels,) [its unit]: None while the filters settle.
-        """
+        """Take a motion and one output's prediction, None while filters settle, into account."""
         found = Found()
         self._judge(output, self.pairing[output].add_motion(motion, predicted), found)
         return found

@@ -33,11 +33,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 class Losses:
-    """
-    Counts samples that never came, by the period that it learns.
-
-    A sample that is only late is followed by steps that are shorter for it, and is not counted.
-    """
+    """Counts samples that never came, by the period that it learns; late ones are not counted."""
 
     def __init__(self) -> None:
         self.recent: deque[int] = deque(maxlen=31)
@@ -129,11 +125,7 @@ class StampGate:
         return max(GAP_PERIODS * median(recent) * 1e-9, GAP_FLOOR)
 
     def step(self, stamp: int) -> Tick | None:
-        """
-        Judge the next stamp.
-
-        stamp [ns]; returns None for a stamp that is repeated or older than the newest.
-        """
+        """Judge the next stamp [ns]; None for one that is repeated or older than the newest."""
         if self.last is None:
             self.last = stamp
             return Tick(0.0, True)
@@ -169,11 +161,7 @@ class Motion:
     row: FloatArray
 
     def settled(self, settle: float) -> bool:
-        """
-        Say whether the transients of the filters are over, by the offline tools' rule.
-
-        settle [s].
-        """
+        """Say whether the filters' transients [s] are over, by the offline tools' rule."""
         return self.elapsed >= settle - 0.5 * self.dt
 
 
@@ -185,11 +173,7 @@ class LowPass:
         self._state: FloatArray | None = None
 
     def step(self, dt: float, x: FloatArray) -> FloatArray:
-        """
-        Filter one sample.
-
-        x (channels,); dt [s]: 0 restarts.
-        """
+        """Filter one sample (channels,); dt [s]: 0 restarts."""
         if self.cutoff is None:
             return x
         if self._state is None or dt <= 0:
@@ -217,12 +201,7 @@ class StateFilter:
         self.gate.reset()
 
     def step(self, stamp: int, q: FloatArray, measured: FloatArray | None = None) -> Motion | None:
-        """
-        Filter one sample.
-
-        stamp [ns], q (joints,) [rad or m], measured (joints,) [rad/s or m/s]; returns None for a
-        sample that is left out.
-        """
+        """Filter a sample (joints,) at a stamp [ns]; None for one that is left out."""
         if not all_finite(q):
             self.drops['not_finite'] += 1
             self.gate.unusable()
@@ -357,11 +336,7 @@ class Gathering:
     def add(
         self, topic: str, stamp: int, values: FloatArray,
     ) -> list[tuple[int, FloatArray]]:
-        """
-        Take a message into account.
-
-        stamp [ns], values (channels_of_topic,); returns (channels,).
-        """
+        """Take a message of its topic's channels into account; returns (channels,)."""
         if not self._stages:
             return [(stamp, values)]
         place = self.topics.index(topic)

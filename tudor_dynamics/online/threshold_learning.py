@@ -219,16 +219,14 @@ def learn_thresholds(
 ) -> MethodThresholds:
     """Learn the thresholds of one method: stiction (channels,) [unit of the residual]."""
     if not records:
-        msg = 'no free motion to learn thresholds from'
-        raise FitError(msg)
+        raise FitError('no free motion to learn thresholds from')
     period = float(np.median(np.concatenate([np.diff(r.t) for r in records])))
     step = max(STEP, period)
     records = [r for r in records if r.t[-1] > 2.0 * ((LAGS + WINDOW) * step + BLOCK)]
     seconds = float(sum(r.t[-1] for r in records))
     if seconds < LEAST_BLOCKS * BLOCK:
-        msg = (f'{seconds:.1f} s of free motion are too little for thresholds; at least '
-               f'{LEAST_BLOCKS * BLOCK:g} s without a gap are needed')
-        raise FitError(msg)
+        raise FitError(f'{seconds:.1f} s of free motion are too little for thresholds; at least '
+                       f'{LEAST_BLOCKS * BLOCK:g} s without a gap are needed')
     stiction = np.zeros(len(channels)) if stiction is None else stiction
     rows = _Rows(records, step, period, stiction)
     halves = [_Rows(part, step, period, stiction)
@@ -336,8 +334,7 @@ def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray
         np.repeat([0.0, PROFILE_QUANTILE, 1.0 - PROFILE_QUANTILE], [p, n, n]),
         A_eq=equal, b_eq=peaks / unit, bounds=(0, None), method='highs')
     if not found.success:
-        msg = f'the profile of a threshold could not be found ({found.message})'
-        raise FitError(msg)
+        raise FitError(f'the profile of a threshold could not be found ({found.message})')
     profile = found.x[:p] * unit / largest
     # without a floor, standstill in the data would make the slightest noise a collision
     profile[0] = max(profile[0], PROFILE_FLOOR * unit)

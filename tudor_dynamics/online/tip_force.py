@@ -80,11 +80,7 @@ class StaticStrain:
         self.source = 'elastic model' if values else 'description'
 
     def at(self, q: FloatArray, force: float = 0.0) -> StaticReadings:
-        """
-        Give the readings at a pose; a force that bends the arm changes its levers.
-
-        q (joints,) [rad or m], force [N].
-        """
+        """Give the readings at a pose under a force [N], whose levers change as the arm bends."""
         force = max(force, FORCE_CHANGE)
         if (self._last is None or float(np.abs(q - self._at).max()) > POSE_CHANGE
                 or abs(force - self._force) > FORCE_CHANGE):

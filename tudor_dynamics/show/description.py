@@ -60,11 +60,7 @@ class ElasticDrive:
 
 
 def elastic_drives(bundle: ModelBundle) -> dict[str, ElasticDrive]:
-    """
-    Read the drives out of the effort model of an elastic arm.
-
-    Returns an empty dict where there is no elastic model of efforts.
-    """
+    """Read the drives out of the elastic model of efforts; empty where there is none."""
     model = elastic_of(bundle, 'effort')
     if model is None or model.coefficients_ is None:
         return {}

@@ -196,11 +196,7 @@ NOT_SHOWN = 'not shown by these bags'
 
 
 def elastic_section(result: FitResult) -> dict[str, Any] | None:
-    """
-    Collect what `elastic.html.j2` shows of the elastic model.
-
-    Returns None where no elastic model was fitted.
-    """
+    """Collect what `elastic.html.j2` shows of the elastic model; None where none was fitted."""
     found, arm = result.elastic, result.arm
     if found is None:
         return None
@@ -249,11 +245,7 @@ def start_rows(starts: Sequence[Start]) -> list[tuple[Start, str, str]]:
 
 
 def summary(ringdowns: Sequence[Ringdown]) -> str:
-    """
-    Say in a sentence how far prediction and measurement are apart.
-
-    Returns an empty string where there is nothing to compare.
-    """
+    """Say how far prediction and measurement are apart; empty where nothing can be compared."""
     parts = []
     for name, words in (('held', 'joints held'), ('simulated', 'along the measured motion')):
         pairs = [(r.measured, getattr(r, name)) for r in ringdowns

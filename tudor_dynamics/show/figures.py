@@ -239,11 +239,7 @@ class JointPositions:
 
 
 def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """
-    Keep the extremes of each stretch of samples, and break the line at gaps.
-
-    t (samples,) [s], x (samples,).
-    """
+    """Keep the extremes of each stretch of samples, and break the line at gaps."""
     if len(t) > MAX_POINTS:
         parts = np.array_split(np.arange(len(t)), MAX_POINTS // 2)
         index = np.unique([k for part in parts

@@ -89,11 +89,7 @@ def finished(root: ElementTree.Element, joints: Sequence[str]) -> str:
 
 
 def quaternion(rotation: FloatArray) -> str:
-    """
-    Write a rotation: w, x, y, z.
-
-    rotation (3, 3).
-    """
+    """Write a rotation (3, 3): w, x, y, z."""
     x, y, z, w = pin.Quaternion(rotation).coeffs()
     return row(np.array([w, x, y, z]))
 

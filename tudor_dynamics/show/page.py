@@ -153,11 +153,7 @@ def report_bytes(
     result: FitResult, assessment: Assessment | None = None, *, date: str | None = None,
     planned: Comparison | None = None,
 ) -> bytes:
-    """
-    Render the report as the file that it becomes; paths that are no UTF-8 do not stop it.
-
-    date: today by default.
-    """
+    """Render the report as the file that it becomes; paths that are no UTF-8 do not stop it."""
     return render(result, assessment, date=date, planned=planned).encode('utf-8', errors='replace')
 
 

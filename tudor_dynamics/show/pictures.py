@@ -91,8 +91,7 @@ SUFFIXES = ('.png', '.svg', '.pdf')
 def picture_path(path: str | Path) -> Path:
     """Refuse a file name that no plot can be written to."""
     if Path(path).suffix not in SUFFIXES:
-        msg = f'{path}: expected a picture, a file that ends in {", ".join(SUFFIXES)}'
-        raise UsageError(msg)
+        raise UsageError(f'{path}: expected a picture, a file that ends in {", ".join(SUFFIXES)}')
     return Path(path)
 
 

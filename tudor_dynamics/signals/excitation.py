@@ -84,9 +84,8 @@ def aprbs(
     """Make an APRBS for each joint: duration, clock [s]."""
     rest = settings.REST
     if not (clock > 0.0 and duration > rest + clock):
-        msg = (f'an APRBS of {duration} s with a clock of {clock} s has no target; it needs more '
-               f'than {rest + max(clock, 0.0):g} s and a positive clock')
-        raise SignalError(msg)
+        raise SignalError(f'an APRBS of {duration} s with a clock of {clock} s has no target; it '
+                          f'needs more than {rest + max(clock, 0.0):g} s and a positive clock')
     joints = len(bounds.lower)
     generators = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(joints)]
     start = np.zeros(joints)
@@ -119,16 +118,11 @@ def fourier_motion(
     bounds: JointRange, limits: MotionLimits, duration: float, seed: int, dt: float, *,
     base: float = 0.1, harmonics: int = 5,
 ) -> Reference:
-    """
-    Make a random band-limited Fourier series that starts and ends at rest.
-
-    duration, dt [s], base [Hz].
-    """
+    """Make a random band-limited Fourier series of a base [Hz] that starts and ends at rest."""
     ramp = 1.0 / base
     if harmonics < 1 or duration < 3.0 * ramp:
-        msg = (f'a Fourier series of {duration} s with {harmonics} harmonics of {base} Hz: give '
-               f'at least one harmonic and {3.0 * ramp:g} s')
-        raise SignalError(msg)
+        raise SignalError(f'a Fourier series of {duration} s with {harmonics} harmonics of {base} '
+                          f'Hz: give at least one harmonic and {3.0 * ramp:g} s')
     rng = np.random.default_rng(seed)
     t = np.asarray(np.arange(int(round(duration / dt))) * dt, dtype=np.float64)
     w = 2.0 * np.pi * base * np.arange(1, harmonics + 1)[:, None]

@@ -88,11 +88,7 @@ def timing(recording: Recording) -> Timing | None:
 
 
 def retimed(recording: Recording) -> tuple[Recording, Timing | None]:
-    """
-    Give a recording even stamps where its positions were sampled evenly beyond doubt.
-
-    Returns found, None where nothing was done.
-    """
+    """Give a recording even stamps where its positions were sampled evenly beyond doubt."""
     found = timing(recording)
     if found is None or not found.clear:
         return recording, None
@@ -253,12 +249,7 @@ def noise_gain(stretch: Stretch, spec: PreprocessingSpec) -> float:
 def causal_outputs(
     dt: FloatArray, x: FloatArray, cutoff: float | None,
 ) -> FloatArray:
-    """
-    Low-pass an output from its first value on.
-
-    dt (samples,) [s], x (samples, channels); cutoff [Hz]: None leaves the signal as it is; returns
-    (samples, channels).
-    """
+    """Low-pass an output from its first value on; a cutoff [Hz] of None leaves it as it is."""
     if cutoff is None:
         return x
     y = x.copy()
@@ -351,8 +342,7 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
                 dt, recording.strain[part], cutoff),
             decimation, margin, before, since))
     if not stretches:
-        msg = (f'{recording.path}: no stretch without gaps is longer than {2 * spec.settle:.3g} s '
-               f'and {settings.FEWEST} samples and leaves two samples after decimation; record '
-               'longer, or lower preprocessing.settle')
-        raise SignalError(msg)
+        raise SignalError(f'{recording.path}: no stretch without gaps is longer than '
+                          f'{2 * spec.settle:.3g} s and {settings.FEWEST} samples and leaves two '
+                          'samples after decimation; record longer, or lower preprocessing.settle')
     return stretches

@@ -83,11 +83,7 @@ class ImpulseShaper:
         return float(self.shaper.time[-1])
 
     def step(self, dt: float, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """
-        Shape one sample.
-
-        dt [s], q, dq, ddq (joints,) [rad, rad/s, rad/s^2]; returns (3, joints).
-        """
+        """Shape one sample of position, speed and acceleration: (3, joints)."""
         self._t += dt
         self._past.append((self._t, np.stack([q, dq, ddq])))
         while len(self._past) > 2 and self._past[1][0] <= self._t - self.length:
@@ -153,11 +149,7 @@ class Profile:
         return self.step * (len(self.q) - 1)
 
     def at(self, t: float | FloatArray) -> FloatArray:
-        """
-        Give the motion at a time; before it begins and after its end it rests.
-
-        t (samples,) [s]; returns (3, joints) or (3, samples, joints).
-        """
+        """Give the motion (3, joints, ...) at times [s]; rest before and after it."""
         k = np.clip(np.asarray(t) / self.step, 0, len(self.q) - 2).astype(int)
         s = np.clip(t - k * self.step, 0.0, self.step)[..., None]
         jerk = (self.ddq[k + 1] - self.ddq[k]) / self.step
@@ -167,11 +159,7 @@ class Profile:
 
 
 def oscillation(modes: PathModes, step: float, scale: float = 1.0) -> FloatArray:
-    """
-    Give what how an acceleration at each time makes each mode oscillate at the end.
-
-    step [s]; returns (samples, modes, joints) [unit s^2/rad per s].
-    """
+    """Give each mode's oscillation at the end by acceleration: (samples, modes, joints)."""
     omega = scale * modes.omega
     left = np.zeros((2, *omega.shape))
     for kind, rate in enumerate((omega * np.sqrt(1.0 - modes.damping**2), omega * modes.damping)):
@@ -295,21 +283,13 @@ def _solved(
 
 
 def speed_rows(step: float) -> FloatArray:
-    """
-    Give the speeds that bound a move, by its accelerations at the inner knots.
-
-    step [s]; returns (2 * KNOTS, KNOTS - 1) [s].
-    """
+    """Give speeds (2 KNOTS, KNOTS - 1) [s] that bound a move, by accelerations at inner knots."""
     row, hat = np.arange(KNOTS)[:, None], np.arange(1, KNOTS)
     return np.vstack([step * (row > hat) + 0.5 * step * (row == hat), step * (row >= hat)])
 
 
 def integrate(start: FloatArray, target: FloatArray, ddq: FloatArray, step: float) -> Profile:
-    """
-    Give the move of accelerations that lead from rest to rest at a target.
-
-    start, target (joints,) [rad], ddq (KNOTS + 1, joints) [rad/s^2], step [s].
-    """
+    """Give the move of accelerations (KNOTS + 1, joints) that lead from rest to rest."""
     dq, q = np.zeros_like(ddq), np.zeros_like(ddq)
     dq[1:] = np.cumsum(0.5 * step * (ddq[1:] + ddq[:-1]), axis=0)
     q[1:] = np.cumsum(step * dq[:-1] + step**2 * (ddq[:-1] / 3.0 + ddq[1:] / 6.0), axis=0)

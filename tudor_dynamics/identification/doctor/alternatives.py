@@ -269,11 +269,7 @@ def least_gain(chosen: Alternative, hinted: Mapping[int, float]) -> float:
 
 
 def choose(case: Case, hinted: Mapping[int, float]) -> Alternative | None:
-    """
-    Choose the alternative that explains a recording better, if one does.
-
-    Returns None where the description explains it as well as any other.
-    """
+    """Choose the alternative that explains a recording better than the description; or None."""
     best = max((item for candidates in (gravities, directions, exchanges, units, drives)
                 for item in candidates(case)), key=lambda item: item.gain, default=None)
     if best is None or best.gain < least_gain(best, hinted):

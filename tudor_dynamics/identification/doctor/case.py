@@ -59,11 +59,7 @@ class Decimated:
         return name in self.parts[0].signals
 
     def output(self, name: str, lag: float = 0.0) -> FloatArray:
-        """
-        Give an output on the samples kept, as if it had come earlier.
-
-        lag [s]; returns (n, channels) [its unit].
-        """
+        """Give an output on the samples kept, (n, channels), as if it had come earlier [s]."""
         return np.vstack([np.stack([np.interp(part.t[part.keep] + lag, part.t, column)
                                     for column in part.signals[name].T], axis=1)
                           for part in self.parts])
@@ -116,12 +112,7 @@ class BodyRows:
         self._coupling = Coupling(arm)
 
     def rows(self, motion: FloatArray, gravity: FloatArray | None = None) -> FloatArray:
-        """
-        Evaluate the rows of the bodies.
-
-        gravity (3,) [m/s^2]; motion (n, 3 joints): ``[q, dq, ddq]`` of the active joints
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (n, channels, columns).
-        """
+        """Evaluate the bodies by columns (n, channels, columns), for gravity (3,) [m/s^2]."""
         out = np.zeros((len(motion), len(self.channels), self._columns))
         self._bodies.rows(self._coupling.of_joints(motion), out,
                           self._gravity if gravity is None else gravity)
@@ -130,11 +121,7 @@ class BodyRows:
         return out / self._scale[:, None]
 
     def own(self, motion: FloatArray) -> list[FloatArray]:
-        """
-        Evaluate what each channel has to itself: rotor, friction and offset, or an offset.
-
-        motion (n, 3 joints): ``[q, dq, ddq]`` of the active joints; returns (n, own).
-        """
+        """Evaluate what each channel has to itself: rotor, friction and offset, or an offset."""
         if not self._joints:
             return [np.ones((len(motion), 1))] * len(self.channels)
         _, speeds, rates = np.split(self._coupling.of_joints(motion), 3, axis=1)
@@ -177,11 +164,7 @@ class Explained:
             for i, x in enumerate(self.parameters(outputs))])
 
     def parameters(self, outputs: FloatArray) -> FloatArray:
-        """
-        Give the parameters of the bodies.
-
-        outputs (n, channels); returns (channels, columns).
-        """
+        """Give the bodies' parameters, shape (channels, columns), from outputs (n, channels)."""
         found = np.empty((outputs.shape[1], self._rows[0].shape[1]))
         for group in self.groups:
             free = [self.freed(i, outputs[:, i]) for i in group]
@@ -201,11 +184,7 @@ class Explained:
         return found
 
     def shares(self, outputs: FloatArray) -> FloatArray:
-        """
-        Give the share of each channel's variance that remains.
-
-        outputs (n, channels); returns (channels,).
-        """
+        """Give the share of each channel's variance that remains of outputs (n, channels)."""
         return share_of(self.residuals(outputs), outputs)
 
     def rest(self, channel: int, values: FloatArray) -> FloatArray:
@@ -216,21 +195,13 @@ class Explained:
     def own_parameters(
         self, channel: int, values: FloatArray, parameters: FloatArray,
     ) -> FloatArray:
-        """
-        Give the parameters of what a channel has to itself, for known ones of the bodies.
-
-        values (n,), parameters (columns,); returns (own,).
-        """
+        """Give a channel's own parameters (own,) by values (n,), for known ones of the bodies."""
         return _fitted(self.own[channel], values - self.bodies[channel] @ parameters)
 
     def predicted(
         self, channel: int, values: FloatArray, known: NDArray[np.bool_],
     ) -> FloatArray:
-        """
-        Learn one channel from some samples, and predict all of them.
-
-        values, known (n,); returns (n,).
-        """
+        """Learn one channel (n,) from some samples, and predict all of them."""
         columns = np.column_stack([self.bodies[channel], self.own[channel]])
         return np.asarray(columns @ _fitted(columns[known], values[known], settings.PREDICTING))
 
@@ -319,11 +290,7 @@ class Case:
                 for name, bodies in self.bodies.items()}
 
     def output(self, name: str, lag: float = 0.0) -> FloatArray:
-        """
-        Give an output in the unit described, as if it had come earlier.
-
-        lag [s]; returns (n, channels) [its unit].
-        """
+        """Give an output in the unit described, as if it had come earlier [s]; (n, channels)."""
         # what never changes leaves the same whatever is changed
         values = np.where(self.sound[name], self.decimated.output(name, lag), 0.0)
         return values if name == 'strain' else values / [
@@ -338,11 +305,7 @@ class Case:
         self, motion: FloatArray | None = None, gravity: FloatArray | None = None,
         arm: Arm | None = None,
     ) -> dict[str, Explained]:
-        """
-        Build the least squares of all outputs for another motion, gravity or description.
-
-        motion (n, 3 joints), gravity (3,) [m/s^2].
-        """
+        """Build least squares of all outputs for other motion, gravity [m/s^2] or description."""
         x = self.motion if motion is None else motion
         described = self.bodies if arm is None else {
             name: BodyRows(arm, name) for name in self.bodies}

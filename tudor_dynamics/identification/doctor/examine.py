@@ -103,11 +103,7 @@ def _gauges(arm: Arm) -> tuple[list[Finding], Arm]:
 
 
 def link_length(arm: Arm, gauge: GaugeSpec) -> float | None:
-    """
-    Say how far the link of a gauge reaches along its direction.
-
-    Returns [m], None where the kinematics do not say.
-    """
+    """Say how far a gauge's link reaches along its direction [m]; None where that is not known."""
     model = arm.full_model
     joint = model.getJointId(gauge.joint)
     direction = unit_vector(gauge.direction)
@@ -128,11 +124,7 @@ def _rebuilt(arm: Arm, changes: dict[str, Any]) -> Arm:
 
 
 def load_of(case: Case, predicted: Mapping[str, FloatArray]) -> Finding | None:
-    """
-    Explain the residuals of a model by a body at the end of the arm.
-
-    predicted (n, channels); returns None where a load explains little.
-    """
+    """Explain residuals by a body at the end of the arm; None where a load explains little."""
     findings = [_of_output(case, output, values) for output, values in predicted.items()]
     return max((item for item in findings if item is not None),
                key=lambda item: item.now or 0.0, default=None)

@@ -265,11 +265,7 @@ def flat(
 
 
 def moving(recording: Recording) -> NDArray[np.bool_]:
-    """
-    Say at which samples a joint moves.
-
-    Returns (n,), True where a joint is within a tenth of a second of a motion.
-    """
+    """Say at which samples (n,) a joint is within a tenth of a second of a motion."""
     width = max(1, round(0.1 / recording.dt))
     result = np.zeros(len(recording.stamp), dtype=bool)
     spans = np.subtract(*np.percentile(recording.q, [99.0, 1.0], axis=0))

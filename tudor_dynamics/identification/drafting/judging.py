@@ -218,9 +218,8 @@ def survey(reports: Sequence[BagReport], known: Collection[str] = ()) -> Survey:
     positions = [item for item in found if item.msgtype == JOINT_STATE
                  and item.field == 'position' and item not in strains]
     if not positions:
-        msg = (f'no topic of type {JOINT_STATE} has positions, in '
-               f'{", ".join(report.path for report in reports)}; record the joint states')
-        raise BagError(msg)
+        raise BagError(f'no topic of type {JOINT_STATE} has positions, in '
+                       f'{", ".join(report.path for report in reports)}; record the joint states')
     chosen = max(positions, key=lambda item: (
         len(set(item.ranges) & set(known)), any(map(item.changes, item.ranges)),
         item.topic.endswith('joint_states'), item.rate))

@@ -57,12 +57,7 @@ def effort_columns(arm: Arm) -> tuple[tuple[str, ...], ...]:
 
 
 def effort_rows(arm: Arm, response: Response, motion: FloatArray) -> list[FloatArray]:
-    """
-    Give what makes up the effort of each joint.
-
-    motion (samples, 3 joints): ``[q, dq, ddq]`` of the same samples
-    [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, columns).
-    """
+    """Give what makes up each joint's effort, (samples, columns), of a motion and its response."""
     n = len(arm.joints)
     rows = []
     for i, joint in enumerate(arm.joints):
@@ -109,12 +104,7 @@ def effort_outputs(arm: Arm, coefficients: tuple[FloatArray, ...]) -> Outputs:
 def follow_motion(
     driven: DrivenArm, q: FloatArray, dt: FloatArray, before: FloatArray | None = None,
 ) -> Response:
-    """
-    Follow a gapless motion from rest.
-
-    q (samples, joints) [rad or m], dt (samples,) [s]; before (earlier, 1 + joints): ``[dt, q]`` of
-    the motion just before.
-    """
+    """Follow a gapless motion from rest; ``before``: ``[dt, q]`` (earlier, 1 + joints)."""
     dt = np.array(dt, dtype=float)
     if not driven.begin(before):
         dt[0] = 0.0
@@ -127,8 +117,7 @@ def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
         driven = DrivenArm(arm)
         driven.set_parameters(values)
     except SimulationError as err:
-        msg = f'the elastic model cannot be used: {err}'
-        raise ModelError(msg) from None
+        raise ModelError(f'the elastic model cannot be used: {err}') from None
     return driven
 
 
@@ -357,9 +346,8 @@ class ElasticModel(Model):
         known = driven_arm(arm, model.values).parameters  # refuses unknown names and values
         for parameter in part.physical:
             if parameter.name in known and parameter.unit != physical_unit(arm, parameter.name):
-                msg = (f'parameter {parameter.name} in {parameter.unit!r}; expected '
-                       f'{physical_unit(arm, parameter.name)!r}')
-                raise ModelError(msg)
+                raise ModelError(f'parameter {parameter.name} in {parameter.unit!r}; expected '
+                                 f'{physical_unit(arm, parameter.name)!r}')
         channels = tuple(item.channel for item in part.channels)
         columns = tuple(tuple(row.column for row in item.coefficients) for item in part.channels)
         if channels != model.channels or columns != model.columns:
@@ -374,11 +362,7 @@ class ElasticModel(Model):
 
 
 def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
-    """
-    Find the elastic model of an output.
-
-    Returns None where there is no such model in the bundle.
-    """
+    """Find the elastic model of an output; None where there is no such model in the bundle."""
     model = bundle.models.get(output, {}).get('elastic')
     return model if isinstance(model, ElasticModel) else None
 
@@ -407,8 +391,7 @@ class LiveElastic:
             msg = f'observer {observer!r} is unknown; expected one of {list(OBSERVERS)}'
             raise ModelError(msg)
         if not models:
-            msg = 'no elastic model was given'
-            raise ModelError(msg)
+            raise ModelError('no elastic model was given')
         self.observer = observer
         self.observing = observer != 'off'
         self._outputs = {output: model.prepared() for output, model in models.items()}
@@ -427,8 +410,7 @@ class LiveElastic:
                 raise ModelError(msg)
             self._gauges = np.array(strain.coefficients_)
             if np.any(self._gauges[:, 0] == 0.0):
-                msg = 'a gauge of the elastic model has the gain 0; fit again'
-                raise ModelError(msg)
+                raise ModelError('a gauge of the elastic model has the gain 0; fit again')
             self._driven.start_observer(
                 strain.noise_ / np.abs(self._gauges[:, 0]), bandwidth)
         self._moment: FloatArray | None = None
@@ -437,11 +419,7 @@ class LiveElastic:
         self._lost = False
 
     def measure(self, strain: FloatArray) -> None:
-        """
-        Give the strain that was measured at the newest sample; it counts with the next step.
-
-        strain (gauges,) [its unit]: NaN for a gauge that does not count.
-        """
+        """Take the strain of the newest sample (gauges,), NaN where none counts; see ``step``."""
         self._strain = strain
 
     def step(
@@ -473,7 +451,6 @@ class LiveElastic:
         if strain is not None and self._moment is not None and self._since > 0.0:
             measured = (strain - self._gauges[:, 1]) / self._gauges[:, 0]
             if not self._driven.correct(measured - self._moment, self._since):
-                msg = 'the elastic model cannot be linearised'
-                raise SimulationError(msg)
+                raise SimulationError('the elastic model cannot be linearised')
             self._since = 0.0
         self._since += dt

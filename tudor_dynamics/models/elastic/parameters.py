@@ -46,11 +46,7 @@ class LumpedMass:
 
 
 class Physics:
-    """
-    An arm as it was described, and the tables that its physical parameters change.
-
-    springs (joints, SPRING_FLOATS), lag [s].
-    """
+    """An arm as it was described, and the tables that its physical parameters change."""
 
     def __init__(self, arm: Arm, mechanism: Mechanism, springs: FloatArray) -> None:
         self.arm, self.mechanism, self.springs = arm, mechanism, springs
