@@ -78,11 +78,7 @@ else:
 
 
 def side_by_side(several: Sequence[FloatArray]) -> FloatArray:
-    """
-    Put arrays of one shape side by side; the last one fills the remaining lanes.
-
-    Returns (..., LANES).
-    """
+    """Put arrays of one shape side by side (..., LANES); the last one fills remaining lanes."""
     return np.stack([*several, *[several[-1]] * (LANES - len(several))], axis=-1)
 
 

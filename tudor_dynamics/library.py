@@ -454,12 +454,7 @@ class Prediction:
         self, path: str | Path | None = None, *, output: str | None = None,
         channel: str | None = None,
     ) -> Figure:
-        """
-        Draw one channel of the first bag: measured, predicted by each model, and the residual.
-
-        path: only drawn by default; output: strain by default, where it was predicted; channel:
-        the first one by default.
-        """
+        """Draw a channel of the first bag: measured, predicted by each model, and the residual."""
         # plots are slow to import, and most predictions are read
         from tudor_dynamics.show.figures import (
             ComparedSignal, draw_signal, liveliest, PAGE, style, write_figure)

@@ -285,11 +285,6 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
     source : str
         Where the description came from, for messages.
 
-    Returns
-    -------
-    Arm
-        Checked description with its models.
-
     Raises
     ------
     ArmError
@@ -312,11 +307,6 @@ def load_arm(path: str | Path) -> Arm:
     ----------
     path : str or Path
         YAML file, see ``config/tudor.yaml``.
-
-    Returns
-    -------
-    Arm
-        Checked description with its models.
 
     Raises
     ------

@@ -125,11 +125,6 @@ def planned_limits(arm: Arm) -> Limits:
         Description; where ``planned`` says nothing, parts of the hard limits are taken, and a
         range that leaves the way in which the hard acceleration stops the planned speed twice.
 
-    Returns
-    -------
-    Limits
-        Of the active joints.
-
     """
     hard = hard_limits(arm)
     given = [joint.planned or PlannedSpec() for joint in arm.joints]

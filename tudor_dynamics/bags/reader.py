@@ -38,12 +38,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 def increasing(stamp: NDArray[np.int64]) -> tuple[NDArray[np.bool_], int, int]:
-    """
-    Find the messages whose stamps increase.
-
-    stamp (n,) [ns]; returns messages later than all before them (n,), and the numbers of those
-    with the stamp of the newest one before them, and with an older one.
-    """
+    """Find the messages later than all before (n,); how many repeat a stamp, and are older."""
     newest = np.maximum.accumulate(stamp)[:-1] if len(stamp) else stamp
     later = stamp[1:] > newest
     duplicate = int(np.sum(stamp[1:] == newest))
@@ -89,9 +84,6 @@ def interpolate(
 
     Samples with the same stamp are taken as they are, others interpolated linearly between their
     neighbours, unless there is a gap between these.
-
-    at (m,) [ns], stamp (n,) [ns]; values (n, k): NaN marks a sample without value; returns (m, k)
-    and (m,).
     """
     result = np.full((len(at), values.shape[1]), np.nan)
     if not len(stamp):
@@ -117,8 +109,6 @@ def choose_clock(
     A stamp of zero means "not set" in ROS. Streams with different clocks could not be aligned, so
     one topic without stamps sends all to their log times. Messages of a type that has no stamp get
     their log times less what stamped messages of the bag take to be recorded.
-
-    Returns time of each message of each topic [ns].
     """
     unset = [name for name, states in topics.items()
              if states.stamped and len(states.stamp) > 1 and not states.stamp.any()]

@@ -363,10 +363,8 @@ def choose_friction(
     """
     Add friction terms to joints whose left-out errors clearly pay for them.
 
-    All open joints are given the same addition at once, since friction shows in its own joint:
-    one fit to each part shows for every joint whether it pays there.
-
-    constants (channels,).
+    All open joints are given the same addition at once, since friction shows in its own joint: one
+    fit to each part shows for every joint whether it pays there.
     """
     current = list(joints)
 

@@ -214,12 +214,7 @@ class Simulations:
         self, x: FloatArray, strain: FloatArray, gauges: FloatArray, deviation: FloatArray,
         bandwidth: float,
     ) -> bool:
-        """
-        Draw what is simulated from now on towards the measured strain.
-
-        x (unknowns,), strain (samples, gauges), deviation (gauges,) [N m], bandwidth [1/s]; gauges
-        (gauges, 2): gain [unit of the gauge per N m] and offset [unit of the gauge].
-        """
+        """Draw what is simulated from now on, by a bandwidth [1/s], towards measured strain."""
         self.release()
         found, begin = [], 0
         with self._borrowed(1) as (driven,):
@@ -309,11 +304,7 @@ HOPELESS = 1e3
 
 
 class Problem:
-    """
-    Residuals and derivatives for a choice of parameters and records.
-
-    center, width (names,), inner [s], strain, weights (samples, gauges).
-    """
+    """Residuals and derivatives for a choice of parameters and records."""
 
     def __init__(
         self, arm: Arm, records: Sequence[Record], names: tuple[str, ...],
@@ -367,15 +358,13 @@ class Problem:
 
     def draw(self, x: FloatArray, bandwidth: float) -> FloatArray:
         """
-        Draw the simulations towards the measured strain from now on.
+        Draw the simulations towards the measured strain from now on, by a bandwidth [1/s] above 0.
 
         An error of phase grows along a recording, and small differences where a gear crosses its
         play grow by themselves; so an arm that only follows positions is far off wherever its
         parameters are a little wrong. Drawn towards the strain it forgets errors within
         1/bandwidth, and what is left are errors of prediction, smooth in the parameters. Gains of
         gauges then act on the simulation too, and are searched like the parameters.
-
-        x (unknowns,); bandwidth [1/s]: 0 to follow positions alone; returns (unknowns,).
         """
         moments = self.moments(x)
         gauges = None if moments is None else self.gauges(moments, x)
@@ -393,12 +382,7 @@ class Problem:
         return self.extended(x)
 
     def gauges(self, moments: FloatArray, x: FloatArray) -> FloatArray:
-        """
-        Find gain and offset of each gauge for given moments.
-
-        moments (samples, gauges) [N m], x (unknowns,); returns (gauges, 2): gain
-        [unit of the gauge per N m] and offset [unit of the gauge].
-        """
+        """Find gain [unit per N m] and offset of each gauge, (gauges, 2), for moments [N m]."""
         result = np.empty((moments.shape[1], 2))
         for g in range(moments.shape[1]):
             w = self.weights[:, g]

@@ -104,11 +104,9 @@ class ElasticTrainer:
     Fits elastic models to all bags, then to parts of them, each as if it had seen nothing else.
 
     A search from nothing takes three times as long as one that begins nearly right. It may begin
-    where that for less ended, if that lies within what it is given: for all bags the part that
-    is kept where the rest is held out, for some of the bags a half of all. So nothing that is left
+    where that for less ended, if that lies within what it is given: for all bags the part that is
+    kept where the rest is held out, for some of the bags a half of all. So nothing that is left
     out to judge a model by has a hand in it.
-
-    payload_range [kg].
     """
 
     def __init__(

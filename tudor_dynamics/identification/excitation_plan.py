@@ -450,12 +450,7 @@ class PlanFolder:
 
 
 def plan_head(plan: Plan, arm: Arm, facts: dict[str, Any], *, stated: bool) -> dict[str, Any]:
-    """
-    Say what is planned as plain values: the content of ``plan.json``.
-
-    facts: what was asked for; stated: whether the noise was stated, or is 1 for want of anything
-    better.
-    """
+    """Say what is planned, and was asked for, as plain values: the content of ``plan.json``."""
     joints = arm.active_joints
 
     def by_joint(values: Any) -> dict[str, float]:

@@ -91,8 +91,6 @@ def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str
 
     What their errors have beyond the standard deviations of their own residuals is the error of
     the models, a little more than that of a model of all the motion.
-
-    Returns output to the standard deviation of a load by its model [kg].
     """
     pieces = []
     for i in range(PARTS):

@@ -218,12 +218,7 @@ class ManyBags:
     def _judged(
         self, task: Task, known: Sequence[SurveyedBag], models: Mapping[Place, FoldModels],
     ) -> tuple[list[BagFacts], dict[Place, Tally], dict[Place, Tally]]:
-        """
-        Let models predict all bags.
-
-        Returns the test bags, and by filters and output the sums of models that have not seen a
-        bag, and of those that have.
-        """
+        """Let models predict all; gives test bags, errors of models blind to a bag, of others."""
         trials = _trials(task, known, self.test, models)
         answers = judge(trials, self.streaming.jobs, self._count('judge'))
         lost = [item for item in answers[:len(known)] if isinstance(item, Unused)]

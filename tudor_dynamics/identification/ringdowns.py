@@ -67,9 +67,6 @@ def power_density(
     Estimate how the power of a record is distributed (Welch, IEEE Trans. AU 15(2), 1967).
 
     As scipy's `welch` does it: windows of Hann that overlap by half, without their means.
-
-    x (samples, channels), rate [Hz]; returns frequency (frequencies,) [Hz] and density
-    (frequencies, channels) [unit of x squared per Hz].
     """
     pieces = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)[::length - length // 2]
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)

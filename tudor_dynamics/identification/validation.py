@@ -255,10 +255,8 @@ def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -
     """
     Estimate the noise that the samples of a validation have.
 
-    White noise alone is seen: what is smooth from sample to sample, such as hum or a sensor with
-    a filter of its own, is not, so that the floor is a lower bound.
-
-    Returns (channels,) [its unit].
+    White noise alone is seen: what is smooth from sample to sample, such as hum or a sensor with a
+    filter of its own, is not, so that the floor is a lower bound.
     """
     # what a difference makes of white noise: binomial coefficients, squared and summed
     scale = math.sqrt(math.comb(2 * ORDER, ORDER))

@@ -115,12 +115,7 @@ class BentLinks:
     density: FloatArray
 
     def motion(self, states: FloatArray) -> FloatArray:
-        """
-        Give how links move.
-
-        states (3, samples, joints + gauges); returns (samples, 3 joints): ``[q, dq, ddq]`` of the
-        links [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        """
+        """Give how links move (samples, 3 joints), of states (3, samples, joints + gauges)."""
         return links_of(states, self.bending)
 
     def as_dict(self, arm: Arm) -> dict[str, Any]:

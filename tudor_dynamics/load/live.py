@@ -52,8 +52,6 @@ class RigidSense:
     Its error is no white noise. It counts by what it has over a second: its mean square times the
     time for which it depends on itself, more so where the arm accelerates, which is when links
     ring.
-
-    noise (channels,).
     """
 
     lag = 0.0
@@ -64,12 +62,7 @@ class RigidSense:
         self._now = self._usual = self._seconds = 0.0
 
     def step(self, dt: float, row: FloatArray, measured: FloatArray) -> Sensed:
-        """
-        Take a sample.
-
-        dt [s]: 0 at a beginning; row (3 joints,): ``[q, dq, ddq]``
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; measured (channels,) in units of the output.
-        """
+        """Take a sample; dt 0 at a beginning."""
         acceleration = row[2 * (len(row) // 3):]
         size = float(acceleration @ acceleration)
         if dt > 0.0:
@@ -178,12 +171,7 @@ class CarriedLoad:
     def step(
         self, stamp: int, dt: float, row: FloatArray, measured: FloatArray, *, touched: bool,
     ) -> LoadFound | None:
-        """
-        Take a sample of the output that shows the load.
-
-        stamp [ns]; dt [s]: 0 for the first sample after a gap; row (3 joints,): ``[q, dq, ddq]``;
-        measured (channels,); touched: whether anything touches the arm, or may.
-        """
+        """Take a sample of the output that shows the load; ``touched``: something may be on it."""
         self._advance(stamp)
         change, self._reported = self._mass - self._reported, self._mass
         if abs(change) < LIGHTEST * self.worth[self.output].reference:

@@ -109,11 +109,7 @@ class RecentPast:
     def add(
         self, dt: float, left: FloatArray, added: FloatArray, weight: FloatArray,
     ) -> bool:
-        """
-        Add a sample, in units of its noise; say whether a block is full with it.
-
-        dt [s], left, added, weight (channels,).
-        """
+        """Add a sample (channels,) in units of its noise; say whether a block is full with it."""
         newest = self._blocks[self._full]
         add_sample(left, added, weight, dt, newest)
         if newest[3] < BLOCK - 1e-9:
@@ -157,11 +153,7 @@ class RecentPast:
 
 
 def ramp(lag: float, count: int) -> FloatArray:
-    """
-    Give how much of a step is seen after three equal low-passes.
-
-    lag [s]; returns (blocks,).
-    """
+    """Give how much of a step is seen after three equal low-passes of a lag [s] (blocks,)."""
     if lag <= 0.0:
         return np.ones(count)
     t = (np.arange(count) + 0.5) * (BLOCK / lag)
@@ -196,11 +188,7 @@ def observe_load(x: FloatArray, p: FloatArray, left: FloatArray, added: FloatArr
 
 
 class LoadObserver:
-    """
-    The load that an arm carries, and whether what came suddenly is one.
-
-    reference [kg], lag [s].
-    """
+    """The load that an arm carries [kg], and whether what came suddenly is one."""
 
     def __init__(
         self, channels: int, reference: float, lag: float = 0.0, explained: float = BENT_EXPLAINED,
@@ -241,11 +229,7 @@ class LoadObserver:
         self, dt: float, left: FloatArray, added: FloatArray, weight: FloatArray, *, held: bool,
         expected: bool = False,
     ) -> float:
-        """
-        Take a sample into account.
-
-        left, added, weight (channels,); dt [s]: 0 at a beginning; returns [kg], zero otherwise.
-        """
+        """Take a sample (channels,) into account, dt 0 at a beginning; returns [kg], else zero."""
         dt = min(dt, LARGEST_STEP)
         if dt <= 0.0:
             self._keep()

@@ -256,11 +256,7 @@ class Readings:
 
 
 class RecordedOutput:
-    """
-    An output of a recording, and the model that explains it.
-
-    Strain is explained by where links are that bend, where it is known how they do.
-    """
+    """An output of a recording, and its model: of strain by the links that bend, where known."""
 
     def __init__(
         self, arm: Arm, output: str, model: Model, stretches: Sequence[Stretch],

@@ -66,8 +66,6 @@ def consistent(parameters: FloatArray, information: FloatArray, size: float) -> 
 
     What the estimate does not know is that of a small body: each kilogram is drawn into a sphere
     of the given size, by so little that no direction that is known moves.
-
-    parameters (10,), information (10, 10), size [m]; returns (10,).
     """
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
@@ -213,13 +211,7 @@ def friction_terms(speed: FloatArray, slow: float) -> FloatArray:
 
 
 def described_masses(arm: Arm, motion: FloatArray, effort: FloatArray) -> Described | None:
-    """
-    Compare efforts with those of the masses of the description.
-
-    effort (samples, joints) [its unit]; motion (samples, 3 joints): ``[q, dq, ddq]`` of the active
-    joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns None where the description has no
-    masses.
-    """
+    """Compare efforts with those of the masses of the description; None where it has none."""
     values = np.concatenate([inertia.toDynamicParameters()
                              for inertia in list(arm.model.inertias)[1:]])
     if not values.any():

@@ -237,11 +237,6 @@ def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: fl
     dt : float
         Sample time [s].
 
-    Returns
-    -------
-    Reference
-        Motion of the active joints.
-
     """
     if excitation == 'aprbs':
         return aprbs_motion(arm, seconds, seed, dt)

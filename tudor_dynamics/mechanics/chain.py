@@ -227,11 +227,7 @@ def forward(z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, damped: float) 
 
 @compiled
 def backward(chain: Chain, force: NDArray) -> None:
-    """
-    Follow the chain inwards: hand each body's force and moment to joint, node and carrier.
-
-    force (n,).
-    """
+    """Follow the chain inwards: hand each body's force and moment to joint, node and carrier."""
     body_int, moving, reaction = chain.body_int, chain.moving, chain.reaction
     for b in range(body_int.shape[0] - 1, -1, -1):
         ints, here = body_int[b], moving[b]

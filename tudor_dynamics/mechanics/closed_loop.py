@@ -188,13 +188,7 @@ def run_loop(
     wanted: NDArray, noise: NDArray, done: int, dt: float, every: int,
     acting: bool, loaded: bool, out: NDArray,
 ) -> tuple[int, int, bool]:
-    """
-    Run as many steps as there are references.
-
-    noise (steps, joints + gauges), dt [s]; wanted (3, steps, joints): position and speed of the
-    reference at the start of each step [rad, rad/s], and the current that is fed forward in it
-    [A]; writes out (records, 6 joints + gauges).
-    """
+    """Run as many steps as there are references, (3, steps, joints): place, speed, current."""
     plant, sensors, tables = unowned((plant, sensors, tables))
     joints, gauges = plant.driven.shape[0], sensors.gauge.shape[0]
     record = 0
@@ -355,13 +349,9 @@ class ClosedLoop:
         """
         Put the arm at rest, held by its motors; noise begins again.
 
-        Parameters
-        ----------
-        q : array of shape (n_joints,)
-            Angles of the active joints that the encoders of the motors show [rad].
-        ahead : array of shape (n_joints,)
-            Current that is fed forward from the first step on; integrators have the rest [A].
-
+        ``q``, shape (n_joints,), are the angles of the active joints that the encoders of the
+        motors show [rad]; ``ahead``, of the same shape, is the current that is fed forward from
+        the first step on, integrators have the rest [A].
         """
         plant, state = self.plant, self._sensors.drive_state
         wanted = np.broadcast_to(np.asarray(q, dtype=float), len(self._joints))
@@ -400,56 +390,31 @@ class ClosedLoop:
         self._random = np.random.default_rng(self._seed)
 
     def set_pushes(self, pushes: Sequence[Push]) -> None:
-        """
-        Give the pushes.
-
-        Parameters
-        ----------
-        pushes : sequence of Push
-            By their times since the last ``reset``; none takes them away.
-
-        """
+        """Give the pushes, by their times since the last ``reset``; none takes them away."""
         self._plant = self._plant._replace(pushes=push_table(pushes, self.plant.mechanism))
 
     def set_payload(self, mass: float) -> None:
         """
-        Change what is carried at the tip from now on, at the speed that the tip has.
+        Change the point mass [kg] at the tip from now on, at the speed that the tip has.
 
-        Parameters
-        ----------
-        mass : float
-            As a point [kg]. The arm needs a payload to begin with, be it one of no mass.
-
+        The arm needs a payload to begin with, be it one of no mass.
         """
         mechanism = self.plant.mechanism
         rows = np.flatnonzero(mechanism.body_int[:, at.POINT] == mechanism.tip)
         if self.arm.spec.payload is None or len(rows) != 1 or not 0.0 <= mass < float('inf'):
-            msg = (f'{self.arm.name}: a payload of {mass} kg cannot be put on; describe the arm '
-                   'with a payload, of 0 kg or more')
-            raise SimulationError(msg)
+            raise SimulationError(f'{self.arm.name}: a payload of {mass} kg cannot be put on; '
+                                  'describe the arm with a payload, of 0 kg or more')
         mechanism.body_float[rows[0], at.MASS] = mass
 
     def set_floor(self, floor: Floor | None) -> None:
-        """
-        Put a floor below the tip, or take it away.
-
-        Parameters
-        ----------
-        floor : Floor or None
-            Height [m] and stiffness [N/m]; None for no floor.
-
-        """
+        """Put a floor (height [m], stiffness [N/m]) below the tip, or take it away."""
         self._plant.floor[:] = floor_row(floor, self.plant.mechanism)
 
     def set_force(self, force: ArrayLike) -> None:
         """
-        Let a constant force act at the tip until it is changed.
+        Let a force (3,), or force and moment (6,), act at the tip until it is changed.
 
-        Parameters
-        ----------
-        force : array of shape (3,) or (6,)
-            Force, or force and moment, in the base frame [N, N m].
-
+        In the base frame [N, N m].
         """
         values = np.asarray(force, dtype=float)
         if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
@@ -460,37 +425,17 @@ class ClosedLoop:
         self._loaded = bool(np.any(self._plant.external))
 
     def set_gauge_fault(self, gauge: str, fault: str) -> None:
-        """
-        Let a gauge fail: 'stuck' at its last reading, 'missing', or 'none' to mend it.
-
-        Parameters
-        ----------
-        gauge : str
-            Name of the gauge.
-        fault : {'stuck', 'missing', 'none'}
-            How it fails.
-
-        """
+        """Let a gauge fail: 'stuck' at its last reading, 'missing', or 'none' to mend it."""
         if fault not in FAULTS or gauge not in self.arm.gauge_names:
-            msg = (f'fault {fault!r} of gauge {gauge!r}: gauges are '
-                   f'{list(self.arm.gauge_names)}, faults {list(FAULTS)}')
-            raise SimulationError(msg)
+            raise SimulationError(f'fault {fault!r} of gauge {gauge!r}: gauges are '
+                                  f'{list(self.arm.gauge_names)}, faults {list(FAULTS)}')
         self._sensors.fault[self.arm.gauge_names.index(gauge)] = FAULTS[fault]
 
     def step(self, q_ref: ArrayLike, dq_ref: ArrayLike) -> LoopRecord:
         """
-        Advance by one step.
+        Advance by one step of the reference ``q_ref``, ``dq_ref``, shape (n_joints,) [rad, rad/s].
 
-        Parameters
-        ----------
-        q_ref, dq_ref : array of shape (n_joints,)
-            Position and speed of the reference [rad, rad/s].
-
-        Returns
-        -------
-        LoopRecord
-            The readings at the start of the step, one row.
-
+        Gives the readings at the start of the step, one row.
         """
         return self.run(np.atleast_2d(np.asarray(q_ref, dtype=float)),
                         np.atleast_2d(np.asarray(dq_ref, dtype=float)))
@@ -512,11 +457,6 @@ class ClosedLoop:
             Current that is fed forward in each step, as a drive takes it with its speed; none
             by default [A].
 
-        Returns
-        -------
-        LoopRecord
-            Records.
-
         Raises
         ------
         SimulationError
@@ -533,8 +473,7 @@ class ClosedLoop:
             raise SimulationError(msg)
         wanted = np.stack(given)
         if not np.isfinite(wanted).all():
-            msg = f'{self.arm.name}: a reference is not finite; check the motion'
-            raise SimulationError(msg)
+            raise SimulationError(f'{self.arm.name}: a reference is not finite; check the motion')
         begun = self._done
         rows = (begun + steps - 1) // every - (begun - 1) // every
         out = np.empty((rows, 6 * joints + gauges))
@@ -564,13 +503,7 @@ class Sample:
 
 
 class ArmProcess:
-    """
-    An arm whose joints take velocities.
-
-    rate [Hz], payload [kg], force (3,) [N], command_timeout [s], held [rad or m]; speed (joints,):
-    last command, or what the joints brake to by themselves [rad/s]; failure: empty where nothing
-    has failed.
-    """
+    """An arm whose joints take velocities [rad/s]; ``failure`` is empty where nothing failed."""
 
     def __init__(
         self, arm: Arm, *, rate: float = 500.0, payload: float = 0.0, damping: float = 0.0,
@@ -626,11 +559,7 @@ class ArmProcess:
         return np.asarray(position[self.loop.plant.mechanism.tip].copy())
 
     def step(self) -> Sample:
-        """
-        Advance by one sample and give what the sensors say at its start.
-
-        A run that diverges is no end: the arm is put to rest, see ``failure``.
-        """
+        """Advance by a sample, give what sensors say at its start; ends at rest if it diverges."""
         t = self.t
         self._samples += 1
         try:

@@ -259,11 +259,7 @@ def inverse_dynamics(
     z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, loaded: bool, elastic: float,
     force: NDArray,
 ) -> None:
-    """
-    Give the generalised force that a motion needs: zero at elastic rows of a true motion.
-
-    z, dz, ddz (n,); writes force (n,).
-    """
+    """Write the force (n,) that a motion needs: zero at elastic rows of a true motion."""
     forward(z, dz, ddz, chain, 1.0)
     body_int, body_float, coordinate = chain.body_int, chain.body_float, chain.coordinate
     for i in range(z.shape[0]):
@@ -334,12 +330,7 @@ def joint_reactions(
     z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, loaded: bool, force: NDArray,
     bodies: NDArray, result: NDArray,
 ) -> None:
-    """
-    Do ``inverse_dynamics``, and give what each joint carries in the base frame.
-
-    bodies (joints,); result (joints, 6): force [N] and moment about the joint [N m] that the
-    inboard side exerts.
-    """
+    """Do ``inverse_dynamics``; each joint's load (joints, 6) in the base frame [N, N m]."""
     inverse_dynamics(z, dz, ddz, chain, loaded, 1.0, force)
     for number in range(bodies.shape[0]):
         b = bodies[number]
@@ -362,8 +353,6 @@ def section_loads(
 
     The balance holds for any number of elements, where EI times the curvature of the shape
     functions would jump at nodes. To be called after ``inverse_dynamics``.
-
-    bodies, places (sections,) [m]; writes loads (sections, LOADS).
     """
     body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
     for s in range(bodies.shape[0]):
@@ -450,11 +439,7 @@ def section_loads(
 
 @compiled
 def put_force(chain: Chain, body: int, distance: float, force: Vector) -> None:
-    """
-    Add a force to the wrenches of the nodes around its place.
-
-    distance [m]; force: in the base frame [N].
-    """
+    """Add a force [N], in the base frame, to the nodes around its place at a distance [m]."""
     body_int, wrench = chain.body_int, chain.wrench
     first = body_int[body, at.POINT]
     if body_int[body, at.FLEXIBLE] == 0:
@@ -509,11 +494,7 @@ def add_to_sections(
 def point_motion(
     z: NDArray, dz: NDArray, chain: Chain, body: int, node: int,
 ) -> tuple[Vector, Vector]:
-    """
-    Give place and velocity of one node in the base frame, after a forward pass [m, m/s].
-
-    z, dz (n,); body, node: 0 for the origin of its frame.
-    """
+    """Give place and velocity of a node, 0 for its frame, after a forward pass [m, m/s]."""
     here = chain.moving[body]
     p, dp = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if node > 0:

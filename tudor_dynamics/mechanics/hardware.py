@@ -176,9 +176,8 @@ def drive_row(motor: MotorSpec, dt: float, chosen: Imperfections) -> FloatArray:
     """Lay out the parameters of one motor: dt [s]; returns (PARAMETERS,)."""
     inertia, torque = motor.reflected_inertia, motor.joint_torque_constant
     if inertia <= 0.0:
-        msg = (f'motor of joint {motor.joint!r}: rotor_inertia is 0; the simulated drive needs '
-               'it, give it in motors')
-        raise SimulationError(msg)
+        raise SimulationError(f'motor of joint {motor.joint!r}: rotor_inertia is 0; the simulated '
+                              'drive needs it, give it in motors')
     # A rigid gear is as stiff as the step allows, well damped.
     stiffest = inertia * (settings.RIGID_GEAR / dt) ** 2
     stiffness, damping = motor.stiffness, motor.damping
@@ -251,11 +250,7 @@ def drive_sensor_row(motor: MotorSpec, chosen: Imperfections) -> FloatArray:
 
 
 def gauge_rows(arm: Arm, probe: Probe, chosen: Imperfections) -> FloatArray:
-    """
-    Lay out the gauges of an arm; a gauge without an entry in ``sensors`` is ideal.
-
-    Returns (gauges, GAUGE).
-    """
+    """Lay out the gauges of an arm (gauges, GAUGE); ideal without an entry in ``sensors``."""
     sensors = {sensor.gauge: sensor for sensor in arm.spec.sensors}
     rows = np.zeros((len(arm.gauges), GAUGE))
     for row, gauge, ideal in zip(rows, arm.gauges, probe.gains, strict=True):
@@ -357,11 +352,7 @@ def push_share(row: NDArray, t: float) -> float:
 
 @compiled
 def put_pushes(table: NDArray, t: float, chain: Chain) -> bool:
-    """
-    Add the pushes at a time to the forces on nodes; a place between nodes loads both neighbours.
-
-    table (pushes, PUSH), t [s].
-    """
+    """Add the pushes at a time [s] to the nodes; a place between nodes loads both neighbours."""
     acting = False
     for i in range(table.shape[0]):
         row = table[i]
@@ -391,15 +382,13 @@ def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
     table = np.zeros((len(pushes), PUSH))
     for row, push in zip(table, pushes, strict=True):
         if push.joint not in mechanism.body_of:
-            msg = (f'there is no link behind joint {push.joint!r} to push; links stand behind '
-                   f'{list(mechanism.body_of)}')
-            raise SimulationError(msg)
+            raise SimulationError(f'there is no link behind joint {push.joint!r} to push; links '
+                                  f'stand behind {list(mechanism.body_of)}')
         body = mechanism.body_of[push.joint]
         length = mechanism.length(push.joint)
         if not 0.0 <= push.distance <= length + 1e-9:
-            msg = (f'a push {push.distance:g} m along the link of {push.joint!r} lies outside '
-                   f'its {length:g} m')
-            raise SimulationError(msg)
+            raise SimulationError(f'a push {push.distance:g} m along the link of {push.joint!r} '
+                                  f'lies outside its {length:g} m')
         values = (push.time, push.duration, push.rise, *push.force)
         if not np.isfinite(values).all() or push.duration <= 0.0 or push.rise < 0.0:
             msg = f'{push}: times and forces must be finite, the duration positive'
@@ -410,11 +399,7 @@ def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
 
 
 def push_forces(table: FloatArray, t: FloatArray) -> FloatArray:
-    """
-    Give the force of each push over time.
-
-    table (pushes, PUSH), t (samples,) [s]; returns (pushes, samples, 3) [N].
-    """
+    """Give the force of each push over time, (pushes, samples, 3) [N]."""
     share = np.array([[push_share(row, float(now)) for now in t] for row in table])
     return np.asarray(share.reshape(len(table), len(t), 1) * table[:, None, FORCE:FORCE + 3])
 
@@ -430,11 +415,6 @@ def with_payload(arm: Arm, mass: float) -> Arm:
     mass : float
         Mass at the tip [kg].
 
-    Returns
-    -------
-    Arm
-        Arm with the payload as a point at its tip.
-
     Raises
     ------
     SimulationError
@@ -442,8 +422,7 @@ def with_payload(arm: Arm, mass: float) -> Arm:
 
     """
     if not (math.isfinite(mass) and mass >= 0.0):
-        msg = f'a payload of {mass} kg is impossible; give 0 or more'
-        raise SimulationError(msg)
+        raise SimulationError(f'a payload of {mass} kg is impossible; give 0 or more')
     part = InertiaPart(mass=mass) if mass > 0.0 else None
     spec = arm.spec.model_copy(update={'payload': part})
     return Arm(spec, arm.full_model, arm.source, arm.urdf)

@@ -91,11 +91,7 @@ ORDERS = 4
 
 @compiled
 def extrapolated(past: NDArray, order: int, i: int) -> float:
-    """
-    Continue the polynomial through the last accelerations of a coordinate.
-
-    past (PAST, n) [rad/s^2 or m/s^2].
-    """
+    """Continue the polynomial through the last accelerations (PAST, n) of a coordinate."""
     a, b, c = past[0, i], past[1, i], past[2, i]
     if order == 0:
         return a
@@ -113,8 +109,6 @@ def best_order(found: NDArray, past: NDArray, prescribed: NDArray, factor: NDArr
 
     What moves smoothly is met best by a high one, what rings in modes that a step cannot follow by
     a low one.
-
-    found (n,) [rad/s^2 or m/s^2], past (PAST, n), prescribed (n,), factor (n, n).
     """
     errors = (0.0, 0.0, 0.0, 0.0)
     for i in range(found.shape[0]):
@@ -170,11 +164,7 @@ OK, NOT_CONVERGED, NOT_FINITE, BAD_INPUT, TOO_BENT, SINGULAR = range(6)
 
 
 class PlantTables(NamedTuple):
-    """
-    State of a plant, its matrices, what drives it, and its mechanism.
-
-    The arrays are changed in place and are never others for the life of a plant.
-    """
+    """State of a plant, its matrices, what drives it, its mechanism: arrays changed in place."""
 
     vectors: NDArray  # state, and what a step begins with, (VECTORS, n)
     matrices: NDArray  # stiffness and damping, and working memory, (MATRICES, n, n)
@@ -333,11 +323,7 @@ def step(plant: PlantTables, loaded: bool) -> int:
 
 @compiled
 def accelerations(plant: PlantTables, loaded: bool) -> bool:
-    """
-    Solve the equations for the accelerations at a given state.
-
-    Returns False where the mass matrix is singular.
-    """
+    """Solve for the accelerations at a given state; False where the mass matrix is singular."""
     vectors, prescribed = plant.vectors, plant.prescribed
     n = prescribed.shape[0]
     ddz, force = vectors[DDZ], vectors[FORCE]

@@ -183,11 +183,7 @@ def shifted_inertia(inertia: NDArray, place: Vector, target: NDArray) -> None:
 
 @compiled
 def mass_matrix(z: NDArray, chain: Chain, composite: Composite, matrix: NDArray) -> None:
-    """
-    Give the mass matrix by composite bodies, from the tips inwards.
-
-    z (n,) [rad, m]; writes matrix (n, n).
-    """
+    """Write the mass matrix (n, n) by composite bodies, from the tips inwards."""
     body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
     columns, owner, inertias = composite.columns, composite.owner, composite.inertias
     n, bodies = z.shape[0], body_int.shape[0]
@@ -314,11 +310,7 @@ def stiffness_matrix(
     body_int: NDArray, body_float: NDArray, coordinate: NDArray, stiffness: NDArray,
     damping: NDArray,
 ) -> None:
-    """
-    Give the elastic stiffness and the damping by stiffness and joints.
-
-    Writes stiffness, damping (n, n).
-    """
+    """Write the elastic stiffness, and the damping by stiffness and joints, (n, n)."""
     stiffness[:] = 0.0
     damping[:] = 0.0
     for i in range(coordinate.shape[0]):
@@ -352,11 +344,7 @@ def add_stretch(
     z: NDArray, body_int: NDArray, body_float: NDArray, gain: float, rate_gain: float,
     matrix: NDArray,
 ) -> None:
-    """
-    Add the tangent stiffness of bending that shortens a beam; only the lower triangle is right.
-
-    z (n,) [rad, m], matrix (n, n).
-    """
+    """Add the tangent stiffness of bending that shortens a beam; the lower triangle alone."""
     rows = np.empty(10, dtype=np.int64)
     g = np.empty(10)
     for b in range(body_int.shape[0]):

@@ -63,11 +63,6 @@ def rectangle_torsion(height: float, width: float) -> float:
     height, width : float
         Sides of the rectangle [m].
 
-    Returns
-    -------
-    float
-        Torsion constant [m^4].
-
     """
     short, long = min(height, width), max(height, width)
     total = sum(math.tanh(n * math.pi * long / (2.0 * short)) / n**5 for n in range(1, 30, 2))
@@ -415,11 +410,6 @@ def build_mechanism(arm: Arm) -> Mechanism:
     ----------
     arm : Arm
         Description with ``links`` filled in.
-
-    Returns
-    -------
-    Mechanism
-        Tables for compiled code.
 
     Raises
     ------

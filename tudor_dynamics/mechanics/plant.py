@@ -231,11 +231,6 @@ class Plant:
         external_force : array of shape (3,), (6,) or (points, 6), optional
             Acts at the start, see ``step`` [N, N m].
 
-        Returns
-        -------
-        PlantState
-            State at t = 0.
-
         Raises
         ------
         SimulationError

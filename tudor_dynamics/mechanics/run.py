@@ -67,12 +67,7 @@ class Observation:
 
 
 class Probe:
-    """
-    Nodal motion, internal loads and strains of a plant.
-
-    sections: joint before a beam and distance from its start [m], the middle of each by default;
-    bodies, places (places,) [m], gains (gauges, 3); writes loads (places, LOADS) [N, N m].
-    """
+    """Nodal motion, internal loads [N, N m] and strains of a plant, by default amid each beam."""
 
     def __init__(self, plant: Plant, sections: Sequence[tuple[str, float]] | None = None,
                  arm: Arm | None = None) -> None:
@@ -135,14 +130,12 @@ class Probe:
     def _check(self, joint: str, distance: float) -> None:
         mechanism = self.plant.mechanism
         if joint not in mechanism.beams:
-            msg = (f'{mechanism.name}: there is no beam behind joint {joint!r}; beams stand '
-                   f'behind {list(mechanism.beams)}')
-            raise SimulationError(msg)
+            raise SimulationError(f'{mechanism.name}: there is no beam behind joint {joint!r}; '
+                                  f'beams stand behind {list(mechanism.beams)}')
         length = mechanism.length(joint)
         if not -1e-9 <= distance <= length + 1e-9:
-            msg = (f'{mechanism.name}: a section {distance:g} m from the start of the beam behind '
-                   f'{joint!r} lies outside its {length:g} m')
-            raise SimulationError(msg)
+            raise SimulationError(f'{mechanism.name}: a section {distance:g} m from the start of '
+                                  f'the beam behind {joint!r} lies outside its {length:g} m')
 
 
 # -- Inertial sensors on a mechanism: at the far end of each beam and at the tip
@@ -175,11 +168,7 @@ def read_inertial(
 
 @dataclass(frozen=True, eq=False)
 class InertialReadings:
-    """
-    What the sensors measure, each in its own axes.
-
-    They are those of the beam's end, x along the beam; of the tip frame where no beam ends there.
-    """
+    """What sensors measure, each in axes of its beam's end, x along it, or of the tip frame."""
 
     sensor_axes: FloatArray  # of each sensor in the base frame, as columns, (sensors, 3, 3)
     # Turning of each sensor, as a gyroscope reads it, (sensors, 3) [rad/s].
@@ -213,11 +202,7 @@ class InertialSensors:
             np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros((count, 3)))
 
     def read(self, plant: Plant, acceleration: FloatArray) -> InertialReadings:
-        """
-        Measure the present motion; to be called after ``Probe.observe``.
-
-        acceleration (points, 3) [m/s^2].
-        """
+        """Measure the motion after ``Probe.observe``, accelerations (points, 3) [m/s^2]."""
         found = self._readings
         read_inertial(
             plant.coordinates, plant.rates, plant.mechanism.gravity, plant.tables.chain,
@@ -256,11 +241,7 @@ def _differences(
 
 
 def stiffness_about_state(plant: Plant) -> FloatArray:
-    """
-    Give the tangent stiffness over all coordinates, gravity and stretch included.
-
-    Returns (n, n).
-    """
+    """Give the tangent stiffness (n, n) over all coordinates, gravity and stretch included."""
     z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
     # Differences for gravity alone: those of the stiffness would drown in its large numbers.
     weight = _differences(
@@ -269,11 +250,7 @@ def stiffness_about_state(plant: Plant) -> FloatArray:
 
 
 def damping_about_state(plant: Plant) -> FloatArray:
-    """
-    Give the tangent damping over all coordinates: Rayleigh's and that of the joints.
-
-    Returns (n, n).
-    """
+    """Give the tangent damping (n, n) over all coordinates: Rayleigh's and that of the joints."""
     z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
     # what is quadratic in the rates cancels
     return _differences(plant, 1.0, lambda rate: plant.imbalance(z, rate, zero)).T
@@ -292,11 +269,6 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
     free_joints : sequence of str
         Joints that move freely; the others are held.
 
-    Returns
-    -------
-    Modes
-        Lowest modes.
-
     Raises
     ------
     SimulationError
@@ -309,9 +281,8 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
     mechanism = plant.mechanism
     unknown = [name for name in free_joints if name not in mechanism.joints]
     if unknown or count < 1:
-        msg = (f'{count} modes with the joints {unknown or list(free_joints)} free: expected 1 or '
-               f'more, and some of {list(mechanism.joints)}')
-        raise SimulationError(msg)
+        raise SimulationError(f'{count} modes with the joints {unknown or list(free_joints)} '
+                              f'free: expected 1 or more, and some of {list(mechanism.joints)}')
     free = mechanism.elastic.copy()
     for joint in free_joints:
         free[mechanism.q_index[mechanism.joints.index(joint)]] = True
@@ -360,8 +331,7 @@ class Steps(NamedTuple):
         for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
             check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
             if not 0.0 < value < 1e9:
-                msg = f'{name} (--{name}) must be positive, found {value}'
-                raise UsageError(msg)
+                raise UsageError(f'{name} (--{name}) must be positive, found {value}')
         return cls(max(int(round(seconds / dt)), 1), max(int(round(1.0 / (rate * dt))), 1))
 
 
@@ -448,11 +418,7 @@ def run_plant(
     motion: Motion | None = None, force: FloatArray | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> PlantRecord:
-    """
-    Step a plant through given torques from its present state.
-
-    torque (steps + 1, joints) [N m or N], motion (steps + 1, joints), force (steps + 1, 3) [N].
-    """
+    """Step a plant through torques (steps + 1, joints) [N m or N] from its present state."""
     steps = torque.shape[0] - 1
     recorder = _Recorder(plant, probe, steps // every + 1)
     recorder.write(0)
@@ -501,8 +467,7 @@ def simulate_with_scipy(
                        max_step=max(20.0 * dt, 1e-3))
     if not result.success:
         reached = result.t[-1] if result.t.size else 0.0
-        msg = f'{method} gave up at t = {reached:g} s: {result.message}'
-        raise SimulationError(msg)
+        raise SimulationError(f'{method} gave up at t = {reached:g} s: {result.message}')
     recorder = _Recorder(plant, probe, wanted.size)
     for row, t in enumerate(wanted):
         place, rate = unpack(result.y[:, row])

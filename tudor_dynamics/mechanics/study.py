@@ -197,12 +197,7 @@ def motion_signal(
 
 
 def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
-    """
-    Sample a torque, or a component of a force.
-
-    t (samples,) [s]; value: constant, expression in t, function of the time [s], or values at
-    ``t`` [N m or N]; returns (samples,) [N m or N].
-    """
+    """Sample, at times [s], a constant, expression in t, function of time, or values."""
     if isinstance(value, str):
         return evaluate_expression(value, t)
     # not in the try below: what a function of the user raises is best seen as it is
@@ -223,12 +218,7 @@ def sampled_columns(
     what: str, given: Mapping[str, Drive], t: FloatArray, columns: tuple[str, ...],
     allowed: tuple[str, ...],
 ) -> FloatArray:
-    """
-    Sample torques of joints or components of a force, as a program gives them.
-
-    given [N m or N], t (samples,) [s]; returns (samples, columns) [N m or N], zero where nothing
-    was said.
-    """
+    """Sample torques of joints, or a force's components, (samples, columns), zero by default."""
     result = np.zeros((t.size, len(columns)))
     for name, value in given.items():
         if name not in allowed:
@@ -326,11 +316,6 @@ class SimulatedRun:
             PNG file to write; only drawn by default.
         title : str, optional
             Title of the figure; the name of the signal by default.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            The figure, which a notebook shows.
 
         Raises
         ------

@@ -57,12 +57,7 @@ Inputs = Callable[[Stretch], FloatArray]
 
 
 def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
-    """
-    Wrap two arrays as training data of one block, after a check of their shapes.
-
-    output (samples, channels) [its unit]; motion (samples, inputs): ``[q, dq, ddq]`` and what else
-    the model takes, in columns.
-    """
+    """Wrap two arrays as training data of one block, after a check of their shapes."""
     motion, output = np.asarray(motion, dtype=float), np.asarray(output, dtype=float)
     if motion.ndim != 2 or output.ndim != 2 or len(motion) != len(output):
         raise FitError(f'motion has shape {motion.shape} and output {output.shape}; expected '
@@ -395,11 +390,6 @@ class Model(ABC):
         output : {'effort', 'strain'}
             What the model predicts.
 
-        Returns
-        -------
-        Model
-            Model that can predict.
-
         Raises
         ------
         ModelError
@@ -482,13 +472,7 @@ class MemorylessModel(Model):
         return self.fit_blocks(blocks)
 
     def fit(self: Learner, motion: FloatArray, output: FloatArray) -> Learner:
-        """
-        Learn from motion and outputs.
-
-        output (samples, channels) [its unit]; motion (samples, inputs): ``[q, dq, ddq]`` of the
-        active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2], and the payload [kg]
-        where the model is of all payloads.
-        """
+        """Learn from outputs and motion, with a payload [kg] as last column of models of all."""
         return self.fit_blocks(block_of(motion, output))
 
     @abstractmethod

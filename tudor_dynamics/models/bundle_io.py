@@ -372,11 +372,6 @@ def load_bundle(
     with_data : bool, default=False
         Read what the training bags came to as well, where the bundle has kept it.
 
-    Returns
-    -------
-    ModelBundle
-        Models that can predict.
-
     Raises
     ------
     ModelError

@@ -74,12 +74,7 @@ def prior_of(arm: Arm) -> Prior:
 
 
 def parameters_of(log: FloatArray) -> FloatArray:
-    """
-    Give the dynamic parameters of a body.
-
-    log (10,); returns (10,): mass [kg], first moments [kg m], inertia about the joint [kg m^2], in
-    Pinocchio's order.
-    """
+    """Give a body's mass [kg], first moments [kg m], inertia about the joint [kg m^2], (10,)."""
     return np.asarray(pin.LogCholeskyParameters(log).toDynamicParameters())
 
 
@@ -89,12 +84,7 @@ def slopes_of(log: FloatArray) -> FloatArray:
 
 
 def log_cholesky(parameters: FloatArray) -> FloatArray:
-    """
-    Give the log-Cholesky parameters of a body that can exist.
-
-    parameters (10,): mass [kg], first moments [kg m], inertia about the joint [kg m^2], in
-    Pinocchio's order; returns (10,).
-    """
+    """Give the log-Cholesky parameters (10,) of a body that can exist; see ``parameters_of``."""
     pseudo = pseudo_inertia(parameters)
     # upper triangular factor: that of the reversed matrix, reversed
     upper = np.linalg.cholesky(pseudo[::-1, ::-1])[::-1, ::-1]
@@ -180,8 +170,6 @@ def energy_rows(arm: Arm, columns: Sequence[str], speeds: FloatArray) -> FloatAr
 
     Rotor inertias, and the friction of each joint against the motion at each of its speeds: the
     sum of all its terms, for friction that falls with the speed has terms that give.
-
-    speeds (joints,) [rad/s or m/s]; returns (rows, columns).
     """
     place = {name: i for i, name in enumerate(columns)}
     rows = [np.eye(len(columns))[[i for name, i in place.items() if name.startswith('Ia(')]]]

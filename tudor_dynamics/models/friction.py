@@ -59,46 +59,28 @@ class Coupling:
             self._mixture = np.asarray(np.linalg.inv(matrix).T)
 
     def of_joints(self, motion: FloatArray) -> FloatArray:
-        """
-        Give the motion of the joints.
-
-        motion (samples, 3 joints): ``[q, dq, ddq]`` as measured
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        """
+        """Give the motion of the joints from the motion (samples, 3 joints) as measured."""
         if self._joints is None:
             return motion
         n = len(self._joints)
         return np.hstack([motion[:, i * n:(i + 1) * n] @ self._joints.T for i in range(3)])
 
     def drive_places(self, q: FloatArray) -> FloatArray:
-        """
-        Give what the motors have turned by, after their gears.
-
-        q (samples, joints) [rad or m].
-        """
+        """Give what the motors have turned by, after their gears: (samples, joints) [rad or m]."""
         if self._alone:
             return q
         joints = q if self._joints is None else q @ self._joints.T
         return joints @ self.speeds.T
 
     def mix(self, rows: FloatArray) -> None:
-        """
-        Turn rows of the joints into rows of what is measured, in place.
-
-        rows (samples, joints, columns).
-        """
+        """Turn rows (samples, joints, columns) of joints into those of what is measured."""
         if self._mixture is not None:
             rows[:] = np.einsum('ij,kjp->kip', self._mixture, rows)
 
     def body_efforts(
         self, bodies: RigidBodies, motion: FloatArray, parameters: FloatArray,
     ) -> FloatArray:
-        """
-        Evaluate what the bodies ask of each effort.
-
-        parameters (joints, columns); motion (samples, 3 joints): ``[q, dq, ddq]`` of the joints
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, joints) [N m or N].
-        """
+        """Evaluate what the bodies ask of each effort, (samples, joints) [N m or N]."""
         out = np.empty((len(motion), len(parameters)))
         bodies.outputs(motion, parameters, out)
         if self._mixture is None:
@@ -226,12 +208,7 @@ def friction_columns(
     joint: JointSpec, dq: FloatArray, load: FloatArray | None = None,
     states: FloatArray | None = None,
 ) -> FloatArray:
-    """
-    Evaluate the friction columns of a joint.
-
-    dq (samples,) [rad/s or m/s], load (samples,) [N m or N]; states (samples, columns with a state
-    or more): as of a joint that slides by default; returns (samples, columns).
-    """
+    """Evaluate the friction columns (samples, columns) of a joint, that slides by default."""
     codes = friction_codes(joint)
     out = np.empty((len(dq), len(codes)))
     _fill(np.asarray(dq, dtype=float), codes, joint.friction_velocity, joint.stribeck_velocity,
@@ -264,13 +241,7 @@ def _fill(dq: FloatArray, codes: NDArray, sharp: float, stribeck: float, out: Fl
 
 @compiled
 def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
-    """
-    Evaluate one column at one speed; that of a load still wants its size as a factor.
-
-    A term with a state is taken as that of a joint that slides.
-
-    dq, sharp, stribeck [rad/s or m/s].
-    """
+    """Evaluate a column of a joint that slides; that of a load still wants its size as factor."""
     if code == _OFFSET:
         return 1.0
     if code == _VISCOUS:
@@ -303,11 +274,7 @@ def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
 
 @compiled
 def _next_state(code: int, state: float, move: float, dt: float, value: float) -> float:
-    """
-    Give the state of a column after a move of the drive within dt, from 0 at first.
-
-    move [rad or m]; dt [s]; value: of the term's key.
-    """
+    """Give the state of a column after a move of the drive [rad or m] in dt, from 0 at first."""
     if code == PRESLIDING:
         return min(1.0, max(-1.0, state + move / value))
     return state
@@ -328,12 +295,7 @@ def _follow(
 def states_along(
     stretch: Stretch, coupling: Coupling, codes: NDArray[np.intp], values: FloatArray,
 ) -> FloatArray:
-    """
-    Follow states along a stretch, from what is known of the motion before it on.
-
-    codes, values (states, joints): of each term and joint, infinite for one that is not there;
-    returns (samples, states, joints), 0 where the motion begins.
-    """
+    """Follow states (samples, states, joints) along a stretch, from the motion before it on."""
     q, dt, earlier = stretch.states.q, stretch.dt, 0
     if stretch.before is not None:
         earlier = len(stretch.before)
@@ -362,12 +324,7 @@ class FrictionStates:
         self.count = self.values.size
 
     def follow(self, stretch: Stretch) -> FloatArray:
-        """
-        Give the motion of a stretch, and the states.
-
-        Returns (samples, 3 joints + count): ``[q, dq, ddq, z]``, the first state of each drive
-        before the second ones.
-        """
+        """Give ``[q, dq, ddq, z]`` of a stretch, first states of all drives before second ones."""
         states = states_along(stretch, self.coupling, self.codes, self.values)
         return np.hstack([stretch.motion, states.reshape(len(states), -1)])
 
@@ -382,13 +339,7 @@ class LiveFriction:
         self._state = np.zeros((1, states.count))
 
     def step(self, dt: float, row: FloatArray) -> FloatArray:
-        """
-        Go to the next sample.
-
-        dt [s]: 0 for the first after a gap; row (3 joints,): ``[q, dq, ddq]`` of one sample
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (3 joints + count,): ``[q, dq, ddq, z]``,
-        as `FrictionStates.follow` gives it.
-        """
+        """Go to the next sample, dt 0 after a gap, as `FrictionStates.follow` goes through all."""
         most, n = self._states.values.shape
         places = np.tile(self._states.coupling.drive_places(row[None, :n]), most)
         if dt == 0.0:
@@ -405,12 +356,7 @@ NOT_KNOWN = np.empty((0, 0))
 
 
 class JointTerms:
-    """
-    What the drives of the joints add to the efforts of the bodies.
-
-    scale (joints,); speeds (joints, joints): each its own by default; reach (joints, joints): of
-    its own by default.
-    """
+    """What the drives of the joints add to the efforts of the bodies."""
 
     def __init__(
         self, joints: Sequence[JointSpec], columns: Sequence[int], scale: FloatArray,
@@ -430,13 +376,7 @@ class JointTerms:
         self, motion: FloatArray, parameters: FloatArray, out: FloatArray,
         states: FloatArray | None = None,
     ) -> None:
-        """
-        Add rotor inertias and friction, and bring the sum to the unit of the measurement.
-
-        parameters (joints, columns), states (samples, states); motion (samples, 3 joints):
-        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
-        writes out (samples, joints) [N m or N].
-        """
+        """Add rotor inertias and friction to efforts (samples, joints), in the measured unit."""
         _add(self._terms, motion, NOT_KNOWN if states is None else states, parameters, out)
 
 

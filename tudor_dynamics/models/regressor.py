@@ -106,10 +106,8 @@ class EffortRegressor(Regressor):
 
     Joints whose effort is a torque or force, or a current with a known constant, share the
     inertial parameters and are stacked. A joint with a current of unknown torque constant has
-    parameters of its own, scaled by that constant, or shares those of the others as well: then
-    the constants are to be found with them (`estimation.find_constants`).
-
-    scaled (columns,).
+    parameters of its own, scaled by that constant, or shares those of the others as well: then the
+    constants are to be found with them (`estimation.find_constants`).
     """
 
     def __init__(self, arm: Arm, *, shared: bool = False) -> None:
@@ -279,11 +277,10 @@ class BaseSet:
 
 def random_motion(n_joints: int, n_samples: int, seed: int) -> FloatArray:
     """
-    Draw random states that excite every parameter.
+    Draw random states ``[q, dq, ddq]`` that excite every parameter, within +-pi, +-2, +-5.
 
-    Returns (samples, 3 joints): ``[q, dq, ddq]``, within +-pi, +-2, +-5
-    [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; every second state is slow, down to 0.2 mrad/s, where
-    friction terms differ that are alike (or nothing) at speed.
+    Every second state is slow, down to 0.2 mrad/s, where friction terms differ that are alike (or
+    nothing) at speed.
     """
     generator = np.random.default_rng(seed)
     scale = np.repeat([np.pi, 2.0, 5.0], n_joints)

@@ -45,11 +45,7 @@ _STATE = 21
 
 
 class RigidBodies:
-    """
-    A tree of bodies on revolute and prismatic joints, and the joints whose efforts are wanted.
-
-    wanted (channels,); driven (joints,): the other joints stay at zero.
-    """
+    """A tree of bodies on joints, and those whose efforts are wanted; the undriven are at 0."""
 
     def __init__(self, model: pin.Model, driven: IndexArray, wanted: IndexArray) -> None:
         count = model.njoints - 1
@@ -74,24 +70,13 @@ class RigidBodies:
                        np.zeros((3, count)), np.zeros((count, _STATE)), np.zeros((count, 6)))
 
     def outputs(self, motion: FloatArray, parameters: FloatArray, out: FloatArray) -> None:
-        """
-        Evaluate the efforts of the bodies.
-
-        parameters (channels, at least 10 bodies); motion (samples, 3 joints): ``[q, dq, ddq]`` of
-        the driven joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; writes out (samples, channels).
-        """
+        """Evaluate the efforts (samples, channels) of bodies, by parameters of each channel."""
         rigid_outputs(self.bodies, motion, parameters, out)
 
     def rows(
         self, motion: FloatArray, out: FloatArray, gravity: FloatArray | None = None,
     ) -> None:
-        """
-        Evaluate the efforts of unit parameters.
-
-        gravity (3,) [m/s^2]; motion (samples, 3 joints): ``[q, dq, ddq]`` of the driven joints
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; writes out (samples, channels, 10 bodies)
-        [N m or N per parameter].
-        """
+        """Evaluate the efforts of unit parameters, (samples, channels, 10 bodies)."""
         bodies = self.bodies if gravity is None else (
             *self.bodies[:5], np.array(gravity, dtype=float), *self.bodies[6:])
         rigid_rows(bodies, motion, out)

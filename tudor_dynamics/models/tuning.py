@@ -161,12 +161,7 @@ class TunedArm:
         return np.array([[sensor.gain for sensor in known], [sensor.offset for sensor in known]])
 
     def at(self, payload: float, q: FloatArray) -> SmallMotion:
-        """
-        Linearise about rest with a mass [kg] at the tip, the drives at ``q`` [rad].
-
-        ``values`` are readings in the units of the arm description, NaN where there is none. The
-        result has residuals, ratios to the thresholds, and collisions that became known.
-        """
+        """Linearise about rest with a mass [kg] at the tip, the drives at ``q`` [rad]."""
         driven = self._driven
         self._carry(payload)
         rests = [[self._rest(driven, q + side * DRIVE_NUDGE * unit) for side in (1.0, -1.0)]

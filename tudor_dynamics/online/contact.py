@@ -96,12 +96,7 @@ class ContactRecord:
         self._count += 1
 
     def summary(self) -> dict[str, Any]:
-        """
-        Give what it comes to.
-
-        Returns ``link``, ``force`` (mean across the link) and ``largest_force`` [N], ``place`` and
-        ``place_deviation`` (None where it is not identifiable) [m]; empty without a sample.
-        """
+        """Give link, forces [N], place and its deviation [m], None if unknown; empty if unfelt."""
         if self._count == 0 or not self.spans:
             return {}
         link, own, weights = most_likely(self._likely, self.links)
@@ -129,12 +124,7 @@ class ContactRecord:
 
 
 def most_likely(likely: FloatArray, names: Sequence[str]) -> tuple[str, list[int], FloatArray]:
-    """
-    Find the name of the likeliest spans.
-
-    likely (spans,): logarithms; gives the name, the spans that have it, and how likely each span
-    is, (spans,), in all 1.
-    """
+    """Find the likeliest name, its spans, and how likely each is, from logarithms (spans,)."""
     weights = np.exp(likely - likely.max())
     weights = weights / weights.sum()
     totals = {name: float(sum(w for w, of in zip(weights, names, strict=True) if of == name))
@@ -146,12 +136,7 @@ def most_likely(likely: FloatArray, names: Sequence[str]) -> tuple[str, list[int
 def place_among(
     spans: Sequence[Span], share: FloatArray, places: Sequence[tuple[float, float]],
 ) -> tuple[float, float, bool]:
-    """
-    Give the place of a contact on one of several spans of a link, and its deviation [m].
-
-    share (spans,): how likely each is; places: place and standard deviation on each [m]; the third
-    result is whether the place is certain enough to be reported.
-    """
+    """Give place and deviation on several spans of a link [m], and if that is to be reported."""
     means, deviations = np.array(places).T
     place = float(share @ means)
     deviation = math.sqrt(float(share @ (deviations**2 + (means - place)**2)))

@@ -63,11 +63,7 @@ def pressing_columns(
     body: int, side: int, sign: float, inner: float, outer: float, start: float,
     pushed: NDArray, *arrays: NDArray,
 ) -> None:
-    """
-    Write the generalised forces of a unit of what presses on a span.
-
-    inner, outer, start [m]; writes pushed (m, PRESSING).
-    """
+    """Write the generalised forces (m, PRESSING) of a unit of what presses on a span [m]."""
     driven = driven_of(arrays)
     m, chain = pushed.shape[0], driven.chain
     none, near, far = np.zeros(m), np.zeros(m), np.zeros(m)
@@ -90,11 +86,7 @@ def pressing_columns(
 
 
 class Pressing:
-    """
-    A span of a link, as compiled code has it.
-
-    along, across (3,), through (gauges, PRESSING).
-    """
+    """A span of a link, as compiled code has it."""
 
     def __init__(
         self, span: Span, along: FloatArray, across: FloatArray, mechanism: Mechanism,
@@ -133,12 +125,7 @@ class Pressing:
 
 @compiled
 def slow_modes(small: NDArray, basis: NDArray, squares: NDArray, rates: NDArray) -> None:
-    """
-    Find the slowest modes, scaled to a mass of one.
-
-    small (3, m, m); squares, rates (c,): result: squares of the frequencies [rad^2/s^2], and
-    damping [1/s]; writes basis (m, c).
-    """
+    """Find the slowest modes, of a mass of one: basis (m, c), squares, damping rates (c,)."""
     lower = np.linalg.cholesky(small[0])
     inverse = np.linalg.inv(lower)
     values, vectors = np.linalg.eigh(inverse @ small[2] @ inverse.T)
@@ -153,11 +140,7 @@ def slow_modes(small: NDArray, basis: NDArray, squares: NDArray, rates: NDArray)
 @compiled
 def turn_basis(before: NDArray, mass: NDArray, now: NDArray, state: NDArray, covariance: NDArray,
                ) -> None:
-    """
-    Describe the same vibration by the modes of another pose.
-
-    before, now (m, c), mass (m, m); writes state, covariance (2 c + k,).
-    """
+    """Describe the same vibration by the modes of another pose."""
     c, n = before.shape[1], state.shape[0]
     change = now.T @ mass @ before
     whole = np.eye(n)
@@ -172,11 +155,7 @@ def carry(
     state: NDArray, covariance: NDArray, squares: NDArray, rates: NDArray, white: NDArray,
     acting: NDArray, dt: float, noise: float, fade: float, rise: NDArray,
 ) -> None:
-    """
-    Carry state and covariance over one sample.
-
-    squares, rates (c,), white (c, w), acting (c, k), dt [s], noise [N^2 s], rise (k, k).
-    """
+    """Carry state and covariance over one sample."""
     c, k, n = squares.shape[0], acting.shape[1], state.shape[0]
     step, entering = np.zeros((n, n)), np.zeros((n, white.shape[1]))
     for i in range(c):
@@ -204,12 +183,7 @@ def correct(
     state: NDArray, covariance: NDArray, rows: NDArray, variance: NDArray, measured: NDArray,
     trusted: float,
 ) -> float:
-    """
-    Correct a state by what gauges show beyond the model.
-
-    rows (gauges, n), variance (gauges,) [N^2 m^2]; measured (gauges,) [N m]: NaN for a gauge that
-    does not count.
-    """
+    """Correct a state by what gauges show [N m] beyond the model; NaN does not count."""
     n, likely = state.shape[0], 0.0
     # one gauge after the other: their noise is independent
     for g in range(measured.shape[0]):
@@ -232,11 +206,7 @@ def correct(
 
 
 class ElasticFront:
-    """
-    An elastic arm that follows positions, uncorrected, and is linearised as it goes.
-
-    gain (gauges,) [unit per N m], moment_deviation (gauges,) [N m], noise [N^2 s].
-    """
+    """An elastic arm that follows positions, uncorrected, and is linearised as it goes."""
 
     def __init__(
         self, model: ElasticModel, spans: Sequence[Span], gain: FloatArray,
@@ -281,12 +251,7 @@ class ElasticFront:
         return len(self._squares)
 
     def follow(self, dt: float, row: FloatArray) -> FloatArray:
-        """
-        Go to the next sample.
-
-        dt [s]: 0 to restart, at rest; row (3 joints,): ``[q, dq, ddq]`` of the active joints
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (gauges,) [N m].
-        """
+        """Go to the next sample, dt 0 to restart at rest; returns moments (gauges,) [N m]."""
         if dt <= 0.0:
             self._driven.forget()
             self._basis[:] = self._first  # what went before may have been no arm any more
@@ -315,10 +280,8 @@ class ElasticFront:
         Draw the arm to what was measured, and hypotheses the other way.
 
         An arm in its play, or far from where it is linearised, is no linear one. The followed arm
-        takes over what the true one does, and the states, which are the difference of both,
-        know of it.
-
-        left (gauges,) [N m], dt [s], states (spans, 2 c + PRESSING).
+        takes over what the true one does, and the states, which are the difference of both, know
+        of it.
         """
         equations, c = self._driven.tables.equations, self.modes
         before = equations.vectors[[Z, DZ]][:, equations.free]
@@ -331,12 +294,7 @@ class ElasticFront:
         self, number: int, state: FloatArray, covariance: FloatArray, dt: float, fade: float,
         rise: FloatArray, calm: float,
     ) -> FloatArray:
-        """
-        Carry a hypothesis to the newest sample.
-
-        dt [s], rise (PRESSING, PRESSING); writes state, covariance (2 c + PRESSING,); returns
-        (gauges, 2 c + PRESSING).
-        """
+        """Carry a hypothesis (2 c + PRESSING,) to the newest sample; returns its rows by gauge."""
         acting = self._acting[number]
         turn_basis(self._before, self._small[0], self._basis, state, covariance)
         carry(state, covariance, self._squares, self._rates, self._basis.T @ self._white,

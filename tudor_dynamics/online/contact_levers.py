@@ -58,11 +58,7 @@ def validation_rmse(bundle: ModelBundle, output: str, kind: str) -> FloatArray |
 
 
 def strain_deviation(bundle: ModelBundle, kind: str) -> FloatArray:
-    """
-    Give the residual of a model's strain in free motion, as a standard deviation.
-
-    Returns (gauges,), NaN where it is not known.
-    """
+    """Give the standard deviation of strain residuals in free motion (gauges,), NaN if unknown."""
     noise = getattr(bundle.models['strain'][kind], 'noise_', None)
     if noise is not None:
         return np.array(noise, dtype=float)
@@ -168,12 +164,10 @@ def link_end(arm: Arm, joint: str) -> float | None:
 
 def spans_of(arm: Arm, known: Sequence[bool]) -> tuple[Span, ...]:
     """
-    Divide the links at their gauges.
+    Divide the links at their gauges; none where no gauge has a scale, or no link a length.
 
     A contact inboard of a link's first gauge is felt by the gauges of links before it alone, as a
     contact of those. With one gauge a link, two of them in one plane show a force at the tip.
-
-    Returns an empty tuple where no gauge has a scale, or no link a length.
     """
     places: dict[str, list[float]] = {}
     for gauge, counts in zip(arm.gauges, known, strict=True):
@@ -239,12 +233,7 @@ class RigidFront:
         return int(self._model.joints[self._model.getJointId(joint)].idx_q)
 
     def rows(self, row: FloatArray) -> list[FloatArray]:
-        """
-        Give the moment at each gauge by what presses, span by span.
-
-        row (3 joints,): ``[q, dq, ddq]`` of the active joints
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (gauges, PRESSING).
-        """
+        """Give the moment at gauges by what presses, span by span: (gauges, PRESSING)."""
         self._q[self._columns] = row[:len(self._columns)]
         pin.forwardKinematics(self._model, self._data, self._q)
         return [self._levers(span, axes)

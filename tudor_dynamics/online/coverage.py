@@ -43,11 +43,7 @@ class SensorHealth:
         self.moving = False
 
     def step(self, stamp: int, values: FloatArray) -> None:
-        """
-        Take a reading into account; time counts only while ``moving``.
-
-        stamp [ns], values (channels,) [its unit].
-        """
+        """Take a reading (channels,) into account; time counts only while ``moving``."""
         dt = 0.0 if self._last is None else min(max((stamp - self._last) * 1e-9, 0.0), 1.0)
         self._last = stamp
         _wait(values, self._values, dt if self.moving else 0.0, self._still)
@@ -291,11 +287,7 @@ class Coverage:
         return self._streams.setdefault(topic, TopicCount(topic))
 
     def came(self, topic: str, stamp: int, now: float) -> bool:
-        """
-        Count a message; called for each one.
-
-        stamp [ns], now [s].
-        """
+        """Count a message by stamp [ns] and time [s]; called for each one."""
         stream = self._streams.get(topic)
         if stream is None:
             return False

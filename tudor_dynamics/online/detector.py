@@ -77,12 +77,7 @@ def follow(
     dt: float, speeds: FloatArray, ratio: FloatArray, usual: FloatArray, reach: FloatArray,
     level: FloatArray, widening: FloatArray,
 ) -> None:
-    """
-    Compare levels of onsets, and speeds, with what was learned; the widening is for what follows.
-
-    dt [s], speeds, reach (joints,) [rad/s or m/s], ratio, usual (channels,): reach and usual are
-    infinite where they are not known; writes level, widening (channels,).
-    """
+    """Compare levels and speeds with those learned, infinite if unknown; widens what follows."""
     faster = 1.0
     for j in range(len(speeds)):
         faster = max(faster, speeds[j] / reach[j])
@@ -97,12 +92,7 @@ def follow(
 
 @compiled
 def levels(dt: FloatArray, ratio: FloatArray, level: FloatArray) -> FloatArray:
-    """
-    Follow the level along a record.
-
-    dt (samples,) [s], ratio (samples, channels), level (channels,): where it begins, is written;
-    returns (samples, channels).
-    """
+    """Follow the level along a record, (samples, channels), from ``level``, which is written."""
     out = np.empty_like(ratio)
     for k in range(len(dt)):
         _track(dt[k], ratio[k], level)
@@ -437,8 +427,6 @@ def blame(links: Sequence[tuple[int, str]], contact: FloatArray) -> str:
 
     A load on a link is felt by all gauges and joints between it and the base, and by none beyond
     it: the outermost link that feels something is the one.
-
-    contact (channels,).
     """
     felt = np.flatnonzero(contact > 1.0).tolist() or [int(np.argmax(contact))]
     return max(links[i] for i in felt)[1]

@@ -89,9 +89,6 @@ def kept_speeds(speed: FloatArray, turning: ArrayLike) -> FloatArray:
     it moves back (Dupont et al., "Single state elastoplastic friction models", IEEE TAC 47(5),
     2002). So below the speed of sliding the sign is that of the last motion that was faster than
     where the sign of friction turns.
-
-    speed (points, joints) [rad/s or m/s], turning (joints,) [rad/s or m/s]; returns
-    (points, joints).
     """
     moves = np.abs(speed) >= np.asarray(turning)
     latest = np.maximum.accumulate(
@@ -164,11 +161,7 @@ def _load(vectors: NDArray, chain: Chain) -> None:
 
 @compiled
 def _aim(tables: Inverse, chain: Chain, z: NDArray, wanted: NDArray, turns: NDArray) -> bool:
-    """
-    Find by how much the joints have to turn for the ends to be nearest to where wanted.
-
-    wanted (ends, 3) [m]; writes turns (joints,).
-    """
+    """Find the turns (joints,) by which the ends are nearest to where wanted (ends, 3) [m]."""
     n, ends = len(turns), len(tables.ends)
     levers, missing = np.zeros((n, 3 * ends)), np.zeros(3 * ends)
     for e in range(ends):
@@ -241,12 +234,7 @@ def invert(
     q: NDArray, dq: NDArray, ddq: NDArray, reach: bool, motor: NDArray, torque: NDArray,
     tables: tuple[NDArray, ...], *arrays: NDArray,
 ) -> int:
-    """
-    Invert points, each by itself.
-
-    q, dq, ddq (points, joints) [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; writes motor
-    (points, joints) [rad or m], torque (points, joints) [N m or N].
-    """
+    """Invert points, each by itself: places of motors and torques of gears, (points, joints)."""
     driven, own = driven_of(arrays), Inverse(*unowned(tables))
     equations, gears, chain = driven.equations, driven.gears, driven.chain
     vectors, bends = equations.vectors, own.bends
@@ -327,11 +315,7 @@ class DeflectedArm:
         self._driven.set_parameters({'payload': payload})
 
     def under(self, motion: FloatArray, *, reach: bool) -> Deflection:
-        """
-        Bend the arm under the load of a motion, each point by itself.
-
-        motion (points, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        """
+        """Bend the arm under the load of a motion (points, 3 joints), each point by itself."""
         q, dq, ddq = (np.ascontiguousarray(part) for part in np.split(motion, 3, axis=1))
         motor, torque = np.zeros_like(q), np.zeros_like(q)
         done = invert(q, dq, ddq, reach, motor, torque, self._tables, *self._driven.arrays)
@@ -427,24 +411,14 @@ class Feedforward:
 
     def carry(self, payload: float) -> None:
         """
-        Take another payload.
+        Take another mass at the tip [kg].
 
-        Parameters
-        ----------
-        payload : float
-            Mass at the tip [kg].
-
-        Raises
-        ------
-        ModelError
-            If it is no mass, or the model is of one payload and nothing tells what a kilogram
-            more is worth.
-
+        A ModelError if it is none, or the model is of one payload and nothing says what a kilogram
+        more is worth.
         """
         more = payload - self._known
         if not 0.0 <= payload < float('inf'):
-            msg = f'a payload of {payload} kg is impossible; give 0 or more'
-            raise ModelError(msg)
+            raise ModelError(f'a payload of {payload} kg is impossible; give 0 or more')
         elastic = self._of_all.has_memory
         if self._of_all.payload_range is not None or (elastic and abs(more) > SAME):
             self._model = self._of_all.at(payload)
@@ -458,30 +432,13 @@ class Feedforward:
         self.payload = payload
 
     def efforts(self, motion: FloatArray) -> FloatArray:
-        """
-        Give the efforts of single states, each by itself.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_points, 3 n_joints)
-            ``[q, dq, ddq]`` of the motors [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_points, n_joints)
-            In ``units``.
-
-        """
+        """Give the efforts, in ``units``, of states ``[q, dq, ddq]`` of motors, each by itself."""
         return self._asked(motion, motion)
 
     def _asked(
         self, motion: FloatArray, felt: FloatArray, torque: FloatArray | None = None,
     ) -> FloatArray:
-        """
-        Ask the model: ``felt`` is the motion with the speeds that friction has.
-
-        torque: that of the gears, where the links have been bent already.
-        """
+        """Ask the model for ``felt``, with friction's speeds; torque of gears of bent links."""
         if isinstance(self._model, ElasticModel):
             assert self._deflected is not None
             if torque is None:

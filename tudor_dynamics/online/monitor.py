@@ -146,13 +146,7 @@ class MomentumObserver:
     def process(
         self, stamp: NDArray[np.int64], motion: FloatArray, measured: FloatArray,
     ) -> FloatArray:
-        """
-        Observe a gapless record at once.
-
-        stamp (samples,) [ns], measured (samples, joints) [its unit]; motion (samples, inputs):
-        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2],
-        and what else the model takes; returns (samples, joints).
-        """
+        """Observe a gapless record at once; returns (samples, joints)."""
         momentum, expected = self._expect(motion, len(self.model.channels), self.model.predict)
         out = np.zeros_like(measured)
         for k, (time, p, u) in enumerate(zip(stamp.tolist(), momentum, expected + measured,

@@ -58,8 +58,6 @@ class Predictor:
 
         It counts for the motion of the same stamp, whichever of the two comes first, if it comes
         before the next motion. Between two readings their interpolation counts.
-
-        stamp [ns], values (gauges,) [its unit].
         """
         if self.observing:
             if self._strains and stamp <= self._strains[-1][0]:

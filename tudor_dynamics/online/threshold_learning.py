@@ -260,12 +260,7 @@ class _Rows:
                                   motion_features(r.stamp, r.motion)[self._skip:]))
 
     def _judged(self, taps: FloatArray) -> Iterator[tuple[FloatArray, ...]]:
-        """
-        Go through the records once the past is complete.
-
-        Gives time steps [s], residuals, friction that holds, columns of motion, and sizes of
-        residuals and onset statistics.
-        """
+        """Go through the records, pasts complete: dt, residuals, held friction, columns, sizes."""
         for t, residual, held, free, columns in self._records:
             onset = onset_statistic(t, free, taps, self._step)
             sizes = np.hstack([np.maximum(np.abs(residual) - held, 0.0), np.abs(onset)])

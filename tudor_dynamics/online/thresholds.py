@@ -40,12 +40,9 @@ NEVER = -2**62
 @compiled
 def motion_features(stamp: NDArray[np.int64], motion: FloatArray) -> FloatArray:
     """
-    Evaluate the columns of a threshold along a gapless record.
+    Evaluate the columns of a threshold along a gapless record, (samples, 1 + 4 joints).
 
     They are: constant, speeds, accelerations now and lately, recent reversals.
-
-    stamp (samples,) [ns]; motion (samples, 3 joints): ``[q, dq, ddq]``
-    [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, 1 + 4 joints).
     """
     n, last = motion.shape[1] // 3, NEVER
     out = np.empty((len(motion), 1 + 4 * n))
@@ -62,11 +59,10 @@ def evaluate_features(
     reversed_at: NDArray[np.int64], columns: FloatArray,
 ) -> None:
     """
-    Evaluate the columns at one sample.
+    Evaluate the columns at one sample; stamps [ns] of it and the one before.
 
-    stamp, last [ns]: of this sample and the one before; row (3 joints,); writes columns and what
-    is remembered, (joints,): signs of the speeds, decaying maxima of the accelerations, stamps of
-    the last reversals [ns].
+    Remembered are signs of the speeds, decaying maxima of the accelerations, and stamps of the
+    last reversals [ns], (joints,).
     """
     n = len(direction)
     decay = math.exp((last - stamp) * 1e-9 / ACCELERATION_MEMORY)
@@ -98,11 +94,7 @@ def evaluate_features(
 def learn_taps(
     records: Sequence[tuple[FloatArray, FloatArray]], step: float,
 ) -> FloatArray:
-    """
-    Learn the autoregression and fold it with the window into one filter.
-
-    step [s]; returns (LAGS + WINDOW, channels, channels).
-    """
+    """Fold autoregression and window into one filter (LAGS + WINDOW, channels, channels)."""
     n = records[0][1].shape[1]
     gram, moment = np.zeros((LAGS * n, LAGS * n)), np.zeros((LAGS * n, n))
     for t, residual in records:
@@ -137,12 +129,7 @@ def _complete(t: FloatArray, step: float, count: int) -> NDArray[np.bool_]:
 def onset_statistic(
     t: FloatArray, residual: FloatArray, taps: FloatArray, step: float,
 ) -> FloatArray:
-    """
-    Evaluate the statistic along a gapless record.
-
-    t (samples,) [s], residual (samples, channels) [its unit], step [s]; returns
-    (samples, channels), zero until the past is complete.
-    """
+    """Evaluate the statistic (samples, channels) of a gapless record; 0 until its past is full."""
     lagged = _lagged(t, residual, step, len(taps))
     out = np.einsum('tkc,kcd->td', lagged, taps)
     out[~_complete(t, step, len(taps))] = 0.0
@@ -193,11 +180,7 @@ def onset_now(
 def advance(
     dt: float, z: FloatArray, threshold: FloatArray, sums: FloatArray,
 ) -> None:
-    """
-    Add one sample to the sums.
-
-    dt [s], z (channels,), threshold (channels,) [s]; writes sums (2, channels) [s].
-    """
+    """Add one sample to the sums (2, channels) [s]."""
     step = min(dt, LONGEST_STEP)
     for i in range(len(z)):
         if z[i] != z[i]:  # NaN adds nothing
@@ -215,11 +198,7 @@ def advance(
 
 @compiled
 def accumulate(dt: FloatArray, z: FloatArray) -> FloatArray:
-    """
-    Sum a gapless record up.
-
-    dt (samples,) [s], z (samples, channels); returns (samples, channels) [s].
-    """
+    """Sum a gapless record up: (samples, channels) [s]."""
     n, out = z.shape[1], np.empty_like(z)
     sums, never = np.zeros((2, n)), np.full(n, np.inf)
     for k in range(len(dt)):
@@ -239,11 +218,7 @@ AnyFloat = TypeVar('AnyFloat', float, FloatArray)
 
 @compiled
 def held_friction(stiction: AnyFloat, speed: AnyFloat) -> AnyFloat:
-    """
-    Give the friction that may hold a joint at a speed.
-
-    stiction [unit of its effort], speed [rad/s or m/s].
-    """
+    """Give the friction, in the effort's unit, that may hold a joint at a speed."""
     return stiction * np.maximum(0.0, 1.0 - speed / STANDING)
 
 
@@ -251,12 +226,7 @@ def held_friction(stiction: AnyFloat, speed: AnyFloat) -> AnyFloat:
 def advance_held(
     dt: float, value: FloatArray, held: FloatArray, friction: FloatArray, out: FloatArray,
 ) -> None:
-    """
-    Follow the friction that holds each joint, and give what is left of the residual.
-
-    value (channels,) [its unit], held, out (channels,); dt [s]: 0 to restart; writes friction
-    (channels,).
-    """
+    """Follow the friction that holds each joint, dt 0 to restart; give the rest of a residual."""
     share = 1.0 if dt <= 0.0 else dt / (HOLDING_TIME + dt)
     for i in range(len(value)):
         if value[i] == value[i]:  # NaN says nothing
@@ -267,11 +237,7 @@ def advance_held(
 
 @compiled
 def released(t: FloatArray, value: FloatArray, held: FloatArray) -> FloatArray:
-    """
-    Take the friction that holds off a gapless record.
-
-    t (samples,) [s], value, held (samples, channels) [its unit]; returns (samples, channels).
-    """
+    """Take the friction that holds off a gapless record (samples, channels)."""
     out, friction = np.empty_like(value), np.zeros(value.shape[1])
     for k in range(len(value)):
         dt = t[k] - t[k - 1] if k else 0.0
@@ -355,11 +321,7 @@ class MethodThresholds:
         return float(np.max(self.ratios(per_hour)[:n] / sure.ratios(per_hour)[:n]))
 
     def ratios(self, per_hour: float) -> FloatArray:
-        """
-        Share a false-alarm rate out among all statistics.
-
-        Returns (3 channels,) [s], infinite where they have no tail.
-        """
+        """Share a false-alarm rate among all statistics: (3 channels,) [s], inf without a tail."""
         n = len(self.channels)
         weights = np.repeat(ALARM_SHARES, n)[:len(self.tails)]
         found = np.full(3 * n, np.inf)

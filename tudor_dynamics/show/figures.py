@@ -407,8 +407,7 @@ def coverage(result: FitResult) -> list[dict[str, Any]]:
     """
     Say where each joint has been and how fast, in training and, where there is a test bag, in it.
 
-    Returns for each joint smallest and largest position, largest speed and acceleration, and the
-    share of the validation samples ``outside`` the training range [%].
+    The share of the validation samples ``outside`` the training range is in percent.
     """
     def peaks(data: Sequence[BagData], signal: str) -> list[float]:
         return np.max(np.abs(_kept(data, signal)), axis=0).tolist() if data else []

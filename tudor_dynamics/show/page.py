@@ -95,12 +95,7 @@ def overall(
 
 
 def coefficient_groups(item: FittedOutput, arm: Arm) -> list[dict[str, Any]]:
-    """
-    List the coefficients of a model that mean something by themselves.
-
-    Returns groups as `Model.estimated` gives them, with ``conditioning`` in words; each
-    coefficient has a ``relative_error`` [%] and a ``note``.
-    """
+    """List coefficients as `Model.estimated` does, in words, with errors [%] and notes."""
     groups = item.model.estimated(arm, item.output)
     for group in groups:
         for row in group['coefficients']:

@@ -68,8 +68,6 @@ def simple_friction(
 
     Those that are nearest to all of its terms over the speeds of the joint, both ways, and take
     energy: where viscous and Coulomb friction are all there is, these, or their means.
-
-    speed [rad/s or m/s], load [N m or N].
     """
     forward = np.linspace(0.0, speed, SPEEDS + 1)[1:]
     speeds = np.concatenate([-forward, forward])

@@ -148,12 +148,7 @@ def fourier_motion(
 
 def fade(t: FloatArray, duration: float, ramp: float) -> tuple[
         FloatArray, FloatArray, FloatArray]:
-    """
-    Fade in and out along a quintic.
-
-    duration, ramp [s]; t (samples,) [s]: before 0 and after the end there is rest; returns window
-    from 0 to 1, with its first and second derivatives [1/s, 1/s^2].
-    """
+    """Fade in and out along a quintic, at rest outside: window, first and second derivative."""
     x = np.clip(np.minimum(t, duration - t) / ramp, 0.0, 1.0)
     sign = np.where(t < 0.5 * duration, 1.0, -1.0) / ramp
     return (x**3 * (10.0 - 15.0 * x + 6.0 * x * x), sign * 30.0 * x * x * (1.0 - x) ** 2,

@@ -38,30 +38,18 @@ Poles = NDArray[np.complex128]
 
 
 def butterworth(order: int) -> Poles:
-    """
-    Give the poles of a Butterworth low-pass with its corner at 1 rad/s.
-
-    Returns (order / 2,).
-    """
+    """Give the poles (order / 2,) of a Butterworth low-pass with its corner at 1 rad/s."""
     return np.exp(0.5j * np.pi * (1.0 + (2.0 * np.arange(order // 2) + 1.0) / order))
 
 
 def chebyshev(order: int, ripple: float) -> Poles:
-    """
-    Give the poles of a Chebyshev low-pass of the first kind with its corner at 1 rad/s.
-
-    ripple [dB]; returns (order / 2,).
-    """
+    """Give the poles (order / 2,) of a Chebyshev low-pass (I, ripple [dB]), corner at 1 rad/s."""
     flat = np.arcsinh(1.0 / np.sqrt(10.0 ** (0.1 * ripple) - 1.0)) / order
     return -np.sinh(flat + 0.5j * np.pi * (2.0 * np.arange(order // 2) + 1.0) / order)
 
 
 def low_pass_sections(poles: Poles, cutoff: float) -> FloatArray:
-    """
-    Make a discrete low-pass of a continuous one, by the bilinear transform.
-
-    poles (sections,); returns (sections, 3).
-    """
+    """Make discrete sections (n, 3) of a low-pass's poles, by the bilinear transform."""
     continuous = np.tan(np.pi * cutoff) * poles
     discrete = (1.0 + continuous) / (1.0 - continuous)
     # |1 - discrete|^2 / 4 without the difference of numbers that are nearly the same
@@ -70,11 +58,7 @@ def low_pass_sections(poles: Poles, cutoff: float) -> FloatArray:
 
 
 def forward_backward(sections: FloatArray, x: FloatArray, pad: int) -> FloatArray:
-    """
-    Filter a record without delay: once forward, once backward, begun at rest where it begins.
-
-    sections (sections, 3), x (samples, channels); returns (samples, channels).
-    """
+    """Filter a record without delay: forward, then backward, begun at rest where it begins."""
     y = np.concatenate([2.0 * x[:1] - x[pad:0:-1], x, 2.0 * x[-1:] - x[-2:-pad - 2:-1]])
     _run(sections, y, False)
     _run(sections, y, True)
@@ -123,19 +107,12 @@ def low_pass_gain(cutoff: float, dt: float) -> float:
     Give the gain of a discrete first-order low-pass with the pole of the continuous one.
 
     ``y[k] = y[k-1] + gain (x[k] - y[k-1])``; exact for any sample time, so also for a varying one.
-
-    cutoff [Hz], dt [s].
     """
     return -math.expm1(-2.0 * math.pi * cutoff * dt)
 
 
 def low_pass(x: FloatArray, dt: FloatArray, cutoff: float, initial: FloatArray) -> FloatArray:
-    """
-    Filter a record by a causal first-order low-pass, sample time free to vary.
-
-    x (samples, channels), dt (samples,) [s], cutoff [Hz], initial (channels,); returns
-    (samples, channels).
-    """
+    """Filter a record by a causal first-order low-pass [Hz], sample time free to vary."""
     y = np.array(x, dtype=float, order='C')
     _low_pass(dt, cutoff, np.array(initial, dtype=float), y)
     return y
@@ -158,16 +135,13 @@ class CausalDifferentiator:
     The velocity is the difference quotient of the position after a first-order low-pass (80 Hz),
     the acceleration the difference quotient of that velocity after a second one (20 Hz). At the
     first sample after a reset both are zero.
-
-    velocity_cutoff, acceleration_cutoff [Hz].
     """
 
     def __init__(self, velocity_cutoff: float = 80.0, acceleration_cutoff: float = 20.0) -> None:
         for name, value in (('velocity_cutoff', velocity_cutoff),
                             ('acceleration_cutoff', acceleration_cutoff)):
             if not (math.isfinite(value) and value > 0):
-                msg = f'{name} is {value}; expected a frequency above 0 Hz'
-                raise SignalError(msg)
+                raise SignalError(f'{name} is {value}; expected a frequency above 0 Hz')
         self.velocity_cutoff = velocity_cutoff
         self.acceleration_cutoff = acceleration_cutoff
         self.reset()
@@ -182,28 +156,21 @@ class CausalDifferentiator:
         q: FloatArray,
         measured: FloatArray | None = None,
     ) -> FilteredStates:
-        """
-        Filter the samples that follow those seen so far; any number of them, one included.
-
-        dt (samples,) [s], q (samples, joints) [rad or m]; writes measured (samples, joints)
-        [rad/s or m/s].
-        """
+        """Filter the samples that follow those seen so far; any number of them, one included."""
         q = np.asarray(q, dtype=float)
         dt = np.asarray(dt, dtype=float)
         if q.ndim != 2 or dt.shape != q.shape[:1]:
             msg = f'dt has shape {dt.shape} and q {q.shape}; expected (n,) and (n, n_joints)'
             raise SignalError(msg)
         if measured is not None and measured.shape != q.shape:
-            msg = f'velocities have shape {measured.shape}, positions {q.shape}'
-            raise SignalError(msg)
+            raise SignalError(f'velocities have shape {measured.shape}, positions {q.shape}')
         if not len(q):
             return FilteredStates(q, q.copy(), q.copy())
         begin = 1 if self._q is None else 0
         wrong = np.flatnonzero(~(dt[begin:] > 0))
         if wrong.size:  # before anything is remembered: a refused record leaves no trace
             at = begin + int(wrong[0])
-            msg = f'sample time {dt[at]} s at sample {at}; stamps must increase'
-            raise SignalError(msg)
+            raise SignalError(f'sample time {dt[at]} s at sample {at}; stamps must increase')
         if self._q is None:
             self._begin(q[0], None if measured is None else measured[0])
         assert self._q is not None
@@ -229,18 +196,12 @@ class CausalDifferentiator:
     def step_row(
         self, dt: float, q: FloatArray, measured: FloatArray | None = None,
     ) -> FloatArray:
-        """
-        Filter one sample, for the control loop: `process` without its overhead.
-
-        q (joints,) [rad or m], measured (joints,) [rad/s or m/s]; dt [s]: of no meaning for the
-        first sample; returns ``[q, dq, ddq]`` in one array, the caller's.
-        """
+        """Filter one sample, for the control loop; gives ``[q, dq, ddq]`` in one new array."""
         if self._q is None:
             self._begin(q, measured)
             return np.concatenate([q, self._dq, self._ddq])
         if not dt > 0:
-            msg = f'sample time {dt} s; stamps must increase'
-            raise SignalError(msg)
+            raise SignalError(f'sample time {dt} s; stamps must increase')
         row = np.empty(3 * len(q))
         _differentiate(dt, self.velocity_cutoff, self.acceleration_cutoff, q,
                        _NO_VELOCITY if measured is None else measured,
@@ -292,20 +253,15 @@ def zero_phase(
 
     Fourth order, see Gautier, Janot and Vandanjon, IEEE TCST 21(2), 2013, Section II.C. Stamps
     with jitter are brought to a uniform grid and back.
-
-    t (samples,) [s], q (samples, joints) [rad or m], cutoff [Hz]; writes measured
-    (samples, joints).
     """
     n = len(t)
     if n < settings.FEWEST:
-        msg = (f'{n} samples are too few for a zero-phase filter; expected {settings.FEWEST} or '
-               'more')
-        raise SignalError(msg)
+        raise SignalError(f'{n} samples are too few for a zero-phase filter; expected '
+                          f'{settings.FEWEST} or more')
     dt = float(t[-1] - t[0]) / (n - 1)
     if not 0 < cutoff < 0.5 / dt:
-        msg = (f'cut-off {cutoff} Hz; expected between 0 and half the sample rate, '
-               f'{0.5 / dt:.4g} Hz')
-        raise SignalError(msg)
+        raise SignalError(f'cut-off {cutoff} Hz; expected between 0 and half the sample rate, '
+                          f'{0.5 / dt:.4g} Hz')
     sections = low_pass_sections(butterworth(4), cutoff * dt)
     grid = t[0] + dt * np.arange(n)
     uniform = bool(np.max(np.abs(grid - t)) < 1e-3 * dt)
@@ -330,8 +286,6 @@ def derivative(x: FloatArray, dt: float) -> FloatArray:
     Those of second order make all accelerations of a motion of 2 Hz at 100 Hz too small by 0.26 %,
     and inertias too large by as much: several standard errors, where these are small. Here it is
     0.001 %.
-
-    x (samples, ...), dt [s].
     """
     slope = np.gradient(x, dt, axis=0)
     slope[2:-2] = (8.0 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12.0 * dt)
@@ -350,8 +304,6 @@ class SmoothStates:
     is linear between them stays so (the state variable filter of continuous-time identification:
     Garnier, Mensler and Richard, "Continuous-time model identification from sampled data", Int. J.
     Control 76(13), 2003).
-
-    cutoff [Hz].
     """
 
     def __init__(self, cutoff: float) -> None:
@@ -366,11 +318,7 @@ class SmoothStates:
         return settings.SETTLED / self._pole
 
     def step(self, dt: float, x: FloatArray) -> FloatArray:
-        """
-        Filter one sample.
-
-        x (channels,); dt [s]: 0 restarts; returns (3, channels) [1, 1/s, 1/s^2 of its unit].
-        """
+        """Filter one sample (channels,), dt 0 restarts; returns it with two derivatives."""
         if self._stages is None or dt <= 0.0:
             self._stages = np.tile(x, (5, 1))
             self._before = 0.0
@@ -384,11 +332,7 @@ class SmoothStates:
         return central(dt, earlier) @ stages[2:]
 
     def process(self, dt: FloatArray, x: FloatArray) -> FloatArray:
-        """
-        Filter a gapless record at once.
-
-        dt (samples,) [s], x (samples, channels); returns (3, samples, channels).
-        """
+        """Filter a gapless record at once: (3, samples, channels)."""
         if not len(x):
             return np.zeros((3, *x.shape))
         last = x
@@ -403,11 +347,7 @@ class SmoothStates:
 
 
 def central(dt: float | FloatArray, earlier: float | FloatArray) -> FloatArray:
-    """
-    Give what the middle of three values, and its derivatives, take of them, the last first.
-
-    dt, earlier (samples,) [s]; returns (3, 3) or (3, 3, samples) [1, 1/s, 1/s^2].
-    """
+    """Give what a middle value and its derivatives take of three, the last first: (3, 3, ...)."""
     both, nothing = dt + earlier, 0.0 * dt
     return np.array([
         [nothing, nothing + 1.0, nothing],
@@ -432,15 +372,13 @@ def ring_modes(signal: ArrayLike, dt: float, *, count: int = 2) -> tuple[RingMod
     """Find the strongest oscillations of a free decay: signal (samples,), dt [s]."""
     y = np.asarray(signal, dtype=float)
     if y.ndim != 1 or not np.isfinite(y).all():
-        msg = f'a free decay must be one finite signal, found shape {y.shape}'
-        raise SignalError(msg)
+        raise SignalError(f'a free decay must be one finite signal, found shape {y.shape}')
     every = max(int(1.0 / (6.0 * settings.HIGHEST_RINGING * dt)),
                 -(-y.size // settings.MOST_SAMPLES), 1)
     n = y.size // every
     if n < 12 * count:
-        msg = (f'{y.size} samples at {1.0 / dt:g} Hz are too few to find {count} oscillations; '
-               'record longer')
-        raise SignalError(msg)
+        raise SignalError(f'{y.size} samples at {1.0 / dt:g} Hz are too few to find {count} '
+                          'oscillations; record longer')
     y = y[:n * every].reshape(n, every).mean(axis=1)
     y = y - y[-n // 4:].mean()
     step = every * dt

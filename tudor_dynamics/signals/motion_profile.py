@@ -136,9 +136,6 @@ def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v
     The acceleration either fades out first, with the jerk of the present pulse, or the pulse goes
     on to its end, whatever leads to the target sooner. An arm that brakes and has to turn back
     goes on to brake: it stops no later than it was to before.
-
-    q, dq, ddq [rad, rad/s, rad/s^2], target [rad], v_max, a_max [rad/s, rad/s^2]; writes plan
-    (PLAN,).
     """
     inside, begun, length, first, push, kind = False, plan[CLOCK], 0.0, 0.0, 0.0, PULSE
     for i in range(SEGMENTS):
@@ -255,11 +252,6 @@ def motion_limits(arm: Arm) -> MotionLimits:
     arm : Arm
         Description; see ``arm.limits``.
 
-    Returns
-    -------
-    MotionLimits
-        One value a joint.
-
     Raises
     ------
     SignalError
@@ -270,10 +262,9 @@ def motion_limits(arm: Arm) -> MotionLimits:
     for joint, velocity, acceleration in zip(arm.joints, planned.velocity, planned.acceleration,
                                              strict=True):
         if not (np.isfinite(velocity) and np.isfinite(acceleration)):
-            msg = (f'{arm.source}: joint {joint.name!r} has no limits of velocity and '
-                   'acceleration, without which no motion can be planned; add '
-                   'limits: {velocity: ..., acceleration: ...}')
-            raise SignalError(msg)
+            raise SignalError(f'{arm.source}: joint {joint.name!r} has no limits of velocity and '
+                              'acceleration, without which no motion can be planned; add '
+                              'limits: {velocity: ..., acceleration: ...}')
     return MotionLimits(planned.velocity, planned.acceleration)
 
 
@@ -298,36 +289,17 @@ class MotionPlanner:
         self.go(self.q)
 
     def go(self, target: ArrayLike) -> None:
-        """
-        Take a new target, also in the middle of a motion.
-
-        Parameters
-        ----------
-        target : array of shape (n_joints,)
-            [rad]; a joint whose target is not a number keeps the one it has.
-
-        """
+        """Take new targets [rad], also in the middle of a motion; NaN keeps the one there is."""
         wanted = np.broadcast_to(np.asarray(target, dtype=float), self.q.shape)
         if np.isinf(wanted).any():
-            msg = f'the target {wanted.tolist()} is not finite; give angles in rad'
-            raise SignalError(msg)
+            raise SignalError(f'the target {wanted.tolist()} is not finite; give angles in rad')
         for j, plan in enumerate(self._plans):
             if not np.isnan(wanted[j]):
                 plan_motion(plan, self.q[j], self.dq[j], self.ddq[j], float(wanted[j]),
                             float(self.limits.velocity[j]), float(self.limits.acceleration[j]))
 
     def move(self, q: ArrayLike, dq: ArrayLike) -> None:
-        """
-        Go on from other positions [rad] and speeds [rad/s], without a target.
-
-        Parameters
-        ----------
-        q : array of shape (n_joints,)
-            Positions to go on from [rad].
-        dq : array of shape (n_joints,)
-            Speeds to go on from [rad/s].
-
-        """
+        """Go on from other positions [rad] and speeds [rad/s] (n_joints,), without a target."""
         self.q[:], self.dq[:], self.ddq[:] = q, dq, 0.0
         self._plans[:] = 0.0
         self._plans[:, Q] = self._plans[:, TARGET] = self.q
@@ -336,26 +308,14 @@ class MotionPlanner:
         """
         Come to rest by one pulse of the planned acceleration a joint, from this moment on.
 
-        Parameters
-        ----------
-        q, dq : array of shape (n_joints,), optional
-            Positions and speeds to brake from; the present ones by default [rad, rad/s].
-
+        From ``q`` [rad] and ``dq`` [rad/s], shape (n_joints,); by default the present ones.
         """
         self.move(self.q if q is None else q, self.dq if dq is None else dq)
         self.go([q + stopping_distance(float(dq), float(a)) for q, dq, a in zip(
             self.q, self.dq, self.limits.acceleration, strict=True)])
 
     def step(self, dt: float) -> None:
-        """
-        Advance ``q``, ``dq`` and ``ddq`` by a step [s].
-
-        Parameters
-        ----------
-        dt : float
-            Time since the step before [s].
-
-        """
+        """Advance ``q``, ``dq`` and ``ddq`` by a step [s]."""
         for j, plan in enumerate(self._plans):
             self.q[j], self.dq[j], self.ddq[j] = follow_plan(plan, dt)
 
@@ -385,11 +345,6 @@ def follow_targets(
         Sample time [s].
     samples : int
         Number of samples.
-
-    Returns
-    -------
-    Reference
-        Motion.
 
     """
     count = max([len(item) for item in switches], default=0)
@@ -439,8 +394,6 @@ def states(trajectory: Trajectory) -> FloatArray:
     splines on both sides of a point differ, the mean of both, since the controller draws a
     straight line from effort to effort. The arm rests before the first point and after the last,
     which the controller holds: there what is not given is zero.
-
-    Returns (points, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     """
     given = (trajectory.dq, trajectory.ddq)
     return np.hstack([trajectory.q, *(
@@ -465,9 +418,8 @@ def denser(trajectory: Trajectory, rate: float) -> Trajectory:
     """Put more points onto the splines, so that efforts follow what lies between: rate [Hz]."""
     seconds = float(trajectory.t[-1] - trajectory.t[0])
     if not 0.0 < rate < float('inf') or seconds * rate > settings.MOST_POINTS:
-        msg = (f'{seconds:g} s at {rate:g} points per second; expected a rate above zero and '
-               f'at most {settings.MOST_POINTS} points')
-        raise SignalError(msg)
+        raise SignalError(f'{seconds:g} s at {rate:g} points per second; expected a rate above '
+                          f'zero and at most {settings.MOST_POINTS} points')
     if len(trajectory.t) < 2:
         return trajectory
     t = np.linspace(trajectory.t[0], trajectory.t[-1], max(1, round(seconds * rate)) + 1)

@@ -319,11 +319,9 @@ def largest_oscillation(oscillations: FloatArray) -> FloatArray:
 
 def refine(profile: Profile, limits: MotionLimits, oscillations: Oscillations) -> Profile:
     """
-    Refine a move until next to nothing oscillates after it, or nothing more is to be had.
+    Refine a move, if it can be, until next to nothing oscillates after it.
 
     Length and ends stay, no joint goes back, and limits hold as before.
-
-    Returns the one given where none is better.
     """
     room = _Room(profile, limits)
     farthest = settings.FARTHEST

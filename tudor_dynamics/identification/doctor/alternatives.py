@@ -278,11 +278,7 @@ def choose(case: Case, hinted: Mapping[int, float]) -> Alternative | None:
 
 
 def driven_by_friction(case: Case) -> dict[int, float]:
-    """
-    Find joints whose friction would drive them: effort and motion count in other directions.
-
-    Returns the index of each to the correlation of friction and speed.
-    """
+    """Find joints, with the correlation, whose friction would drive them: a direction is wrong."""
     if 'effort' not in case.outputs:
         return {}
     hinted = {}

@@ -134,13 +134,7 @@ class BodyRows:
 
 
 class Explained:
-    """
-    Rows, freed of what each channel has to itself, ready for many candidates of the outputs.
-
-    Channels of a group share their parameters and are weighted by their residuals.
-
-    rows (n, channels, columns), own (n, own).
-    """
+    """Rows, freed of what each channel has to itself; channels of a group share parameters."""
 
     def __init__(
         self, rows: FloatArray, own: Sequence[FloatArray], groups: Sequence[tuple[int, ...]],
@@ -211,12 +205,7 @@ class Explained:
                          [np.column_stack([own, column]) for own in self.own], self.groups)
 
     def friction(self, channel: int, output: FloatArray) -> tuple[float, float]:
-        """
-        Say whether friction brakes a joint, as it does wherever directions are right.
-
-        output (n,); returns the correlation of friction and speed, and the factor by which the
-        residual is larger without friction.
-        """
+        """Correlate friction with speed; say by what the residual is larger without friction."""
         own, rows = self.own[channel], self.bodies[channel]
         both = np.column_stack([rows, own])
         few = np.column_stack([rows, np.delete(own, (1, 2), axis=1)])
@@ -345,8 +334,6 @@ def gain(now: FloatArray, other: FloatArray) -> float:
     Say how much better an alternative is: the sum of log ratios of the shares that remain.
 
     Up to a factor, twice the logarithm of the likelihood ratio of channels with unknown noise.
-
-    now, other (channels,).
     """
     return float(np.sum(np.log(now / other)))
 

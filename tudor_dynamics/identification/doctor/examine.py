@@ -45,12 +45,7 @@ BROKEN = ('constant', 'held', 'dying', 'saturated')
 
 
 def suspects(arm: Arm) -> tuple[list[Finding], Arm]:
-    """
-    Look at a description alone.
-
-    Returns what is wrong, its evidence a size until a bag is at hand, and the arm with those
-    remedies that can be guessed.
-    """
+    """Look at a description alone: findings, and the arm with remedies that can be guessed."""
     findings, mended = _table(arm)
     of_gauges, mended = _gauges(mended)
     return findings + of_gauges, mended

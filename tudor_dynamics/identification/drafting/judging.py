@@ -116,14 +116,12 @@ def down(
     samples: Samples, moving: Sequence[int], has_masses: bool,
 ) -> tuple[list[float], str, bool]:
     """
-    Judge the direction of gravity by the joints that move: that which the efforts follow best.
+    Judge the direction of gravity [m/s^2] by the joints that move: the one efforts follow best.
 
     Efforts are linear in the masses, centres and inertias of the links, whatever these are, for
     each direction of gravity. The usual one counts unless another leaves much less. Which of
-    several, and which way, is shown by the masses that the links have.
-
-    Returns gravity in the base frame [m/s^2], the evidence with its numbers (empty where nothing
-    speaks against the usual one), and whether no other axis or sign explains the efforts as well.
+    several, and which way, is shown by the masses that the links have. Evidence is given where
+    something speaks against the usual one, and whether no other explains the efforts as well.
     """
     usual = _unexplained(samples, USUAL, moving)
     left = {name: _unexplained(samples, gravity, moving) for name, gravity in OTHERS.items()}

@@ -60,9 +60,8 @@ def reduced_mechanism(arm: Arm) -> Mechanism:
     mechanism = build_mechanism(replace(arm, spec=arm.spec.model_copy(
         update={'links': tuple(links), 'payload': payload})))
     if not mechanism.beams:
-        msg = (f'{arm.source}: no link is flexible; give links with flexible: to use the elastic '
-               'model')
-        raise SimulationError(msg)
+        raise SimulationError(f'{arm.source}: no link is flexible; give links with flexible: to '
+                              'use the elastic model')
     return mechanism
 
 
@@ -100,11 +99,7 @@ def place_gauges(mechanism: Mechanism, arm: Arm) -> GaugePlaces:
 def moving_coordinates(
     mechanism: Mechanism, gauges: GaugePlaces, springs: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """
-    Give the coordinates that move: gears, and bending in the planes that gauges see.
-
-    springs (joints,); returns (moving,).
-    """
+    """Give the coordinates (moving,) that move: gears, and bending in planes that gauges see."""
     axes = gauges.axis.tolist()
     seen = set(axes) or {1, 2}
     free = springs.tolist()
@@ -119,11 +114,7 @@ def moving_coordinates(
 def moment_rows(
     mechanism: Mechanism, gauges: GaugePlaces, free: NDArray[np.int64],
 ) -> FloatArray:
-    """
-    Give the moment at each gauge by coordinate: stiffness times curvature of the cubic.
-
-    free (moving,); returns (gauges, moving).
-    """
+    """Give the moment at each gauge by coordinate: stiffness times curvature, (gauges, moving)."""
     rows = np.zeros((len(gauges.body), free.size))
     floats = mechanism.body_float
     for g, body in enumerate(gauges.body):
@@ -208,11 +199,7 @@ class DrivenArm:
         gain[:, 1] = -gain[:, 0] * self.gauges.damping(self.parameters)
 
     def follow(self, q: FloatArray, dt: FloatArray) -> Response:
-        """
-        Follow motion; the state goes on from call to call.
-
-        q (samples, joints) [rad or m]; dt (samples,) [s]: 0 to restart, at rest.
-        """
+        """Follow motion (samples, joints), dt 0 to restart at rest; goes on from call to call."""
         found = self.prompt(q, dt, np.zeros((len(q), 0)), NO_GAINS)
         return Response(self.late(found.moment, dt), found.torque)
 
@@ -244,11 +231,7 @@ class DrivenArm:
         return Response(moment, torque)
 
     def late(self, moment: FloatArray, dt: FloatArray) -> FloatArray:
-        """
-        Let readings lag, as after the low-pass of an amplifier; goes on from call to call.
-
-        moment (samples, gauges) [N m], dt (samples,) [s].
-        """
+        """Let readings [N m] lag, as after an amplifier's low-pass; goes on from call to call."""
         lag = self._physics.lag
         if lag <= 0.0 or not len(moment):
             return moment
@@ -266,11 +249,7 @@ class DrivenArm:
         return late
 
     def linearised(self, q: FloatArray) -> Linearised:
-        """
-        Rest with the drives held at a pose, and linearise there; ``follow`` goes on from it.
-
-        q (joints,) [rad or m].
-        """
+        """Rest, drives held at a pose [rad or m], linearise there; ``follow`` goes on from it."""
         self.follow(np.asarray(q, dtype=float)[None], np.zeros(1))
         result = np.zeros((3, self.size, self.size))
         tables = self.tables
@@ -278,11 +257,7 @@ class DrivenArm:
         return Linearised(*result[::-1])
 
     def start_observer(self, deviation: FloatArray, bandwidth: float) -> None:
-        """
-        Let measured moments correct the state from now on, see ``correct``.
-
-        deviation (gauges,) [N m], bandwidth [1/s].
-        """
+        """Let moments of a deviation [N m] and bandwidth [1/s] correct the state from now on."""
         m, lag = self.size, self._physics.lag
         self._deviation = np.maximum(np.asarray(deviation, dtype=float), 1e-12)
         self._small, self._pushed = np.zeros((3, m, m)), np.zeros((m, observer.FORCES))
@@ -301,12 +276,7 @@ class DrivenArm:
         self._covariance[:] = 0.0
 
     def correct(self, innovation: FloatArray, dt: float) -> bool:
-        """
-        Correct the state after the newest sample.
-
-        dt [s]; innovation (gauges,) [N m]: NaN for one that does not count; returns False where
-        the arm as it stands cannot be linearised.
-        """
+        """Correct the state by innovations (gauges,) [N m], NaN for none; False if impossible."""
         self._linearise()
         mass, damping, stiffness = self._small
         good = observer.propagate(
@@ -326,17 +296,13 @@ class DrivenArm:
         bandwidth: float, before: FloatArray | None = None,
     ) -> FloatArray:
         """
-        Observe a motion, and keep the gains of the observer.
+        Observe a motion, and keep the gains of the observer, shape (samples, 3, moving, gauges).
 
         An arm that follows positions alone forgets an error only as fast as its vibrations die
-        out, and one with play in its gears never forgets where small differences grow. Corrected
-        a little, it forgets them within a time one can choose. The gains are those of the
-        observer along a reference; kept as they are, errors remain a smooth function of the
-        parameters.
-
-        q (samples, joints) [rad or m], measured (samples, gauges) [N m], deviation (gauges,)
-        [N m], bandwidth [1/s], dt (samples,) [s]; before (earlier, 1 + joints): ``[dt, q]`` of the
-        motion just before, which nothing corrects; returns (samples, 3, moving, gauges).
+        out, and one with play in its gears never forgets where small differences grow. Corrected a
+        little, it forgets them within a time one can choose. The gains are those of the observer
+        along a reference; kept as they are, errors remain a smooth function of the parameters.
+        Nothing corrects the motion just before, ``before``, ``[dt, q]``.
         """
         measured, lag, self._physics.lag = self.ahead(dt, measured), self._physics.lag, 0.0
         try:
@@ -351,17 +317,12 @@ class DrivenArm:
         finally:
             self._physics.lag = lag
         if done < len(q):
-            msg = (f'{self.arm.name}: the elastic model diverges after {done} of {len(q)} '
-                   'samples, or cannot be linearised there')
-            raise SimulationError(msg)
+            raise SimulationError(f'{self.arm.name}: the elastic model diverges after {done} of '
+                                  f'{len(q)} samples, or cannot be linearised there')
         return gains
 
     def ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
-        """
-        Give what will be read a lag later: what draws the arm was there before it is read.
-
-        dt (samples,) [s], measured (samples, gauges) [N m].
-        """
+        """Give what will be read a lag later: what draws the arm was there before it is read."""
         lag = self._physics.lag
         if lag <= 0.0:
             return measured
@@ -380,12 +341,7 @@ def follow_several(
     dt: NDArray, inner: float, loaded: bool, gains: NDArray, q: NDArray, measured: NDArray,
     moment: NDArray, torque: NDArray, *arrays: NDArray,
 ) -> int:
-    """
-    Follow stretches of samples with several arms side by side, which have begun before them.
-
-    dt (samples,), inner [s], gains as of ``kernel.follow``: no time is 0; the others have a last
-    axis of LANES.
-    """
+    """Follow samples with several arms in lanes, begun before; see ``kernel.follow``."""
     paths, shown, read, passed = in_lanes((q, measured, moment, torque))
     driven = tables_of(in_lanes(arrays))
     for k in range(paths.shape[0]):
@@ -414,13 +370,7 @@ def follow_together(
     arms: Sequence[DrivenArm], q: FloatArray, dt: FloatArray,
     measured: Sequence[FloatArray] | None = None, gains: FloatArray = NO_GAINS,
 ) -> list[FloatArray | None]:
-    """
-    Follow one motion with several arms at once, in hardly more time than with one.
-
-    q (samples, joints) [rad or m], measured (samples, gauges) [N m], gains
-    (samples, 3, moving, gauges), dt (samples,) [s]; returns (samples, gauges) [N m], None for one
-    that finds no equilibrium, or diverges.
-    """
+    """Follow a motion with several arms at once: (samples, gauges) [N m], None if one fails."""
     towards = [np.zeros((len(q), 0))] * len(arms) if measured is None else [
         arm.ahead(dt, one) for arm, one in zip(arms, measured, strict=True)]
     begun: dict[int, FloatArray] = {}
@@ -455,12 +405,7 @@ def _after_the_first(
 
 
 def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray:
-    """
-    Follow several motions from one pose, eight of them in hardly more time than one.
-
-    motions (motions, samples, joints) [rad or m], dt [s]; returns (motions, samples, gauges)
-    [N m].
-    """
+    """Follow motions from one pose, eight as fast as one: (motions, samples, gauges) [N m]."""
     rest = arm.prompt(motions[0, :1], np.zeros(1), np.zeros((1, 0)), NO_GAINS).moment
     found = []
     for first in range(0, len(motions), LANES):

@@ -206,11 +206,7 @@ def factorise(
 
 @compiled
 def settle(equations: Equations, gears: Gears, chain: Chain, loaded: bool) -> bool:
-    """
-    Bend gears and links as they rest where the drives stand.
-
-    Returns False where no equilibrium was found.
-    """
+    """Bend gears and links as they rest where the drives stand; False without an equilibrium."""
     vectors, factor, delta, free = (
         equations.vectors, equations.factor, equations.delta, equations.free)
     for row in (DZ, DDZ, ACC, OLD_DDZ, OLD_ACC):
@@ -270,11 +266,7 @@ class Linearised:
 def tangents(
     equations: Equations, gears: Gears, chain: Chain, loaded: bool, result: NDArray,
 ) -> None:
-    """
-    Differentiate the missing forces by coordinates, rates and accelerations, from rest.
-
-    Writes result (3, m, m).
-    """
+    """Write the derivatives (3, m, m) of missing forces by state and accelerations, from rest."""
     vectors, free = equations.vectors, equations.free
     force = vectors[FORCE]
     for kind in range(3):
@@ -354,11 +346,7 @@ def driven_of(arrays: tuple[NDArray, ...]) -> Driven:
 
 @compiled
 def advance(driven: Driven, dt: float, steps: int, loaded: bool) -> bool:
-    """
-    Advance from one sample to the next.
-
-    dt [s]; returns False where the state is no longer finite.
-    """
+    """Advance from one sample to the next; False where the state is no longer finite."""
     equations, gears, chain = driven.equations, driven.gears, driven.chain
     vectors, free, delta = equations.vectors, equations.free, equations.delta
     path, aim, aim_rate = driven.drives.path, gears.aim, gears.aim_rate
@@ -403,11 +391,7 @@ def advance(driven: Driven, dt: float, steps: int, loaded: bool) -> bool:
 
 @compiled
 def sense(driven: Driven, loaded: bool, moment: NDArray, torque: NDArray) -> None:
-    """
-    Read the gauges and the gears.
-
-    Writes moment (gauges,) [N m], torque (springs,) [N m or N].
-    """
+    """Read the gauges [N m] and the gears [N m or N]."""
     vectors, gears, gauges = driven.equations.vectors, driven.gears, driven.gauges
     residual(vectors, gears, driven.chain, loaded)
     section_loads(vectors[Z], vectors[DZ], vectors[DDZ], driven.chain, gauges.body, gauges.place,
@@ -484,13 +468,7 @@ def follow(
     q: NDArray, dt: NDArray, inner: float, loaded: bool, measured: NDArray, gains: NDArray,
     moment: NDArray, torque: NDArray, *arrays: NDArray,
 ) -> int:
-    """
-    Follow a stretch of samples, corrected behind each by given gains.
-
-    q (samples, springs), inner [s], gains (samples, 3, m, gauges), dt (samples,) [s], measured
-    (samples, gauges) or (samples, 0) [N m]; writes moment (samples, gauges), torque
-    (samples, springs).
-    """
+    """Follow a stretch of samples, corrected after each by given gains (samples, 3, m, gauges)."""
     driven = driven_of(arrays)
     for k in range(q.shape[0]):
         if dt[k] <= 0.0:

@@ -376,11 +376,9 @@ class LiveElastic:
     """
     Elastic models of one arm, sample by sample, on one simulated arm.
 
-    What a push leaves, an oscillation that no joint's motion explains, stays in the state
-    of a model that only follows the joints. The observer takes it over from measured strain: an
+    What a push leaves, an oscillation that no joint's motion explains, stays in the state of a
+    model that only follows the joints. The observer takes it over from measured strain: an
     extended Kalman filter, slow enough that a collision shows in the innovation first.
-
-    bandwidth [1/s].
     """
 
     def __init__(

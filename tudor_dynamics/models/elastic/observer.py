@@ -101,12 +101,7 @@ def propagate(
     covariance: NDArray, mass: NDArray, damping: NDArray, stiffness: NDArray, pushed: NDArray,
     shown: NDArray, dt: float, noise: float, lag: float,
 ) -> bool:
-    """
-    Carry the covariance over one sample.
-
-    mass, damping, stiffness (m, m), pushed (m, FORCES), shown (gauges, m) [N m], dt, lag [s],
-    noise [N^2 s]; writes covariance (n, n); returns False where a matrix is singular.
-    """
+    """Carry the covariance (n, n) over one sample; False where a matrix is singular."""
     m = mass.shape[0]
     n = covariance.shape[0]
     inner = 2 * m
@@ -156,12 +151,7 @@ def correct(
     mass: NDArray, damping: NDArray, stiffness: NDArray, vectors: NDArray, free: NDArray,
     reading: NDArray,
 ) -> bool:
-    """
-    Correct the state by what the gauges say.
-
-    shown (gauges, n) [N m], variance (gauges,) [N^2 m^2], reading, innovation (gauges,) [N m];
-    writes covariance (n, n); returns False where a matrix is singular.
-    """
+    """Correct the state by what gauges show (gauges, n) [N m]; False if a matrix is singular."""
     m = mass.shape[0]
     n = covariance.shape[0]
     change = np.zeros(n)
@@ -207,11 +197,7 @@ def correct(
 
 
 def seen_rows(shown: FloatArray, *, lags: bool) -> FloatArray:
-    """
-    Give what each gauge shows of the observer's state.
-
-    shown (gauges, m) [N m]; returns (gauges, n).
-    """
+    """Give what each gauge shows of the observer's state: (gauges, n)."""
     gauges, m = shown.shape
     still = np.zeros((gauges, m))
     return np.hstack([still, still, np.eye(gauges)] if lags else [shown, still])
@@ -225,9 +211,6 @@ def white_force(
 
     An oscillator that a white force of density q drives and white noise of density r hides has a
     filter with the decay sqrt(q / r) lever w / 2 (spectral factorisation).
-
-    pushed (m, 3), shown (gauges, m), bandwidth [1/s], lag [s]; returns density of the force over
-    that of the noise [N^2].
     """
     lever = float(np.linalg.norm(shown @ np.linalg.solve(small.stiffness, pushed), 2))
     slowest = float(np.sqrt(np.linalg.eigvals(
@@ -243,12 +226,7 @@ def observe(
     q: NDArray, dt: NDArray, inner: float, loaded: bool, measured: NDArray, variance: NDArray,
     noise: float, stands: float, tip: int, seen: NDArray, gains: NDArray, *arrays: NDArray,
 ) -> int:
-    """
-    Follow a stretch of samples, corrected by what gauges show, and write the gains down.
-
-    measured (samples, gauges) [N m], variance (gauges,) [N^2 m^2 s], noise [N^2 s], stands [s],
-    seen (gauges, 2 m) [N m]; writes gains (samples, 3, m, gauges).
-    """
+    """Follow samples, corrected by what gauges show; write the gains (samples, 3, m, gauges)."""
     driven = driven_of(arrays)
     equations, gears = driven.equations, driven.gears
     m, gauges = equations.free.shape[0], measured.shape[1]
