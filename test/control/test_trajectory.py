@@ -139,7 +139,7 @@ def test_a_new_one_takes_over_with_the_speed(driver: Driver) -> None:
 
 def test_empty_ones_and_collisions_brake(driver: Driver) -> None:
     """The reference comes to rest before the trajectory would, and stays there."""
-    for stop in (driver.source.stop, lambda: driver.source.collide(True)):
+    for stop in (lambda: driver.source.stop('asked'), lambda: driver.source.collide(True)):
         assert driver.source.take(points([1.0, 5.0], [0.3, 0.0], [0.3, 0.3])) == ''
         driver.run(0.5)
         stop()
@@ -185,7 +185,7 @@ def test_some_joints_are_held_or_refused(driver: Driver) -> None:
     """By ``allow_partial_joints_goal``."""
     some = points([1.0, 2.0], [0.1], [0.2], joints=('joint3',))
     driver.source.partial = False
-    assert 'missing joints: joint2' in driver.source.take(some)
+    assert 'wrong joints, missing: joint2; the' in driver.source.take(some)
     driver.source.partial = True
     assert driver.source.take(some) == ''
     rows = driver.run(2.5)
@@ -213,7 +213,7 @@ def test_tolerances(driver: Driver) -> None:
     driver.run(0.5)
     driver.off = np.array([0.0, 0.06])
     driver.run(0.5)
-    assert 'joint3 is 0.06 off the path' in source.outcome
+    assert source.outcome == 'off the path: joint3 by 0.06, more than 0.05'
     source.tolerances = Tolerances(goal=0.03, goal_time=0.3)
     assert source.take(points([1.0, 2.0], [0.1, 0.0], [0.2, 0.0])) == ''
     driver.run(2.2)

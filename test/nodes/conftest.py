@@ -20,4 +20,5 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from control_msgs_making import control_msgs, control_msgs_folder  # noqa: E402, F401, I100
 from ros_world import model, recording, world  # noqa: E402, F401

@@ -23,13 +23,14 @@ from typing import Any
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from elastic_making import identified
+from generator_making import Generator, PERIOD, point, POSE, trajectory
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-from ros_world import joint_message, JOINTS, values_of, World
-from rosgraph_msgs.msg import Clock
+from ros_world import JOINTS, values_of, World
 from schedule_making import schedule
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -38,72 +39,11 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import save_bundle
 from tudor_dynamics.nodes.common.base import latched
-from tudor_dynamics.nodes.common.messages import floats, time_message
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.signals.shaping import Profile
 
-POSE = np.array([0.8, 0.1])
 GOAL = np.array([1.2, -0.3])
-PERIOD = 20_000_000
-
-
-class Generator:
-    """A generator on a simulated clock, with an arm that is where its reference was."""
-
-    def __init__(self, world: World, arm: Path, **values: Any) -> None:
-        self.world = world
-        self.k = 0
-        self.q = POSE.copy()
-        self.follows = True
-        self.node = world.add(ReferenceGeneratorNode, **{
-            'arm': str(arm), 'rate': 50.0, 'use_sim_time': True, **values})
-        self.node.steady = lambda: 1e-9 * PERIOD * self.k
-        self.heard = world.listen('joint_reference')
-        self.goals = world.output('joint_trajectory', JointTrajectory)
-        world.meet('joint_states', 'joint_trajectory')
-        world.output('/clock', Clock)
-        world.meet('/clock')
-
-    def step(self) -> None:
-        """Let one period pass: positions, then the clock, which makes the next reference due."""
-        self.k += 1
-        stamp = 10**18 + PERIOD * self.k
-        read = self.node.meter.count
-        self.world.output('joint_states').publish(joint_message(stamp, JOINTS, position=self.q))
-        assert self.world.spin(lambda: self.node.meter.count > read)
-        before = self.node.get_clock().now().nanoseconds
-        self.world.output('/clock').publish(Clock(clock=time_message(stamp)))
-        assert self.world.spin(lambda: self.node.get_clock().now().nanoseconds > before)
-        self.world.rest(0.002)
-        if self.follows and self.heard:
-            self.q = np.array(self.heard[-1].position)
-
-    def run(self, count: int) -> np.ndarray:
-        """Let periods pass and give the references of that time."""
-        self.heard.clear()
-        for _ in range(count):
-            self.step()
-        return np.array([list(message.position) for message in self.heard])
-
-    def go(self, goal: np.ndarray) -> None:
-        """Send a goal and wait until it was looked at."""
-        refused = self.node.drops['goal_refused']
-        target = self.node.source.motion._planner._plans.copy() if self.node.source.motion else 0
-        self.goals.publish(JointTrajectory(
-            joint_names=JOINTS, points=[JointTrajectoryPoint(positions=floats(goal))]))
-        assert self.world.spin(lambda: self.node.drops['goal_refused'] > refused or not (
-            np.array_equal(self.node.source.motion._planner._plans, target)))
-
-    def told(self) -> Any:
-        """Give a diagnosis of this moment."""
-        heard = self.world.heard['/diagnostics']
-        heard.clear()
-        self.node.publish_diagnostics()
-        assert self.world.spin(lambda: any(
-            s.name.startswith('reference_generator') for a in heard for s in a.status))
-        return [s for a in heard for s in a.status
-                if s.name.startswith('reference_generator')][-1]
 
 
 @pytest.fixture
@@ -129,15 +69,7 @@ def test_trajectories_are_driven_and_stopped(world: World, tudor: Path) -> None:
     generator.run(10)
 
     def send(stamp: int, *points: JointTrajectoryPoint) -> None:
-        message = JointTrajectory(joint_names=JOINTS[::-1], points=points)
-        message.header.stamp = time_message(stamp)
-        generator.goals.publish(message)
-
-    def point(seconds: float, *q: float) -> JointTrajectoryPoint:
-        whole, part = divmod(seconds, 1.0)
-        return JointTrajectoryPoint(
-            positions=floats(np.array(q)), velocities=[0.0, 0.0],
-            time_from_start=Duration(sec=int(whole), nanosec=round(1e9 * part)))
+        generator.goals.publish(trajectory(*points, stamp=stamp, names=JOINTS[::-1]))
 
     def following() -> bool:
         return generator.node.source.motion.follower.progress is not None
@@ -324,3 +256,76 @@ def test_shaping_without_modes(world: World, root: Path) -> None:
     node = world.add(ReferenceGeneratorNode, arm=str(root / 'config/tudor.yaml'),
                      shaping='elastic')
     assert node.source is None and 'gain_schedule' in node.fault
+
+
+def test_state_says_how_far_it_is(world: World, tudor: Path) -> None:
+    """Wanted, actual and their difference, at the time of the trajectory; figures as well."""
+    generator = Generator(world, tudor)
+    states = world.listen('reference_generator/state', JointTrajectory)
+    generator.run(5)
+    generator.goals.publish(trajectory(point(1.0, 0.9, 0.1), point(2.0, 1.0, 0.0)))
+    assert world.spin(lambda: generator.node.source.motion.follower.progress is not None)
+    generator.run(50)
+    generator.follows = False
+    generator.run(25)
+    states.clear()
+    assert world.spin(lambda: bool(states))
+    wanted, actual, error = states[-1].points
+    assert list(states[-1].joint_names) == JOINTS
+    assert wanted.time_from_start == Duration(sec=1, nanosec=500_000_000)
+    np.testing.assert_allclose(wanted.positions, [0.95, 0.05], atol=1e-6)
+    np.testing.assert_allclose(wanted.velocities, [0.15, -0.15], atol=1e-6)
+    np.testing.assert_allclose(actual.positions, [0.9, 0.1], atol=0.01)
+    np.testing.assert_allclose(error.positions, np.subtract(wanted.positions, actual.positions))
+    values = values_of(generator.told())
+    assert values['trajectory'] == '1.5 of 2.0 s'
+    assert float(values['off the reference joint2 [rad]']) == pytest.approx(0.05, abs=0.01)
+
+
+def test_lifecycle(world: World, tudor: Path) -> None:
+    """Inactive it publishes nothing, once it has braked, and says why goals are refused."""
+    node = world.add(ReferenceGeneratorNode, arm=str(tudor), autostart=False)
+    assert node.phase == 'unconfigured' and node.source is None
+    world.end(node)
+    generator = Generator(world, tudor)
+    node = generator.node
+    assert node.trigger_deactivate().name == 'SUCCESS'
+    assert generator.run(3).size == 0 and generator.told().message == 'inactive'
+    generator.goals.publish(trajectory(point(1.0, *GOAL)))
+    assert world.spin(lambda: node.drops['goal_refused'] == 1)
+    assert node.trigger_activate().name == 'SUCCESS'
+    assert generator.run(5)[-1] == pytest.approx(POSE)
+    generator.goals.publish(trajectory(point(1.0, 1.2, 0.1), point(2.0, 1.4, 0.1)))
+    assert world.spin(lambda: node.source.motion.follower.progress is not None)
+    before = generator.run(30)
+    assert node.trigger_deactivate().name == 'SUCCESS'
+    assert node.source.outcome == 'stopped: reference_generator was deactivated'
+    generator.run(60)
+    braked = np.array([[*m.position, *m.velocity] for m in generator.heard])
+    assert 3 < len(braked) < 60 and not braked[-1, 2:].any()
+    assert np.abs(np.diff(np.vstack([before[-1:], braked[:, :2]]), axis=0)).max() < 0.02
+    assert node.source.motion is None and generator.told().message == 'inactive'
+    assert node.trigger_activate().name == 'SUCCESS'
+    assert generator.run(5)[-1] == pytest.approx(generator.q)
+    assert node.trigger_shutdown().name == 'SUCCESS'
+    assert generator.told().message.startswith('shut down')
+
+
+def test_rivals_are_named(world: World, tudor: Path) -> None:
+    """Another node that leads the arm is an ERROR, a second source of positions a WARN."""
+    generator = Generator(world, tudor)
+    generator.run(3)
+    second = world.probe.create_publisher(JointState, 'joint_states', 10)
+    assert world.spin(lambda: generator.node.count_publishers('/joint_states') == 2)
+    generator.node._look()
+    status = generator.told()
+    assert status.level == DiagnosticStatus.WARN
+    assert '2 nodes publish positions on joint_states: /probe, /probe' in status.message
+    rival = world.probe.create_publisher(JointState, 'joint_reference', 10)
+    assert world.spin(lambda: generator.node.count_publishers('/joint_reference') == 2)
+    generator.node._look()
+    status = generator.told()
+    assert status.level == DiagnosticStatus.ERROR
+    assert status.message == '/probe can lead the arm, too, on /joint_reference: end all but one'
+    for publisher in (second, rival):
+        world.probe.destroy_publisher(publisher)

@@ -27,7 +27,7 @@ from tudor_dynamics.arm.limits import hard_limits, Limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control import settings
 from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
-from tudor_dynamics.control.trajectory import Follower, MotionState
+from tudor_dynamics.control.trajectory import Follower, MotionState, of_all, ROUNDING
 from tudor_dynamics.errors import SignalError, UsageError
 from tudor_dynamics.signals.excitation import aprbs, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionLimits
@@ -102,10 +102,18 @@ class ReactingReference:
     def follow(self, trajectory: Trajectory, since: float) -> str:
         """Take a trajectory; empty if it is taken, see `Follower.take`."""
         self.refused = ''
-        return self.follower.take(trajectory, since, self._state(), self._planner.remaining <= 0.0)
+        return self.follower.take(trajectory, since, self.state, self._planner.remaining <= 0.0)
 
-    def _state(self) -> MotionState:
-        return MotionState(self.q.copy(), self.dq.copy(), self._planner.ddq.copy())
+    @property
+    def state(self) -> MotionState:
+        """Give positions, speeds and accelerations of the reference."""
+        return self.follower.state or MotionState(
+            self.q.copy(), self.dq.copy(), self._planner.ddq.copy())
+
+    @property
+    def moving(self) -> bool:
+        """Whether the reference does not rest yet."""
+        return bool(self.remaining > 0.0 or self.dq.any())
 
     def collide(self) -> None:
         """React to a collision."""
@@ -124,6 +132,12 @@ class ReactingReference:
         if not self.reacting:
             self.follower.leave()
             self._planner.brake()
+
+    def hold(self) -> None:
+        """Brake, and stay there whatever was reacted to."""
+        self.follower.leave()
+        self.reaction = 'hold'
+        self._planner.brake()
 
     def clear(self) -> None:
         """Take goals again, from where the joints are now."""
@@ -159,7 +173,7 @@ class ReactingReference:
         """Follow a trajectory where there is one, otherwise move to the target."""
         state: MotionState | None = None
         if self.follower.path is not None or self.follower.coming is not None:
-            state, self.refused = self.follower.step(dt, self._state())
+            state, self.refused = self.follower.step(dt, self.state)
             if self.refused:
                 self._planner.brake()
         if state is None:
@@ -218,13 +232,17 @@ def yielding_speed(strain: float, unit_scale: float, gain: float) -> float:
 # It begins again at the measured pose wherever the arm is not with its reference: what commands
 # the joints follows nobody who is somewhere else.
 
+REACHED, MISSED, OFF_PATH = 'reached', 'missed', 'off the path'
+"""How outcomes begin that are not those of a stop."""
+
+
 @dataclass
 class Tolerances:
-    """How far the arm may be from a trajectory; 0 for as far as it likes."""
+    """How far the arm may be from a trajectory, joint by joint; 0 for as far as it likes."""
 
-    path: float = 0.0  # on the way [rad or m]
-    goal: float = 0.0  # at the end [rad or m]
-    goal_time: float = 0.0  # how much later than its end that is judged [s]
+    path: FloatArray | float = 0.0  # on the way [rad or m]
+    goal: FloatArray | float = 0.0  # at the end [rad or m]
+    goal_time: float = 0.0  # how much later than its end that is judged, 0 for never [s]
 
 
 class ReferenceSource:
@@ -232,8 +250,9 @@ class ReferenceSource:
     Reference motion of an arm.
 
     retreat_time, timeout [s]; shaping: not at all by default; motion: None before the first
-    positions and while none come; halted: empty where they are; note: empty for nothing; outcome:
-    how the last trajectory ended; partial: joints that a trajectory does not name are held.
+    positions and while none come; actual: where the joints are, as far as is known; halted: empty
+    where goals are taken; note: empty for nothing; outcome: how the last trajectory ended;
+    partial: joints that a trajectory does not name are held.
     """
 
     def __init__(
@@ -252,9 +271,10 @@ class ReferenceSource:
         self.outcome = ''
         self._asked = -math.inf
         self._ends: FloatArray | None = None
+        self._own: Tolerances | None = None
         self._overdue = 0.0
         self.note = ''
-        self._measured: FloatArray | None = None
+        self.actual: FloatArray | None = None
         self._at = -math.inf
         self._away = 0.0
         self.collision = False
@@ -280,7 +300,7 @@ class ReferenceSource:
 
     def measured(self, now: float, q: FloatArray) -> None:
         """Take measured positions [rad] into account, at a local time [s]: q (joints,) [rad]."""
-        self._measured, self._at = q.copy(), now
+        self.actual, self._at = q.copy(), now
 
     def configure(self, reaction: str, retreat_time: float) -> None:
         """Take another reaction into use: retreat_time [s]."""
@@ -298,10 +318,11 @@ class ReferenceSource:
                     f'{self.hard.upper.tolist()}')
         assert self.motion is not None
         self.motion.go(target)
-        self._ends, self.outcome = None, ''
+        self._follow(target)
         return ''
 
-    def take(self, trajectory: Trajectory, since: float = 0.0) -> str:
+    def take(self, trajectory: Trajectory, since: float = 0.0,
+             tolerances: Tolerances | None = None) -> str:
         """
         Take a trajectory, as a joint trajectory controller does.
 
@@ -309,43 +330,38 @@ class ReferenceSource:
         times. A new one takes over at its start; until then what is driven goes on. Points whose
         time is over are left out. Everything is checked before the first sample moves.
 
-        since: time since its start, below zero where that is to come [s]. Returns why it is
-        refused; empty if it is taken.
+        since: time since its start, below zero where that is to come [s]; tolerances: its own,
+        those of the source by default. Returns why it is refused; empty if it is taken.
         """
-        if why := self._unable() or self._unknown(trajectory.joints):
+        if why := self._unable():
             return why
         assert self.motion is not None
-        places = [self.names.index(name) for name in trajectory.joints]
-        if len(trajectory.t) == 1:
-            target = np.full(len(self.names), np.nan)
-            target[places] = trajectory.q[0]
-            return self.go(target)
         held = self.motion.follower.path
-
-        def whole(values: FloatArray | None, rest: FloatArray) -> FloatArray | None:
-            if values is None:
-                return None
-            found = np.tile(rest, (len(trajectory.t), 1))
-            found[:, places] = values
-            return found
-        none = np.zeros(len(self.names))
-        q = whole(trajectory.q, self.motion.q if held is None else held.target)
-        assert q is not None
         try:
-            why = self.motion.follow(Trajectory(
-                self.names, trajectory.t, q, whole(trajectory.dq, none),
-                whole(trajectory.ddq, none)), since)
+            whole = of_all(trajectory, self.names, self.motion.q if held is None else held.target,
+                           self.partial)
+            if len(whole.t) == 1:
+                named = np.isin(self.names, trajectory.joints)
+                why = self.go(np.where(named, whole.q[0], np.nan))
+            else:
+                why = self.motion.follow(whole, since)
         except SignalError as err:
             return str(err)
         if not why:
-            self._ends, self._overdue, self.outcome = q[-1], 0.0, ''
+            self._follow(whole.q[-1], tolerances)
         return why
 
-    def stop(self) -> None:
+    def stop(self, why: str) -> None:
         """Brake, and follow no trajectory any more."""
         if self.motion is not None:
             self.motion.stop()
-        self._end('stopped')
+        self._end(f'stopped: {why}')
+
+    def hold(self, why: str) -> None:
+        """Brake, also out of a reaction, and take nothing until it begins again."""
+        if self.motion is not None:
+            self.motion.hold()
+        self._end(f'stopped: {why}')
 
     def _unable(self) -> str:
         """Say why no motion can be taken now; empty where it can."""
@@ -355,14 +371,9 @@ class ReferenceSource:
             return f'no monitor watches the arm, {self.halted}'
         return 'a collision is being reacted to' if self.reacting or self.collision else ''
 
-    def _unknown(self, names: tuple[str, ...]) -> str:
-        """Say which names are no active joint, twice there, or missing; empty if none is."""
-        unknown = [name for name in names if name not in self.names]
-        double = sorted({name for name in names if names.count(name) > 1})
-        missing = [name for name in self.names if name not in names and not self.partial]
-        found = [f'{what}: {", ".join(some)}' for what, some in (
-            ('unknown joints', unknown), ('twice', double), ('missing joints', missing)) if some]
-        return f'{"; ".join(found)}; the joints are {", ".join(self.names)}' if found else ''
+    def _follow(self, ends: FloatArray, own: Tolerances | None = None) -> None:
+        """Watch the way to the ends of what was taken, NaN where that is open."""
+        self._ends, self._own, self._overdue, self.outcome = ends, own, 0.0, ''
 
     def _end(self, outcome: str) -> None:
         """Keep how a trajectory ended."""
@@ -371,31 +382,35 @@ class ReferenceSource:
 
     def _judge(self, motion: ReactingReference, dt: float) -> None:
         """Stop where the arm leaves its path, and say whether it has reached the end."""
-        assert self._measured is not None
+        assert self.actual is not None
         if self._ends is None:
             return
         if motion.refused:
             self._end(f'not begun: {motion.refused}')
             return
-        path, goal = self.tolerances.path, self.tolerances.goal
-        if motion.follower.progress is not None:
-            off = np.abs(self._measured - motion.q)
-            if motion.follower.path is not None and 0.0 < path < off.max():
+        follower, limit = motion.follower, self._own or self.tolerances
+        if motion.moving or np.any(np.abs(motion.q - self._ends) > ROUNDING):
+            begun = follower.coming is None or follower.path is not None
+            off = self._beyond(motion.q, limit.path)
+            if begun and off:
                 motion.stop()
-                self._end(f'stopped: {self._worst(off)} off the path, more than {path:.3g}')
+                self._end(f'{OFF_PATH}: {off}')
             return
-        off = np.abs(self._measured - self._ends)
-        if goal <= 0.0 or off.max() <= goal:
-            self._end('reached')
+        off = self._beyond(self._ends, limit.goal)
+        if not off:
+            self._end(REACHED)
             return
         self._overdue += dt
-        if self._overdue > self.tolerances.goal_time:
-            self._end(f'missed: {self._worst(off)} off the goal, more than {goal:.3g}, '
-                      f'{self.tolerances.goal_time:g} s after the end')
+        if 0.0 < limit.goal_time < self._overdue:
+            self._end(f'{MISSED}: {off}, {limit.goal_time:g} s after the end')
 
-    def _worst(self, off: FloatArray) -> str:
-        joint = int(off.argmax())
-        return f'{self.names[joint]} is {off[joint]:.3g}'
+    def _beyond(self, wanted: FloatArray, bound: FloatArray | float) -> str:
+        """Name the joint that is farthest beyond its bound; empty if none is."""
+        assert self.actual is not None
+        off, bounds = np.abs(self.actual - wanted), np.broadcast_to(bound, wanted.shape)
+        over = np.where((bounds > 0.0) & (off > bounds), off - bounds, 0.0)
+        k = int(over.argmax())
+        return f'{self.names[k]} by {off[k]:.3g}, more than {bounds[k]:.3g}' if over[k] else ''
 
     def collide(self, collision: bool) -> None:
         """Take the state of the collision detector into account."""
@@ -423,7 +438,7 @@ class ReferenceSource:
     def halt(self, cause: str) -> None:
         """Brake and take no goals for a cause, such as that nobody watches; empty to go on."""
         if cause and not self.halted:
-            self.stop()
+            self.stop(cause)
         self.halted = cause
 
     def step(self, now: float, dt: float) -> tuple[FloatArray, FloatArray] | None:
@@ -432,7 +447,7 @@ class ReferenceSource:
 
         now, dt [s]; returns positions and speeds [rad, rad/s], None while there is none.
         """
-        if self._measured is None:
+        if self.actual is None:
             return None
         if now - self._at > self.timeout:
             if self.motion is not None:
@@ -451,8 +466,8 @@ class ReferenceSource:
         return motion.q.copy(), motion.dq.copy()
 
     def _begin(self) -> ReactingReference:
-        assert self._measured is not None
-        place = np.clip(self._measured, self.hard.lower, self.hard.upper)
+        assert self.actual is not None
+        place = np.clip(self.actual, self.hard.lower, self.hard.upper)
         self.motion = ReactingReference(self._limits, place, self.reaction, self.retreat_time,
                                         shaping=self.shaping, hard=self.hard)
         self._end('stopped: the reference began again where the arm is')
@@ -463,9 +478,9 @@ class ReferenceSource:
 
     def _lost(self, motion: ReactingReference, dt: float) -> bool:
         """Say whether the arm is not with its reference."""
-        assert self._measured is not None
+        assert self.actual is not None
         planned = self._limits.velocity
-        away = np.abs(motion.q - self._measured) / planned
+        away = np.abs(motion.q - self.actual) / planned
         resting = bool(np.all(np.abs(motion.dq) < settings.RESTING_SPEED * planned))
         self._away = self._away + dt if resting and away.max() > settings.NEAR_TIME else 0.0
         if away.max() > settings.FOLLOWING_TIME or self._away > settings.LOST_TIME:

@@ -20,6 +20,7 @@ A path is checked whole against the hard limits before its first sample moves.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,38 @@ from tudor_dynamics.typing import FloatArray
 ROUNDING = 1e-6
 """So little beyond a limit is at it: messages of planners in single precision end there
 [rad, rad/s, rad/s^2; m, m/s, m/s^2]."""
+WRONG_JOINTS, LATE = 'wrong joints', 'all points are over'
+"""How the reasons begin for which a trajectory is refused by its names, and by its start."""
+
+
+def of_all(trajectory: Trajectory, names: Sequence[str], rest: FloatArray, partial: bool,
+           ) -> Trajectory:
+    """
+    Give a trajectory of all joints in their order.
+
+    rest: positions of those that it does not name; partial: whether it may leave some out.
+    SignalError where names are unknown, double or missing.
+    """
+    given = trajectory.joints
+    found = [f'{what}: {", ".join(some)}' for what, some in (
+        ('unknown', [name for name in given if name not in names]),
+        ('twice', sorted({name for name in given if given.count(name) > 1})),
+        ('missing', [name for name in names if name not in given and not partial])) if some]
+    if found:
+        raise SignalError(f'{WRONG_JOINTS}, {"; ".join(found)}',
+                          remedy=f'the joints are {", ".join(names)}')
+    places = [names.index(name) for name in given]
+
+    def whole(values: FloatArray | None, others: FloatArray) -> FloatArray | None:
+        if values is None:
+            return None
+        table = np.tile(others, (len(trajectory.t), 1))
+        table[:, places] = values
+        return table
+    q, none = whole(trajectory.q, rest), np.zeros(len(names))
+    assert q is not None
+    return Trajectory(tuple(names), trajectory.t, q, whole(trajectory.dq, none),
+                      whole(trajectory.ddq, none))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +90,7 @@ class Path:
     def __init__(self, state: MotionState, trajectory: Trajectory, begin: float = 0.0) -> None:
         left = trajectory.t > begin
         if not left.any():
-            msg = f'all points are over: the last was due {begin - trajectory.t[-1]:.3g} s ago'
+            msg = f'{LATE}: the last was due {begin - trajectory.t[-1]:.3g} s ago'
             raise SignalError(msg, remedy='stamp it with its start, or not at all')
         if trajectory.dq is not None and np.any(np.abs(trajectory.dq[-1]) > ROUNDING):
             raise SignalError('the last point is in motion', remedy='end the trajectory at rest')
@@ -129,6 +162,11 @@ class Follower:
             return self._time, self.path.end
         return None if self.coming is None else (self._since, float(self.coming.t[-1]))
 
+    @property
+    def state(self) -> MotionState | None:
+        """Where the path is now, with its acceleration."""
+        return None if self.path is None else self.path.at(self._time)
+
     def take(self, trajectory: Trajectory, since: float, state: MotionState, resting: bool) -> str:
         """
         Take a trajectory that began a time ago, or begins later where that is below zero [s].
@@ -178,9 +216,7 @@ class Follower:
         return reached, ''
 
     def _begin(self, trajectory: Trajectory, since: float, state: MotionState) -> str:
-        if self.path is not None:  # with its acceleration
-            state = self.path.at(self._time)
-        path = Path(state, trajectory, since)
+        path = Path(self.state or state, trajectory, since)
         why = path.beyond(self.bounds)
         if not why:
             self.path, self._time, self.coming = path, since, None

@@ -16,19 +16,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 import sys
 from typing import Any
 
+from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.control.references import ReferenceSource, Tolerances, yielding_speed
 from tudor_dynamics.control.schedule import load_schedule
@@ -36,20 +41,26 @@ from tudor_dynamics.control.shaped_motion import Shaping
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.tuning import refiner_of
-from tudor_dynamics.nodes.common.base import Figure, latched, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, WARN
+from tudor_dynamics.nodes.common.following import follow_action, FollowServer, tolerances_of
 from tudor_dynamics.nodes.common.interfaces import (
-    COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, PAYLOAD_TOPIC, RESET, RESIDUALS)
+    COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, PAYLOAD_TOPIC, RESET, RESIDUALS,
+    STATE)
 from tudor_dynamics.nodes.common.messages import (
-    joint_state, NamedReader, nanoseconds, trajectory_of)
+    floats, joint_state, NamedReader, nanoseconds, trajectory_of)
+from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.nodes.settings import ALIVE, MONITORS_LOOK
+from tudor_dynamics.nodes.settings import ALIVE, LONGEST_GAP, MONITORS_LOOK, STATE_PERIOD
+from tudor_dynamics.online.streams import Tick
+from tudor_dynamics.typing import FloatArray
 
 
-class ReferenceGeneratorNode(TudorNode):
+class ReferenceGeneratorNode(MovingNode):
     """
     Reference node; ``**kwargs`` go to rclpy's Node.
 
-    It begins where the joints are: nothing is published before the first joint states.
+    It begins where the joints are: nothing is published before the first joint states. Where it
+    is deactivated it brakes, then publishes no more.
     """
 
     FIGURES: tuple[Figure, ...] = (
@@ -58,35 +69,49 @@ class ReferenceGeneratorNode(TudorNode):
         Figure('not shaped', lambda source: source.shaping.note or None, 'source'),
         Figure('monitors', lambda node: node.source and (', '.join(node.monitors) or 'none')),
         Figure('trajectory', lambda source: _progress(source), 'source'),
+        Figure('off the reference JOINT [rad]', lambda source: _off(source), 'source'),
         Figure('begun again', lambda source: source.note or None, 'source'))
+    ending = 'shut down: the reference brakes, and no more is published'
 
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__('reference_generator', **kwargs)
-        self.source: ReferenceSource | None = None
+        super().__init__('reference_generator', LONGEST_GAP, **kwargs)
         self._last: int | None = None
         self._heard: dict[str, tuple[float, bool]] = {}
         self.monitors: list[str] = []
         self._unwatched = ''
+        self.crowded: tuple[bytes, str] | None = None
+        self._speed: FloatArray | None = None
         self._output = self.publish_on(JointState, JOINT_REFERENCE)
+        self._states = self.publish_on(JointTrajectory, STATE)
         self.serve(RESET, self._reset)
-        try:
-            self._arm = self.described_arm('limits')
-            self.source = ReferenceSource(
-                self._arm, self.value('reaction'), self.value('retreat_time'),
-                self.value('timeout'), self._shaping())
-        except TudorError as err:
-            self.fail(err)
-            return
-        arm = self._arm
-        self.robot = arm.name
-        self.apply()
+        self._step_timer = self.create_timer(1.0 / self.value('rate'), self._step)
+        self._look_timer = self.every(MONITORS_LOOK, self._look)
+        self._state_timer = self.every(STATE_PERIOD, self._report)
+        action = follow_action()
+        self.server = None if action is None else FollowServer(
+            self, action, lambda goal: self._take(goal.trajectory, goal), self._stop_goal)
+        self.autostart()
+
+    @property
+    def source(self) -> ReferenceSource | None:
+        """Source of the reference; None while it is not configured."""
+        return self.controller
+
+    def build(self) -> tuple[Arm, Collection[str]]:
+        """Make the source."""
+        arm = self._arm = self.described_arm('limits')
+        source = ReferenceSource(arm, self.value('reaction'), self.value('retreat_time'),
+                                 self.value('timeout'), self._shaping())
         if self.value('mode') == 'aprbs':
-            self.source.wander(self.value('seed'))
+            source.wander(self.value('seed'))
         self._names = list(arm.active_joints)
-        self._joints = NamedReader(self._names, self.drops)
         self._residuals = NamedReader(arm.gauge_names, self.drops)
-        self._inputs = [
-            self.subscribe(JointState, arm.spec.joint_topic, self._on_joints),
+        self.controller = source
+        return arm, ()
+
+    def subscribe_inputs(self) -> list[Subscription]:
+        """Subscribe to goals, and to what says whether they may be taken."""
+        return [
             self.subscribe(JointTrajectory, JOINT_TRAJECTORY, self._on_goal),
             self.subscribe(JointState, RESIDUALS['strain'], self._on_residuals),
             self.create_subscription(Bool, COLLISION, self._on_collision, latched()),
@@ -94,9 +119,30 @@ class ReferenceGeneratorNode(TudorNode):
                 InertiaStamped, PAYLOAD_TOPIC, self._on_payload, latched()),
             self.create_subscription(
                 DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, QoSProfile(depth=20))]
-        self._step_timer = self.create_timer(1.0 / self.value('rate'), self._step)
+
+    def begin(self) -> None:
+        """Begin where the arm is."""
+        super().begin()
+        self._last = None
+        self.apply()
         self._look()
-        self._look_timer = self.every(MONITORS_LOOK, self._look)
+
+    def stop(self) -> None:
+        """Brake."""
+        if self.source is not None:
+            self.source.hold(f'{self.get_name()} was deactivated')
+            self._report()
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget the arm."""
+        if self.source is not None and self.source.shaping.beside is not None:
+            self.source.shaping.beside.shutdown(wait=False)
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Brake, for good."""
+        self.stop()
+        return super().on_shutdown(state)
 
     def _shaping(self) -> Shaping:
         path, model = self.value('gain_schedule'), self.value('model')
@@ -125,29 +171,66 @@ class ReferenceGeneratorNode(TudorNode):
         self.source.reset(self.steady())
         return 'goals are taken again'
 
-    def _on_joints(self, message: JointState) -> None:
-        begun = self.meter.begin()
+    def answer(self, message: JointState, tick: Tick, q: FloatArray) -> None:
+        """Take positions into account."""
         assert self.source is not None
-        q = self._joints.read(message, 'position')
-        if q is None or not np.isfinite(q).all():
-            return
         self.source.measured(self.steady(), q)
-        self.meter.end(begun)
+        self._speed = self._joints.read(message, 'velocity', optional=True)
 
     def _on_goal(self, message: JointTrajectory) -> None:
         assert self.source is not None
         if not message.points:  # controllers stop at this
-            self.source.stop()
-            return
-        stamp = nanoseconds(message.header.stamp)
-        since = 1e-9 * (self.get_clock().now().nanoseconds - stamp) if stamp else 0.0
-        try:
-            why = self.source.take(trajectory_of(message), since)
-        except TudorError as err:
-            why = str(err)
+            self.source.stop('a trajectory without points')
+        elif not self._take(message) and self.server is not None:
+            self.server.end(f'another trajectory took over, from {JOINT_TRAJECTORY}')
+
+    def _take(self, message: JointTrajectory, goal: Any = None) -> str:
+        """Take a trajectory, of a goal with its tolerances; give why not."""
+        self._report()
+        source, why = self.source, f'{self.get_name()} is {self.phase}'
+        if source is not None and self.active:
+            stamp = nanoseconds(message.header.stamp)
+            since = 1e-9 * (self.get_clock().now().nanoseconds - stamp) if stamp else 0.0
+            try:
+                own = None if goal is None else tolerances_of(
+                    goal, source.names, source.tolerances)
+                why = source.take(trajectory_of(message), since, own)
+            except TudorError as err:
+                why = str(err)
         if why:
             self.drops['goal_refused'] += 1
             self.get_logger().error(f'goal refused: {why}')
+        return why
+
+    def _stop_goal(self, why: str) -> None:
+        if self.source is not None:
+            self.source.stop(why)
+
+    def _report(self) -> None:
+        """Publish how far the reference is, and end a goal that is over."""
+        source = self.source
+        if source is None:
+            return
+        if self.server is not None and source.outcome:
+            self.server.end(source.outcome)
+        if source.motion is None or source.actual is None:
+            return
+        wanted, progress = source.motion.state, source.motion.follower.progress
+        elapsed = divmod(round(1e9 * progress[0]), 1_000_000_000) if progress else (0, 0)
+        desired = {'positions': wanted.q, 'velocities': wanted.dq, 'accelerations': wanted.ddq}
+        actual = {'positions': source.actual}
+        if self._speed is not None:
+            actual['velocities'] = self._speed
+        error = {name: desired[name] - values for name, values in actual.items()}
+        points = [JointTrajectoryPoint(
+            time_from_start=Duration(sec=elapsed[0], nanosec=elapsed[1]),
+            **{name: floats(values) for name, values in some.items()})
+            for some in (desired, actual, error)]
+        message = JointTrajectory(joint_names=self._names, points=points)
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._states.publish(message)
+        if self.server is not None:
+            self.server.feedback(message.header, self._names, points)
 
     def _on_payload(self, message: InertiaStamped) -> None:
         assert self.source is not None
@@ -190,8 +273,18 @@ class ReferenceGeneratorNode(TudorNode):
                 self._heard[f'{namespace.rstrip("/")}/{name}'] = (self.steady(), able)
 
     def _look(self) -> None:
-        """See who publishes collisions, and whether they are alive."""
-        assert self.source is not None
+        """See who leads the arm, who says where it is, and who publishes collisions."""
+        if self.source is None:
+            return
+        rivals, sources = self.rivals(self._output), self.publishing(
+            self.resolve_topic_name(self._own))
+        self.crowded = None
+        if rivals:
+            self.crowded = ERROR, (f'{", ".join(rivals)} can lead the arm, too, on '
+                                   f'{self._output.topic_name}: end all but one')
+        elif len(sources) > 1:
+            self.crowded = WARN, (f'{len(sources)} nodes publish positions on {self._own}: '
+                                  f'{", ".join(sorted(sources))}; there may be one')
         self.monitors = self.publishing(self.resolve_topic_name(COLLISION))
         now = self.steady()
         heard = [self._heard.get(name) for name in self.monitors]
@@ -209,7 +302,13 @@ class ReferenceGeneratorNode(TudorNode):
 
     def _step(self) -> None:
         source = self.source
-        assert source is not None
+        if source is None:
+            return
+        if not self.active:
+            if source.motion is None or not source.motion.moving:
+                source.motion = None
+                return
+            source.measured(self.steady(), source.motion.q)  # it brakes to the end
         stamp = self.get_clock().now()
         now = int(stamp.nanoseconds)
         last, self._last = self._last, now
@@ -220,16 +319,27 @@ class ReferenceGeneratorNode(TudorNode):
             q, dq = reference
             self._output.publish(joint_state(stamp.to_msg(), self._names, position=q, velocity=dq))
 
+    def close(self) -> None:
+        """End the server."""
+        if self.server is not None:
+            self.server.destroy()
+
     def verdict(self) -> tuple[bytes, str]:
         """Say whether goals are taken, and whether anybody watches the arm."""
         level, message = super().verdict()
         source = self.source
-        if source is None or level != OK:
+        if source is None or not self.active:
+            return level, message
+        if self.crowded is not None and self.crowded[0] == ERROR:
+            return self.crowded
+        if level != OK:
             return level, message
         if source.reacting or source.collision:
             return WARN, f'collision: {self.value("reaction")}; ~/reset takes goals again'
         if source.halted:
             return WARN, f'no goals are taken: {source.halted}'
+        if self.crowded is not None:
+            return self.crowded
         if len(self.monitors) > 1:
             return WARN, (f'{len(self.monitors)} nodes publish {COLLISION}: '
                           f'{", ".join(self.monitors)}')
@@ -244,6 +354,13 @@ def _progress(source: ReferenceSource) -> str | None:
         return source.outcome or None
     time, end = progress
     return f'begins in {-time:.1f} s' if time < 0.0 else f'{time:.1f} of {end:.1f} s'
+
+
+def _off(source: ReferenceSource) -> dict[str, str] | None:
+    if source.motion is None or source.actual is None:
+        return None
+    return {name: f'{off:.4f}' for name, off in zip(
+        source.names, np.abs(source.motion.q - source.actual), strict=True)}
 
 
 main = partial(run, ReferenceGeneratorNode)

@@ -93,3 +93,9 @@ RECORD = 3.5
 """Strain that the sign test listens to after each step [s]. source: none known."""
 PATIENCE = 30.0
 """The sign test waits no longer than this for nodes, positions and strains [s]."""
+
+# Trajectories.
+
+STATE_PERIOD = 0.05
+"""Time between two reports of how far a trajectory is; as often as joint trajectory controllers
+look by default [s]."""

@@ -68,7 +68,8 @@ def test_tables(name: str, world: World, root: Path, model: Path) -> None:
     # what the node itself has: what the middleware has heard of it comes late, and may be of
     # another node of this name
     for part, own in (('Subscribed', node.subscriptions), ('Published', node.publishers)):
-        wanted = {'/' + row[0].lstrip('/'): row[1] for row in section(root, name, part)}
+        wanted = {'/' + row[0].replace('~', name).lstrip('/'): row[1]
+                  for row in section(root, name, part)}
         has = {item.topic_name: type_of(item) for item in own
                if item.topic_name not in SHARED[part]}
         assert has == wanted, part

@@ -53,6 +53,7 @@ CLOCK = '/clock'
 
 RESET, CALIBRATE, RELOAD, RETREAT = '~/reset', '~/calibrate', '~/reload', '~/retreat'
 EXPECT_PAYLOAD = '~/expect_payload'
+STATE, FOLLOW = '~/state', '~/follow_joint_trajectory'
 
 FIELD = {'effort': 'effort', 'momentum': 'effort', 'strain': 'position'}
 """Field of a JointState that carries each signal."""
@@ -169,6 +170,7 @@ MANY = (
           dynamic=True))
 
 ARM = Param('arm', '', 'arm description (YAML)')
+AUTOSTART = Param('autostart', True, 'configure and activate at the start')
 DAMP = (
     ARM,
     Param('autostart', True, 'configure and activate at the start'),
@@ -180,6 +182,7 @@ DAMP = (
           'gains come back; 0 for none, a payload is told once', 's', 0.0, 3600.0, dynamic=True))
 REFERENCE = (
     ARM,
+    AUTOSTART,
     Param('rate', 500.0, 'rate of the reference', 'Hz', 1.0, 2000.0),
     Param('mode', 'goals', 'goals from joint_trajectory, or an APRBS', choices=('goals', 'aprbs')),
     Param('seed', 0, 'seed of the APRBS', '', 0, 2**31 - 1),
@@ -199,7 +202,8 @@ REFERENCE = (
           10.0, dynamic=True),
     Param('goal_tolerance', 0.0, 'a trajectory is missed if the arm ends farther off; 0 for never',
           'rad', 0.0, 10.0, dynamic=True),
-    Param('goal_time', 1.0, 'so long after its end that is judged', 's', 0.0, 60.0, dynamic=True),
+    Param('goal_time', 1.0, 'so long after its end that is judged, 0 for as long as it '
+          'takes', 's', 0.0, 60.0, dynamic=True),
     Param('retreat_time', 1.0, 'part of the path that retreat drives back', 's', 0.0, 10.0,
           dynamic=True),
     Param('comply_gain', 1000.0, 'speed of complying per strain of the contact', 'rad/s per m/m',
@@ -212,7 +216,7 @@ FORCE = (
     ARM,
     Param('model', '', 'model bundle that says what gauges read of the weight of the arm; without '
           'one its links and the gains of its sensors do'),
-    Param('autostart', True, 'configure and activate at the start'),
+    AUTOSTART,
     Param('normal', 'z', 'direction in which the surface presses on the tip, in the base frame',
           choices=('x', '-x', 'y', '-y', 'z', '-z')),
     Param('approach_speed', 0.02, 'speed of the tip towards the surface and back', 'm/s', 1e-4,
