@@ -71,7 +71,7 @@ class Generator:
         stamp = self.now = BEGUN + PERIOD * self.k
         read = self.node.meter.count
         self.world.output('joint_states').publish(joint_message(stamp, JOINTS, position=self.q))
-        assert self.world.spin(lambda: self.node.meter.count > read or not self.node.active)
+        assert self.world.spin(lambda: self.node.meter.count > read)
         before = self.node.get_clock().now().nanoseconds
         self.world.output('/clock').publish(Clock(clock=time_message(stamp)))
         assert self.world.spin(lambda: self.node.get_clock().now().nanoseconds > before)

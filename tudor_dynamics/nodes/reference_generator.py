@@ -51,7 +51,6 @@ from tudor_dynamics.nodes.common.messages import (
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import ALIVE, LONGEST_GAP, MONITORS_LOOK, STATE_PERIOD
-from tudor_dynamics.online.streams import Tick
 from tudor_dynamics.typing import FloatArray
 
 
@@ -171,11 +170,14 @@ class ReferenceGeneratorNode(MovingNode):
         self.source.reset(self.steady())
         return 'goals are taken again'
 
-    def answer(self, message: JointState, tick: Tick, q: FloatArray) -> None:
-        """Take positions into account."""
-        assert self.source is not None
+    def _on_joints(self, message: JointState) -> None:
+        begun = self.meter.begin()
+        q = self._joints.read(message, 'position')
+        if self.source is None or q is None or not np.isfinite(q).all():
+            return
         self.source.measured(self.steady(), q)
         self._speed = self._joints.read(message, 'velocity', optional=True)
+        self.meter.end(begun)
 
     def _on_goal(self, message: JointTrajectory) -> None:
         assert self.source is not None
@@ -304,11 +306,9 @@ class ReferenceGeneratorNode(MovingNode):
         source = self.source
         if source is None:
             return
-        if not self.active:
-            if source.motion is None or not source.motion.moving:
-                source.motion = None
-                return
-            source.measured(self.steady(), source.motion.q)  # it brakes to the end
+        if not self.active and not (source.motion and source.motion.moving):
+            source.motion = None  # it has braked
+            return
         stamp = self.get_clock().now()
         now = int(stamp.nanoseconds)
         last, self._last = self._last, now
