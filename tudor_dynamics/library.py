@@ -316,8 +316,7 @@ class Changed(NamedTuple):
     # Its models are those of a fit to all its bags with the same choices. Validation and
     # thresholds among its facts are still of the model before.
     bundle: ModelBundle
-    # Output to bag to the relative error of each channel, when this bag alone is left out.
-    left_out: dict[str, dict[str, FloatArray]]
+    left_out: dict[str, dict[str, FloatArray]]  # relative error by output, bag and channel
 
 
 def change_bags(
@@ -440,8 +439,7 @@ class Prediction:
 
     arm: Arm  # arm of the models
     data: tuple[BagData, ...]  # bags, filtered as the models need it
-    # Output (`effort`, `strain`) to kind of model to figures and traces.
-    outputs: dict[str, dict[str, Validation]]
+    outputs: dict[str, dict[str, Validation]]  # figures and traces by output and kind
 
     def __repr__(self) -> str:
         """Write the fit of each model, one line each."""

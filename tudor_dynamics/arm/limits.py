@@ -55,8 +55,7 @@ class Limits:
     lower: FloatArray
     upper: FloatArray
     velocity: FloatArray  # largest speed in either direction, (joints,) [rad/s or m/s]
-    # Largest acceleration in either direction, (joints,) [rad/s^2 or m/s^2].
-    acceleration: FloatArray
+    acceleration: FloatArray  # largest in either direction, (joints,) [rad/s^2 or m/s^2]
     missing: tuple[str, ...] = ()  # what is not known, one phrase each
 
     def outside(self, q: FloatArray) -> NDArray[np.bool_]:
@@ -184,9 +183,7 @@ known."""
 class Nearness:
     """Pairs of links that are near to each other, at one pose."""
 
-    # Distance of each pair that is nearer than asked for; negative where they overlap, (pairs,)
-    # [m].
-    distance: FloatArray
+    distance: FloatArray  # of pairs nearer than asked for, negative if they overlap, (pairs,) [m]
     slope: FloatArray  # its derivatives by the active joints, (pairs, joints) [m/rad or m/m]
     names: tuple[tuple[str, str], ...]  # links of each pair
 

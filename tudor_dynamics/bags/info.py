@@ -74,9 +74,7 @@ class ChannelReport:
     """One name in one field of a topic."""
 
     name: str  # joint or gauge
-    # `position`, `velocity` or `effort`; `data` of an array, whose names are places; an interface
-    # of a DynamicJointState.
-    field: str
+    field: str  # `position`, `velocity`, `effort`, `data` of an array, or an interface
     # Range of the finite values; None where there are none.
     minimum: float | None
     maximum: float | None
@@ -87,8 +85,7 @@ class ChannelReport:
 class TopicReport:
     """A topic. Times are header stamps where these are set, else log times."""
 
-    # Topic and message type.
-    name: str
+    name: str  # of the topic
     type: str  # noqa: A003 (a key of the JSON output)
     count: int  # number of messages
     clock: str = 'log'  # `stamp` or `log`
@@ -102,8 +99,7 @@ class TopicReport:
     duplicates: int = 0
     backward: int = 0
     names: list[str] = field(default_factory=list)  # joints or gauges
-    # Arrays that are not empty, at least in some messages.
-    fields: list[str] = field(default_factory=list)
+    fields: list[str] = field(default_factory=list)  # arrays that any message fills
     channels: list[ChannelReport] = field(default_factory=list)  # ranges of its joints or gauges
 
 
@@ -128,8 +124,7 @@ class BagReport:
     dropped: dict[str, int] = field(default_factory=dict)  # messages left out of these, by cause
     odd: list[str] = field(default_factory=list)  # what the user should know
     payload: float | None = None  # mass at the tip by the bag's own metadata [kg]
-    # What can be learned from, where there is something.
-    recording: Recording | None = field(default=None, repr=False)
+    recording: Recording | None = field(default=None, repr=False)  # None: too little
     plan: Sources | None = field(default=None, repr=False)  # names of its columns
 
     def as_dict(self) -> dict[str, Any]:

@@ -60,11 +60,9 @@ _TAIL = RECORD.size + _FOOTER.size + len(MAGIC)
 class Scan:
     """Raw messages of one topic."""
 
-    # Message types announced for it, in their order.
-    msgtypes: dict[str, None] = field(default_factory=dict)
+    msgtypes: dict[str, None] = field(default_factory=dict)  # announced for it, in order
     log_time: list[int] = field(default_factory=list)  # time of recording [ns]
-    # Messages as they were on the wire; left empty where only times were asked for.
-    data: list[bytes] = field(default_factory=list)
+    data: list[bytes] = field(default_factory=list)  # as on the wire; empty for times alone
 
 
 def _text(record: bytes, offset: int) -> tuple[str, int]:

@@ -68,8 +68,7 @@ class Layout:
     names: tuple[str, ...]  # of a JointState; empty for other types
     fields: dict[str, tuple[int, int]]  # offset and number of float64 values of each array
     dtype: np.dtype[Any]  # structured type: `sec`, `nanosec` and the fields that are not empty
-    # (length,): 255 where a byte belongs to the structure, 0 where it is a number or padding.
-    significant: NDArray[np.uint8]
+    significant: NDArray[np.uint8]  # (length,): 255 where a byte is structure, 0 for numbers
     stamped: bool = True  # whether the messages have a header with a stamp
     # Of fields whose values stand apart: for each name the part of the structured type and the
     # place in it; None where the name lacks the field.
@@ -490,15 +489,13 @@ class DecodedTopic:
         where = f'topic {self.topic}, message {block.index[0]}'
         for field, (_, size) in layout.fields.items():
             if size not in (0, len(layout.names)):
-                msg = (f'{where}: {field} has {size} values for {len(layout.names)} names; a '
-                       'JointState array has the length of name or is empty: repair the '
-                       'publisher and record again')
-                raise BagError(msg, place=path)
+                raise BagError(f'{where}: {field} has {size} values for {len(layout.names)} '
+                               'names; a JointState array has the length of name or is empty: '
+                               'repair the publisher and record again', place=path)
         for name in names:
             if layout.names.count(name) > 1:
-                msg = (f'{where}: {name!r} stands in name {layout.names.count(name)} times; '
-                       'repair the publisher and record again')
-                raise BagError(msg, place=path)
+                raise BagError(f'{where}: {name!r} stands in name {layout.names.count(name)} '
+                               'times; repair the publisher and record again', place=path)
 
     def ranges(self, besides: Collection[str]) -> dict[str, float]:
         """Say how far joints move besides some [rad or m], outermost percents excluded."""

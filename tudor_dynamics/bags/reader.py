@@ -124,10 +124,9 @@ def choose_clock(
                 for name, states in topics.items()}
     for name, states in topics.items():
         if len(states.stamp) > 1 and np.mean(np.diff(states.log_time) > 0) < 0.9:
-            msg = (f'all header stamps in {", ".join(unset)} are zero and the log times '
-                   f'in {name} do not increase; let the publisher set header.stamp and record '
-                   'again')
-            raise BagError(msg, place=path)
+            raise BagError(f'all header stamps in {", ".join(unset)} are zero and the log times '
+                           f'in {name} do not increase; let the publisher set header.stamp and '
+                           'record again', place=path)
     notes.add(f'all header stamps in {", ".join(unset)} are zero; log times are used, which '
               'include the delays of the network')
     return {name: states.log_time for name, states in topics.items()}
@@ -200,10 +199,9 @@ class Assembly:
         keep, duplicate, backward = increasing(stream.stamp)
         lost = duplicate + backward
         if lost and 2 * lost >= len(stream.stamp):
-            msg = (f'the stamps of {stream.what} do not increase '
-                   f'({duplicate} duplicate, {backward} backward of '
-                   f'{len(stream.stamp)}); check the clock of the publisher and record again')
-            raise BagError(msg, place=self.path)
+            raise BagError(f'the stamps of {stream.what} do not increase ({duplicate} duplicate, '
+                           f'{backward} backward of {len(stream.stamp)}); check the clock of the '
+                           'publisher and record again', place=self.path)
         if count:
             for cause, number in (('duplicate_stamp', duplicate), ('backward_stamp', backward)):
                 if number:
@@ -294,9 +292,8 @@ class Assembly:
             values[:, columns], inside = interpolate(motion.stamp, stream.stamp,
                                                      stream.values[source[1]])
             if not inside.any():
-                msg = (f'{stream.what} has no sample at the time of any joint '
-                       'state; let both publishers stamp with the same clock')
-                raise BagError(msg, place=self.path)
+                raise BagError(f'{stream.what} has no sample at the time of any joint state; let '
+                               'both publishers stamp with the same clock', place=self.path)
             found &= inside
             own, other = np.median(np.diff(stream.stamp)), np.median(np.diff(motion.stamp))
             if own > 1.5 * other:

@@ -48,13 +48,11 @@ class SetBack:
 class Oddities:
     """What the arrays of a recording do not show of its bag."""
 
-    # Where the clock of the joint states was set back; the record is split there.
-    set_backs: tuple[SetBack, ...] = ()
+    set_backs: tuple[SetBack, ...] = ()  # of the clock of the joint states, which split it
     # How far each other name of the joint states moves, its outermost percents left out
     # [rad or m].
     others: dict[str, float] = field(default_factory=dict)
-    # Joints that move, but whose velocities are all zero: velocities are not used.
-    zero_velocities: tuple[str, ...] = ()
+    zero_velocities: tuple[str, ...] = ()  # joints that move without any: none are used
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +154,7 @@ class Sources:
     joint_topic: str  # topic of the joint states, as described (relative or absolute)
     joints: tuple[str, ...]  # names of the joints, in the order of the columns
     prismatic: tuple[bool, ...]  # kind of each joint
-    # Largest plausible `|q|` of each joint [rad or m]; None where any is.
-    reach: tuple[float | None, ...]
+    reach: tuple[float | None, ...]  # largest plausible `|q|` [rad or m]; None where any is
     efforts: tuple[ChannelSource, ...]  # where each joint's effort stands
     gauges: tuple[str, ...] = ()  # names of the gauges
     strains: tuple[ChannelSource, ...] = ()  # where each gauge's reading stands
@@ -256,10 +253,9 @@ def check_units(recording: Recording, plan: Sources, notes: Notes) -> None:
         if recording.dq is not None:
             suspects += _check_velocity(recording, column, name, slides, notes)
     if suspects:
-        msg = (f'looks like degrees ({"; ".join(suspects[:4])}); JointState is '
-               'in rad and rad/s: multiply by pi/180 and record again, or correct type and '
-               'limits in the arm description if the joint really moves so')
-        raise BagError(msg, place=recording.path)
+        raise BagError(f'looks like degrees ({"; ".join(suspects[:4])}); JointState is in rad and '
+                       'rad/s: multiply by pi/180 and record again, or correct type and limits in '
+                       'the arm description if the joint really moves so', place=recording.path)
 
 
 def without_zero_velocities(recording: Recording, plan: Sources, notes: Notes) -> Recording:
@@ -342,7 +338,6 @@ def _check_use(
         notes.add(f'{", ".join(still)} does not move')
     if need_output and recording.effort is None and recording.strain is None:
         reasons = '; '.join(notes.lacking)
-        msg = (f'neither efforts nor strains ({reasons or "none described"}); nothing can be '
-               'learned: correct effort.topic or gauges[].topic in the arm description, or '
-               'record them')
-        raise BagError(msg, place=recording.path)
+        raise BagError(f'neither efforts nor strains ({reasons or "none described"}); nothing can '
+                       'be learned: correct effort.topic or gauges[].topic in the arm '
+                       'description, or record them', place=recording.path)

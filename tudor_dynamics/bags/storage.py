@@ -50,8 +50,7 @@ class Metadata:
     """What the metadata say of a bag; where there are none, its files."""
 
     files: tuple[Path, ...]  # storage files in their order
-    # What rosbag2 has compressed, beside chunks; None without metadata.
-    compression: str | None = None
+    compression: str | None = None  # by rosbag2, besides chunks; None without metadata
     counts: Mapping[str, int] = field(default_factory=dict)  # of the messages of each topic
     custom: Mapping[str, str] = field(default_factory=dict)  # what whoever recorded added
     doubled: bool = False  # whether a file was listed more than once
@@ -181,8 +180,7 @@ class RawMessages:
     topic: str
     msgtype: str
     log_time: NDArray[np.int64]  # time at which each message was recorded, (n,) [ns]
-    # CDR buffers with their encapsulation header; empty where only times were asked for.
-    data: list[bytes]
+    data: list[bytes]  # CDR buffers with encapsulation; empty if only times are wanted
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,8 +195,7 @@ class Bag:
     # What rosbag2 has compressed, chunks apart; None without metadata, so that each message has to
     # be looked at.
     compression: str | None
-    # What whoever recorded wrote into `custom_data` of the metadata.
-    custom: Mapping[str, str]
+    custom: Mapping[str, str]  # what the recorder wrote into `custom_data` of the metadata
     unfinished: frozenset[Path]  # files that break off, because their recorder was killed
 
     def read(

@@ -218,8 +218,7 @@ class BagData:
     recording: Recording  # signals as read (the part chosen)
     stretches: tuple[Stretch, ...]  # gapless stretches, filtered
     payload: float | None = None  # mass at the tip, where it is known [kg]
-    # Why even stamps took the place of those recorded, where they did.
-    timing: Timing | None = None
+    timing: Timing | None = None  # why even stamps took the place of those recorded
 
     def has(self, output: str) -> bool:
         """Say whether the bag has an output, ``effort`` or ``strain``."""
@@ -384,8 +383,7 @@ class BagFacts:
     rate: float
     gaps: int = 0  # number of gaps
     longest_gap: float = 0.0  # length of the longest [s]
-    # Cause to messages that were left out.
-    dropped: Mapping[str, int] = field(default_factory=dict)
+    dropped: Mapping[str, int] = field(default_factory=dict)  # messages left out, by cause
     payload: float | None = None  # mass at the tip, where it is known [kg]
     warnings: tuple[str, ...] = ()  # what was noted when it was read
 

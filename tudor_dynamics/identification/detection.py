@@ -194,8 +194,7 @@ class CollisionScore:
     # From the start of the push to certainty, over those found, 0 where that was `EARLY` [s].
     latency_median: float | None
     latency_p95: float | None
-    # Events without a push, in bags whose pushes are known; None without such bags.
-    false_alarms: int | None
+    false_alarms: int | None  # in bags of known pushes; None without such bags
     hours: float  # time without a push in those bags [h]
     false_alarms_per_hour: float | None  # false alarms over those hours [1/h]
 
@@ -213,10 +212,8 @@ class DetectedEvent:
     channel: str  # joint or gauge that stood furthest above its threshold
     ratio: float  # largest ratio to the collision threshold while it lasted
     seconds: float  # from the first sample above the threshold to the last
-    # Place of the push that it belongs to; None where there is none, or none is known.
-    push: int | None = None
-    # What touched the arm meanwhile, see `ContactRecord.summary`; None where that is unknown.
-    contact: dict[str, Any] | None = None
+    push: int | None = None  # place of the push that it belongs to; None without one
+    contact: dict[str, Any] | None = None  # by `ContactRecord.summary`; None: unknown
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as JSON-ready dictionary."""
@@ -231,8 +228,7 @@ class WatchedBag:
 
     bag: str  # path of the bag
     stamp: NDArray[np.int64]  # samples with a residual, (samples,) [ns]
-    # (samples,): largest ratio to the collision threshold that held for the debounce time.
-    ratio: FloatArray
+    ratio: FloatArray  # (samples,): largest ratio that held for the debounce time
     truth: Truth  # pushes that there were
     sightings: tuple[DetectedEvent, ...]  # what was found
 
@@ -295,10 +291,8 @@ class MethodResult:
     method: str  # `strain`, `effort` or `momentum`
     score: CollisionScore  # figures at the thresholds asked for
     watched: tuple[WatchedBag, ...]  # bags that were replayed
-    # Factor on the threshold, false alarms per hour, detection rate.
-    roc: tuple[tuple[float, float, float], ...]
-    # Why nothing is said of force and place; empty where something is, or was not asked for.
-    no_contact: str = ''
+    roc: tuple[tuple[float, float, float], ...]  # factor, false alarms/h, detection rate
+    no_contact: str = ''  # why force and place are unknown; empty otherwise
 
 
 @dataclass(slots=True)

@@ -474,18 +474,15 @@ class Start:
 class Identified:
     """What was found out about an elastic arm."""
 
-    # Parameters, with what the description knew of those that were not searched.
-    physical: tuple[PhysicalParameter, ...]
+    physical: tuple[PhysicalParameter, ...]  # with those known that were not searched
     # (gauges, 2): gain and offset of each gauge, and their standard deviations.
     gauges: FloatArray
     gauge_errors: FloatArray
-    # Standard deviation of what is left over, without outliers, (gauges,) [unit of the gauge].
-    noise: FloatArray
+    noise: FloatArray  # deviation of the rest without outliers, (gauges,) [its unit]
     fit: float  # of the strain on the records themselves, all channels together [%]
     starts: tuple[Start, ...]  # starts compared, with the fit each came to
     runs: int  # simulations done in all
-    # Stiffnesses that searches from different starts end at different values of, as good.
-    untold: tuple[str, ...] = ()
+    untold: tuple[str, ...] = ()  # stiffnesses that searches find different, as good
 
 
 def reweight(problem: Problem, x: FloatArray) -> None:

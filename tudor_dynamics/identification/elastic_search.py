@@ -109,8 +109,7 @@ FARTHEST = 6.0
 class SearchPhase:
     """A search by all parameters."""
 
-    # How strongly the simulation is drawn towards the measured strain, see `Problem.draw` [1/s].
-    bandwidth: float
+    bandwidth: float  # of the draw towards measured strain [1/s], see `Problem.draw`
     inner: float  # longest inner step [s]
     steps: int  # steps to take at most, each the best of a ladder
     enough: float  # part of the sum of squares: a step that gains less ends the search

@@ -243,9 +243,7 @@ class Noise:
     """Noise of the outputs."""
 
     size: dict[str, FloatArray]  # for each output, standard deviation of each channel, in its unit
-    # Whether that is what a fit leaves, behind its filters; otherwise that of single samples,
-    # white.
-    residual: bool = False
+    residual: bool = False  # of a fit's residuals, after filters; else of samples, white
 
 
 @dataclass(frozen=True)
@@ -320,8 +318,7 @@ class Efforts:
 
     regressor: EffortRegressor  # rows of the efforts
     parameters: FloatArray  # parameters of each channel, (joints, columns)
-    # (joints,): largest planned effort [A, N m or N]; infinite where none is known.
-    largest: FloatArray
+    largest: FloatArray  # (joints,): planned [A, N m or N]; infinite where unknown
 
     def ratio(self, motion: FloatArray) -> FloatArray:
         """Give efforts over their limits, shape (samples, joints), of a motion."""

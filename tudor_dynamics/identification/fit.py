@@ -281,17 +281,13 @@ class FitResult:
     # Bags learned from and bags judged by.
     training: tuple[BagData, ...]
     test: tuple[BagData, ...]
-    # Vibrations in the strain, or in the effort where there is no strain.
-    ringing: tuple[Ringing, ...] = ()
+    ringing: tuple[Ringing, ...] = ()  # in the strain, or in the effort without strain
     warnings: tuple[str, ...] = field(default=())  # what was noted about the data
-    # What the elastic model found out about the arm, from all training bags.
-    elastic: Identified | None = None
-    # The same by names of bags, for what was left out as well.
-    searches: Searches = field(default_factory=dict)
+    elastic: Identified | None = None  # what all training bags show of the arm
+    searches: Searches = field(default_factory=dict)  # the same by names of bags
     findings: tuple[Finding, ...] = ()  # what is wrong with the bags or with the description
     choices: tuple[Choice, ...] = ()  # what was left open and chosen, and what it brought
-    # The same models fitted with causal filters, for the robot, where these are zero-phase.
-    causal: FitResult | None = None
+    causal: FitResult | None = None  # for the robot, where these are zero-phase
     # All bags learned from and judged by: more than `training` and `test`, where those are a
     # sample of many.
     learned: tuple[BagFacts, ...] = ()

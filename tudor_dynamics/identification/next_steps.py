@@ -301,8 +301,7 @@ class Promise:
     # The base parameter and its unit.
     name: str
     unit: str
-    # Standard error by the planned motion and the stated noise, for as many samples.
-    expected: float
+    expected: float  # by the planned motion and the stated noise, for as many samples
     by_noise: float  # the same by the noise that the fit left, in place of the stated one
     reached: float  # standard error of the fit
 

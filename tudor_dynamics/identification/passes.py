@@ -125,16 +125,14 @@ class Task:
     """What is asked of every bag."""
 
     arm: Arm  # arm that was recorded, its friction settled
-    # Filters and rates; all of them are gone through in one reading.
-    specs: tuple[PreprocessingSpec, ...]
+    specs: tuple[PreprocessingSpec, ...]  # filters and rates, all in one reading
     outputs: tuple[str, ...]  # outputs that every bag must have
     settings: FitSettings  # settings with nothing left open
     base: Path  # directory that the names of bags are relative to
     store: Store  # where sums are kept
     # Version of the package, by its sources.
     source: str = field(default_factory=lambda: source_digest(PARTS))
-    # Bags, by the names they were given by, that stand elsewhere than these say.
-    sent: Mapping[str, Path] = field(default_factory=dict)
+    sent: Mapping[str, Path] = field(default_factory=dict)  # where bags stand, if elsewhere
 
     @property
     def with_payload(self) -> bool:
@@ -217,8 +215,7 @@ class BagSums:
     """What a bag came to."""
 
     facts: BagFacts  # what is known of it
-    # Filters and output to products, as Gram matrices with triangular factors.
-    parts: Mapping[Place, Part]
+    parts: Mapping[Place, Part]  # Gram matrices with triangular factors
 
 
 @dataclass(frozen=True, eq=False)

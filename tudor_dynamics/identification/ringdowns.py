@@ -247,8 +247,7 @@ class Ringdown:
     gauge: str  # gauge that showed it best
     amplitude: float  # at the beginning, in the unit of the gauge
     measured: Vibration  # from the strain measured
-    # The model's mode of nearest frequency at this pose, joints held, small amplitude.
-    held: Vibration | None
+    held: Vibration | None  # the model's nearest mode at this pose, joints held
     # From the model's strain along the measured motion, analysed in the same way; None where it
     # does not show this oscillation.
     simulated: Vibration | None

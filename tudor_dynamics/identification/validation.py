@@ -47,8 +47,7 @@ class ChannelScore:
     """Figures of one channel."""
 
     rmse: float  # root mean square error, in the unit of the output
-    # `100 (1 - |y - yhat| / |y - mean y|)` [%]; NaN where the measured values never change.
-    fit: float
+    fit: float  # `100 (1 - |y - yhat| / |y - mean y|)` [%]; NaN if y never changes
     relative_error: float  # `|y - yhat| / |y|`; NaN where the measured values are zero
     # Root mean square error while the joint moves, and while it stands, in the unit of the output;
     # None where it never does, or it is not known.
@@ -299,8 +298,7 @@ class Trace:
     # Outputs in their units, (samples, channels).
     measured: FloatArray
     predicted: FloatArray
-    # (samples, channels): whether the joint of each channel moves, of a strain any joint.
-    moving: NDArray[np.bool_] | None = None
+    moving: NDArray[np.bool_] | None = None  # (samples, channels), of a strain any joint
 
     def tally(self) -> Tally:
         """Sum up the prediction for figures over several bags."""
@@ -404,8 +402,7 @@ class Verdict:
     """A level and its reasons."""
 
     level: Grade  # how far the model can be trusted
-    # Why; the first one names the figure that decides.
-    reasons: tuple[str, ...] = field(default=())
+    reasons: tuple[str, ...] = field(default=())  # the first names the decisive figure
     channels: dict[str, Grade] = field(default_factory=dict)  # the same of each channel
 
     def __str__(self) -> str:

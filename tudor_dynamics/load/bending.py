@@ -51,8 +51,7 @@ class Watched:
 class Smoothed:
     """A stretch after the filter, decimated."""
 
-    # (3, samples, joints + gauges): positions and strains with their first and second derivatives.
-    states: FloatArray
+    states: FloatArray  # (3, samples, joints + gauges): with two derivatives
     strain: FloatArray  # readings after the filter, in their units, (samples, gauges)
     payload: float  # what is carried [kg]
     step: float  # time between samples [s]

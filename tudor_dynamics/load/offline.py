@@ -53,8 +53,7 @@ class Solution:
     """Parameters of a load as one output shows them."""
 
     parameters: FloatArray  # (parameters,): least squares; directions that are not shown are zero
-    # (parameters, parameters): inverse of the covariance; singular where directions are not shown.
-    information: FloatArray
+    information: FloatArray  # inverse covariance, singular where nothing is shown
     # (samples, channels): residual without and with the load, each channel's own terms
     # left out, in its unit.
     before: FloatArray
@@ -155,8 +154,7 @@ class OutputMass:
     before: float
     after: float
     bent: bool  # whether it is estimated by where links are that bend
-    # The same sample by sample, with the load that the estimate takes: at the tip, or as a body.
-    leftover: Leftover
+    leftover: Leftover  # the same by sample, with the load at the tip or as a body
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -175,11 +173,9 @@ class PayloadEstimate:
     inertia: FloatArray = field(default_factory=lambda: np.full(6, math.nan))
     inertia_std: FloatArray = field(default_factory=lambda: np.full(6, math.nan))
     frame: str  # frame that turns with the last joint
-    # Whether the load is taken to sit at the tip, for want of motion that shows its place.
-    at_tip: bool = True
+    at_tip: bool = True  # assumed, where motion does not show its place
     source: Source  # where kilograms come from
-    # Relative standard deviation of the scale, which `mass_std` has in it.
-    scale_std: float = math.nan
+    scale_std: float = math.nan  # relative, of the scale; `mass_std` has it in it
     # Moment of the load over that of the arm itself, both held out horizontally by its last
     # joints; for loads without a scale.
     relative: float
@@ -238,16 +234,14 @@ class PayloadEstimate:
 class Readings:
     """An output of a recording next to what a model predicts."""
 
-    # `[q, dq, ddq]`, (samples, 3 joints) [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    motion: FloatArray
+    motion: FloatArray  # of the samples
     # (samples, channels): in units of the output; predicted as if nothing were carried beyond what
     # the model knows.
     measured: FloatArray
     predicted: FloatArray
     rate: float  # samples a second [Hz]
     t: FloatArray  # since the beginning of the recording, (samples,) [s]
-    # Per channel: what it may be off by on another day, its zero and a joint's friction.
-    own: list[FloatArray]
+    own: list[FloatArray]  # per channel: zero and friction, which differ from day to day
 
     @property
     def residual(self) -> FloatArray:

@@ -182,8 +182,7 @@ class Source(Enum):
 class Scale:
     """From rows of a load to an output."""
 
-    # (channels,): unit of the channel per unit of `LoadRows.rows`; 0 where it is not known.
-    factor: FloatArray
+    factor: FloatArray  # (channels,): unit per unit of `LoadRows.rows`; 0 where unknown
     relative: float  # relative standard deviation that all channels have in common
     source: Source  # where it comes from
 
@@ -192,11 +191,9 @@ class Scale:
 class Described:
     """Efforts over those of the masses of the description."""
 
-    # (joints,): unit of the effort per N m or N; 1 for a right description in N m.
-    ratio: FloatArray
+    ratio: FloatArray  # (joints,): unit of the effort per N m or N; 1 if rightly described
     share: FloatArray  # part of the effort, friction left out, that they explain, (joints,)
-    # (joints,): mean square of the effort of these masses, friction left out, in its unit.
-    size: FloatArray
+    size: FloatArray  # (joints,): mean square of these masses' effort, in its unit
 
     @property
     def believed(self) -> FloatArray:

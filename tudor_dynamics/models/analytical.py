@@ -112,8 +112,7 @@ class Group:
 
     base: BaseSet  # base parameters of the channels
     estimate: Estimate  # their values with standard errors
-    # Torque constants that were found with them, where the channels share parameters up to these.
-    constants: Constants | None = None
+    constants: Constants | None = None  # where channels share parameters up to these
 
 
 def groups_of(

@@ -43,12 +43,9 @@ SAME = 1e-6
 class TrainingBlock:
     """Motion and the outputs that belong to it."""
 
-    # `[q, dq, ddq]` of the active joints, in columns, (samples, 3 joints)
-    # [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    motion: FloatArray
+    motion: FloatArray  # of all samples
     output: FloatArray  # measured outputs after decimation, (kept, channels)
-    # Brings rows of `motion` to rows of `output`; None where they belong together as is.
-    decimation: Decimation | None = None
+    decimation: Decimation | None = None  # of `motion` to `output`; None where rows match
 
 
 Blocks = Callable[[], Iterable[TrainingBlock]]

@@ -159,9 +159,8 @@ def _read_head(path: Path) -> HeadPart:
     if not isinstance(head, dict) or head.get('format') != FORMAT:
         raise ModelError(f'not in the format {FORMAT!r}', place=file)
     if head.get('version') != VERSION:
-        msg = (f'bundle version {head.get("version")!r}; this program reads version {VERSION}: '
-               'update tudor_dynamics, or fit the model again')
-        raise ModelError(msg, place=file)
+        raise ModelError(f'bundle version {head.get("version")!r}; this program reads version '
+                         f'{VERSION}: update tudor_dynamics, or fit the model again', place=file)
     try:
         return read(HeadPart, head)
     except ModelError as err:
@@ -396,10 +395,9 @@ def load_bundle(
         msg = 'the arm description inside gives another digest than when the model was fitted'
         raise ModelError(msg, place=path, remedy=f'{AGAIN} with this version')
     if arm is not None and not _same_arm(arm, own):
-        msg = (f'fitted for the arm {own.name!r} as it was described then, not for {arm.name!r} '
-               f'of {arm.source}')
-        raise ModelError(msg, place=path,
-                         remedy='fit it again, or give the arm it was fitted for')
+        raise ModelError(
+            f'fitted for the arm {own.name!r} as it was described then, not for {arm.name!r} of '
+            f'{arm.source}', place=path, remedy='fit it again, or give the arm it was fitted for')
     try:
         arrays = load_npz(content['elm.npz'], path / 'elm.npz') if 'elm.npz' in content else {}
         models = _models(own, head, arrays, '')

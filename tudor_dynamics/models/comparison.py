@@ -157,8 +157,7 @@ class Side:
 
     name: str  # as it was asked for
     arm: Arm  # arm that it describes
-    # Mass, first moments, inertia about the joint, by joint, (10,) [kg, kg m, kg m^2].
-    bodies: dict[str, FloatArray]
+    bodies: dict[str, FloatArray]  # by joint, (10,), see `parameters_of` in `consistent.py`
     full: FullParameters | None = None  # what was identified; None for a description
     bundle: ModelBundle | None = None  # the model; None for a description
 
@@ -170,8 +169,7 @@ class BodyRow:
     joint: str  # joint that moves it
     mass: tuple[float, float]  # of each side [kg]
     apart: float  # distance of the centres of mass [m]
-    # Moment of inertia about the joint's axis, bodies beyond it left out [kg m^2].
-    inertia: tuple[float, float]
+    inertia: tuple[float, float]  # about the joint's axis, of this body alone [kg m^2]
 
 
 def side_of(path: str | Path) -> Side:

@@ -206,21 +206,16 @@ def raised(values: FloatArray, columns: Sequence[str], rows: FloatArray) -> Floa
 class Solution:
     """Full parameters."""
 
-    # Mass, first moments, inertia about the joint of each body, (bodies, 10) [kg, kg m, kg m^2].
-    bodies: FloatArray
-    # (drive_columns,): rotor inertias and friction, in the units of the regressor's columns.
-    drives: FloatArray
-    # (channels,): torque per unit of each channel beyond what is described; 1 where that is known.
-    constants: FloatArray
+    bodies: FloatArray  # (bodies, 10), see `parameters_of`
+    drives: FloatArray  # (drive_columns,): rotors and friction, in units of the columns
+    constants: FloatArray  # (channels,): torque per unit beyond the described; 1 if known
     # Standard errors of the same shapes; of the constants relative ones.
     body_errors: FloatArray
     drive_errors: FloatArray
     constant_errors: FloatArray
     body_widths: FloatArray  # standard deviations before any data, (bodies, 10)
     described: bool  # whether masses stood in the description
-    # Largest speed of each joint over which its friction is known to take energy, (channels,)
-    # [rad/s or m/s].
-    speeds: FloatArray
+    speeds: FloatArray  # up to which friction takes energy, (channels,) [rad/s or m/s]
     # Root mean square of what each joint carries, where friction grows with it; else 0,
     # (channels,) [N m or N].
     loads: FloatArray

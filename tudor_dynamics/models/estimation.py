@@ -48,8 +48,7 @@ class Products:
 
     gram: FloatArray  # gram matrix of `[rows, output]`, (parameters + 1, parameters + 1)
     n: int = 0  # number of rows
-    # Upper triangular factor of `[rows, output]` where it is accumulated too.
-    triangle: FloatArray | None = None
+    triangle: FloatArray | None = None  # factor of `[rows, output]`, if accumulated
 
     @classmethod
     def empty(cls, n_parameters: int, *, triangular: bool = False) -> Products:
@@ -140,8 +139,7 @@ class Estimate:
     # for those that the motion does not show.
     standard_errors: FloatArray
     condition: float  # condition number of the weighted rows, columns scaled to unit length
-    # Parameters that the motion does not show: columns that stay zero or depend on others.
-    unexcited: tuple[int, ...]
+    unexcited: tuple[int, ...]  # not shown: columns of zeros, or of others
     variances: FloatArray = field(repr=False)  # residual variance of each channel, (channels,)
 
 

@@ -31,8 +31,7 @@ class Kind:
     label: str  # what tables and legends call it
     model: type[Model]  # its class
     of_loads: bool = False  # whether it can be fitted to bags of several loads
-    # Whether it is there for comparison, so that no verdict depends on it while others are.
-    compared: bool = False
+    compared: bool = False  # whether verdicts go by the others, where there are others
 
 
 KINDS: dict[str, Kind] = {

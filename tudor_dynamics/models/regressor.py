@@ -47,15 +47,11 @@ class Regressor(ABC):
 
     channels: tuple[str, ...]  # names of the outputs
     columns: tuple[str, ...]  # names of all parameters, base-parameter reduction not yet done
-    # Channels that share their parameters; each channel stands in one group.
-    groups: tuple[tuple[int, ...], ...]
-    # Channels that share them up to a torque constant, which is not known.
-    unknown: tuple[int, ...] = ()
+    groups: tuple[tuple[int, ...], ...]  # channels by shared parameters, each once
+    unknown: tuple[int, ...] = ()  # channels that share up to a torque constant
     scaled: NDArray[np.bool_]  # columns whose parameters carry that constant
-    # Whether rows depend on parameters, through friction that grows with the load.
-    loaded: bool = False
-    # What follows the states of friction, for inputs after the motion; None without any.
-    states: FrictionStates | None = None
+    loaded: bool = False  # whether rows depend on parameters, by friction under load
+    states: FrictionStates | None = None  # of friction, inputs after the motion
     # Payloads that rows are for, the payload being the last input [kg]; None for rows of motion.
     payload_range: tuple[float, float] | None = None
     form: str | None = None  # of strain, see `STRAIN_FORMS`
@@ -271,8 +267,7 @@ class BaseSet:
 
     channels: tuple[int, ...]  # channels that share the parameters
     kept: NDArray[np.intp]  # columns of the regressor that span all of them, (base,)
-    # What each base parameter stands for: the kept parameter and those that are grouped with it.
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # the kept parameter and those grouped with it
 
 
 def random_motion(n_joints: int, n_samples: int, seed: int) -> FloatArray:

@@ -96,8 +96,7 @@ class Vibrations:
     frequency: FloatArray
     damping: FloatArray
     shape: FloatArray  # coordinates of each mode, mass-normalised, (modes, m)
-    # (modes, joints): right side of each mode's equation by accelerations of the drives.
-    drive: FloatArray
+    drive: FloatArray  # (modes, joints): right sides by accelerations of the drives
     strain: FloatArray  # strain of each, (modes, damped) [m/m]
 
 
@@ -282,8 +281,7 @@ def loop_matrix(small: SmallMotion, loop: Loop) -> FloatArray:
 class LoopDamping:
     """How a loop oscillates."""
 
-    # Of the worst damped oscillation of the first mode [Hz]; NaN where nothing oscillates there.
-    frequency: float
+    frequency: float  # of the first mode's worst damped oscillation [Hz], or NaN
     first: float  # its damping ratio, 1 where nothing oscillates there
     others: float  # least damping ratio of what oscillates faster, up to 40 Hz
     decay: float  # of what dies out slowest [1/s]; negative where it grows

@@ -51,10 +51,8 @@ class ContactEstimate:
     # On the link, about the origin of its frame, (3,) [N, N m].
     force: FloatArray
     torque: FloatArray
-    # Standard deviation of the force across the link [N]; NaN where the force is not known.
-    force_deviation: float
-    # Standard deviation of the torque about the axis that its gauges bend about [N m].
-    torque_deviation: float
+    force_deviation: float  # across the link [N]; NaN where the force is not known
+    torque_deviation: float  # about the axis that its gauges bend about [N m]
     # Along the link, from its joint; NaN where place and force are not identifiable [m].
     place: float = math.nan
     place_deviation: float = math.nan

@@ -90,11 +90,9 @@ class Found:
     """What became known with one message."""
 
     residuals: list[tuple[str, Residual]] = field(default_factory=list)  # method and residual
-    # Method and ratios, where thresholds are known.
-    excesses: list[tuple[str, Excess]] = field(default_factory=list)
+    excesses: list[tuple[str, Excess]] = field(default_factory=list)  # by method
     events: list[CollisionEvent] = field(default_factory=list)  # collisions that begin with it
-    # Collisions from before that turned out to be loads.
-    loads: list[LoadFound] = field(default_factory=list)
+    loads: list[LoadFound] = field(default_factory=list)  # once taken for collisions
     # What touches the arm, where that is estimated.
     contacts: list[ContactEstimate] = field(default_factory=list)
 

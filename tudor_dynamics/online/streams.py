@@ -87,8 +87,7 @@ class Tick:
     """An accepted stamp."""
 
     dt: float  # time since the sample before; 0 for a first one [s]
-    # Whether nothing before it counts: at the start, after a gap or a jump of the clock.
-    first: bool
+    first: bool  # whether nothing before it counts: at the start, after a gap or a jump
 
 
 class StampGate:
@@ -157,8 +156,7 @@ class Motion:
     stamp: int  # header stamp of the sample [ns]
     elapsed: float  # time since the filter began, or restarted after a gap [s]
     dt: float  # time since the sample before; 0 at the beginning [s]
-    # `[q, dq, ddq]` of the active joints, (3 joints,) [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    row: FloatArray
+    row: FloatArray  # of the active joints, (3 joints,)
 
     def settled(self, settle: float) -> bool:
         """Say whether the filters' transients [s] are over, by the offline tools' rule."""
@@ -232,10 +230,8 @@ class PairedSample:
     """A motion with its prediction and the measurement at the same time."""
 
     motion: Motion
-    # (channels,): what the model expects; None while the filters settle.
-    predicted: FloatArray | None
-    # (channels,): what the sensors say, interpolated between their neighbours where stamps differ.
-    measured: FloatArray
+    predicted: FloatArray | None  # None while the filters settle
+    measured: FloatArray  # interpolated between neighbours where stamps differ
 
 
 class Pairing:

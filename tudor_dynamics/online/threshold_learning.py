@@ -194,11 +194,8 @@ class FreeMotion:
     """A gapless stretch of residuals while nothing touched the arm."""
 
     stamp: NDArray[np.int64]  # header stamps, (samples,) [ns]
-    # `[q, dq, ddq]` of the active joints, in columns, (samples, 3 joints)
-    # [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    motion: FloatArray
-    # Residuals of a model that was not fitted to these samples, (samples, channels).
-    residual: FloatArray
+    motion: FloatArray  # of the samples
+    residual: FloatArray  # of a model that was not fitted to these samples
 
     @property
     def t(self) -> FloatArray:

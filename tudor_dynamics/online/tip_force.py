@@ -45,8 +45,7 @@ class StaticReadings:
     """What gauges of a resting arm read."""
 
     weight: FloatArray  # (gauges,): of its own weight, but for constants, in units of the gauges
-    # (gauges,): of a unit force at the tip of the bent arm [1/N]; None where only levers are.
-    share: FloatArray | None
+    share: FloatArray | None  # (gauges,): of a unit force [1/N]; None where only levers are
 
 
 class StaticStrain:

@@ -52,8 +52,7 @@ SPEED = 1.0
 class ElasticDrive:
     """Drive of one joint."""
 
-    # Torque at the joint for each unit of the measured effort [N m or N by that unit].
-    constant: float
+    constant: float  # torque at the joint per unit of the measured effort
     # Rotor inertia `Ia` and friction as the joint feels them, by the names of their terms
     # [kg m^2, N m s/rad, N m; for prismatic joints kg, N s/m, N].
     terms: dict[str, float]
@@ -100,8 +99,7 @@ class Description:
     """An arm description."""
 
     text: str  # all of the file, as YAML
-    # What was identified and has no place in a description, one phrase each.
-    left_out: tuple[str, ...]
+    left_out: tuple[str, ...]  # identified, but without a place here
 
 
 def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> Description:

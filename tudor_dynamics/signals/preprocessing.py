@@ -143,9 +143,7 @@ COLUMNS_AT_A_TIME = 64
 class Block:
     """A stretch of motion small enough to build regressor rows for."""
 
-    # `[q, dq, ddq]` of the active joints, in columns, (samples, 3 joints)
-    # [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    motion: FloatArray
+    motion: FloatArray  # of all samples
     # Outputs, already decimated, (kept, channels).
     effort: FloatArray | None
     strain: FloatArray | None

@@ -287,8 +287,7 @@ class Evaluated:
     """What bags show of themselves, and compared with a model."""
 
     findings: tuple[Finding, ...]  # of both
-    # Bag whose residuals look like a load, to what is known of it.
-    loads: dict[str, PayloadEstimate]
+    loads: dict[str, PayloadEstimate]  # what looks like a load, by bag
 
 
 def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> Evaluated:

@@ -40,8 +40,7 @@ class Part:
 
     t: FloatArray  # time since the start of the recording, (n,) [s]
     keep: IndexArray  # samples that are used
-    # (n, channels): `q`, and `effort`, `strain` and `velocity` where they were recorded.
-    signals: dict[str, FloatArray]
+    signals: dict[str, FloatArray]  # (n, channels): `q`, `effort`, `strain`, `velocity`, if any
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +48,7 @@ class Decimated:
     """What the doctor compares: motion and outputs of the same bandwidth."""
 
     t: FloatArray  # time since the start of the recording, (n,) [s]
-    # `[q, dq, ddq]`, from the positions alone, (n, 3 joints)
-    # [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    motion: FloatArray
+    motion: FloatArray  # from the positions alone
     parts: tuple[Part, ...]  # stretches they come from
 
     def has(self, name: str) -> bool:

@@ -154,8 +154,7 @@ class Examined:
     """What was found about a bag."""
 
     findings: tuple[Finding, ...]  # what is wrong; empty for a clean bag of a right description
-    # Bag with its arm, for comparisons with other bags; None where it is too short.
-    case: Case | None = None
+    case: Case | None = None  # for comparisons with other bags; None: the bag is too short
     described: bool = True  # whether no other description explains it better
 
 

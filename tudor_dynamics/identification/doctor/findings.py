@@ -24,8 +24,7 @@ class Check(NamedTuple):
     """What can be found."""
 
     title: str
-    # What to do; empty where it depends on the finding.
-    remedy: str = ''
+    remedy: str = ''  # empty where it depends on the finding
     unit: str = ''  # unit of the size; empty for a factor
     measure: str = ''  # what the evidence is
     one_bag: bool = False  # it happened while one bag was recorded: never of several at once
@@ -115,8 +114,7 @@ class Finding:
     what: str  # the same in a sentence, with place and size
     remedy: str  # what to do
     bag: str = ''  # bag it was found in; empty where the description alone shows it
-    # Joints or gauges concerned; empty for all, or none in particular.
-    channels: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ()  # joints or gauges concerned; empty: all, or none
     time: float | None = None  # where it begins, since the start of the bag [s]
     size: float | None = None  # how large it is, in `unit`
     unit: str = ''  # unit of the size; empty for a factor

@@ -46,11 +46,9 @@ class Draft:
     """A description that may leave values open, with what is said of its parts."""
 
     content: dict[str, Any]  # description as plain values, `?` where a value is open
-    # Key (`gravity`, `joints.NAME`, `gauges.NAME`, ...) to what the bags show of it.
-    remarks: dict[str, str] = field(default_factory=dict)
+    remarks: dict[str, str] = field(default_factory=dict)  # key to what bags show of it
     bags: tuple[str, ...] = ()  # bags that were looked at
-    # What the user should know beside the file, one sentence each.
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # for the user, one sentence each
 
     @property
     def unknown(self) -> list[tuple[str | int, ...]]:

@@ -157,8 +157,7 @@ class Carrier:
     topic: str
     msgtype: str
     field: str  # such as `effort`, `data`, or an interface
-    # Name to the smallest and the largest finite value; only names that have one.
-    ranges: dict[str, tuple[float, float]]
+    ranges: dict[str, tuple[float, float]]  # smallest, largest finite value by name
     rate: float  # messages a second [Hz]
 
     def changes(self, name: str) -> bool:

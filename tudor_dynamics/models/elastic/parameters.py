@@ -121,13 +121,11 @@ class ParameterKind:
     unit: str  # unit of the value
     words: str  # what the report calls it, with {} for the joint
     described: Callable[[Physics, str], float]  # value that the description gives, by owner
-    # Writes the value of an owner into the tables; kinds act in the order of the table.
-    act: Callable[[Physics, str, float], None]
+    act: Callable[[Physics, str, float], None]  # writes a value into the tables, in order
     # How well one knows it from drawings and data sheets: standard deviation of its logarithm.
     # None where it is not searched.
     width: float | None = None
-    # Starting value where the description says nothing or zero; at 0 it is not searched then.
-    least: float = 0.0
+    least: float = 0.0  # start where nothing or zero is described; 0: not searched
     # Where strain shows a sum sharply and its shares weakly: the values add up (masses), their
     # inverses do (stiffnesses), or neither.
     adds: Literal[1, -1, 0] = 0
