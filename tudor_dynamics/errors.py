@@ -21,7 +21,10 @@ on one line and exits with code 2.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+import warnings
 
 MAX_MESSAGE = 1500
 """Characters of a message; names and values that it repeats may have any number."""
@@ -128,3 +131,11 @@ def check_type(
 
 class TudorWarning(UserWarning):
     """Something odd in data or a model that the user should know of."""
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep warnings back, of what is reported otherwise."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', TudorWarning)
+        yield

@@ -29,6 +29,7 @@ import tempfile
 from typing import Any, BinaryIO
 
 from tudor_dynamics._version import __version__
+from tudor_dynamics.errors import TudorError
 import yaml
 
 
@@ -65,6 +66,17 @@ def read_bounded(path: Path, limit: int) -> bytes:
     if len(data) > limit:
         raise OSError(errno.EFBIG, f'larger than {limit} bytes', str(path))
     return data
+
+
+def read_text(
+    path: Path, limit: int, what: str, kind: type[TudorError], remedy: str = '',
+) -> str:
+    """Read a text of at most limit bytes, or raise an error of a kind that names what it is."""
+    try:
+        return read_bounded(path, limit).decode()
+    except (OSError, ValueError) as err:  # ValueError: no UTF-8, or a NUL in the path
+        cause = getattr(err, 'strerror', None) or err
+        raise kind(f'{what} cannot be read ({cause})', place=path, remedy=remedy) from None
 
 
 def scratch_folder(path: Path) -> Path:

@@ -33,7 +33,7 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, LARGEST
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.files import read_bounded
+from tudor_dynamics.files import read_text
 
 
 STEP = math.pi / 4
@@ -167,12 +167,7 @@ class _Bounded(ElementTree.TreeBuilder):
 
 def read_urdf(path: Path) -> str:
     """Read a URDF file, of bounded size."""
-    try:
-        return read_bounded(path, MAX_URDF_BYTES).decode()
-    except (OSError, ValueError) as err:  # ValueError: no UTF-8, or a NUL in the path
-        cause = getattr(err, 'strerror', None) or err
-        msg = f'{path}: the URDF cannot be read ({cause}); check kinematics.urdf'
-        raise ArmError(msg) from None
+    return read_text(path, MAX_URDF_BYTES, 'the URDF', ArmError, 'check kinematics.urdf')
 
 
 def parse(text: str, path: str) -> ElementTree.Element:
@@ -297,14 +292,12 @@ def model_from_urdf(text: str, path: str, angles: ExactAngles | None = None) -> 
 def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
     """Give the unit vector of an axis name or of any vector; returns (3,)."""
     if isinstance(axis, str):
-        named: NDArray[np.float64] = np.eye(3)['xyz'.index(axis)]
-        return named
+        return np.array(np.eye(3)['xyz'.index(axis)])
     vector = np.asarray(axis, dtype=float)
     norm = float(np.linalg.norm(vector))
     if norm < 1e-12:
         raise ArmError(f'the axis {list(axis)} has no length: give x, y, z or a vector')
-    unit: NDArray[np.float64] = vector / norm
-    return unit
+    return np.asarray(vector / norm)
 
 
 def gauge_point(gauge: GaugeSpec) -> NDArray[np.float64]:

@@ -31,7 +31,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import adapt, parse
 from tudor_dynamics.arm.schema import DRIVE_TIMEOUT, JointSpec, LimitSpec, PlannedSpec
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.files import read_bounded
+from tudor_dynamics.files import read_text
 from tudor_dynamics.typing import FloatArray
 
 
@@ -340,10 +340,6 @@ def _mesh(name: str, folders: tuple[Path, ...]) -> Path | None:
 
 
 def _disabled(srdf: Path) -> set[frozenset[str]]:
-    try:
-        text = read_bounded(srdf, MAX_SRDF_BYTES).decode()
-    except (OSError, ValueError) as err:
-        msg = f'{srdf}: the SRDF cannot be read ({getattr(err, "strerror", None) or err})'
-        raise ArmError(msg) from None
+    text = read_text(srdf, MAX_SRDF_BYTES, 'the SRDF', ArmError)
     return {frozenset((item.get('link1', ''), item.get('link2', '')))
             for item in parse(text, str(srdf)).iter('disable_collisions')}

@@ -57,7 +57,8 @@ def read_merit(path: str | Path) -> FloatArray:
                 raise BagError(msg)
             rows = [_numbers(path, line, cells)
                     for line, cells in enumerate(csv.reader(stream), start=1)
-                    if any(cell.strip() for cell in cells) and not _is_header(line, cells)]
+                    if any(cell.strip() for cell in cells) and not (  # columns' names
+                        line == 1 and len(cells) > 1 and not any(map(_is_number, cells)))]
     except OSError as err:
         msg = f'{path}: cannot be read ({err.strerror or err}); check path and permissions'
         raise BagError(msg) from None
@@ -69,10 +70,6 @@ def read_merit(path: str | Path) -> FloatArray:
     table = np.array(rows)
     _check(path, table)
     return table
-
-
-def _is_header(line: int, cells: list[str]) -> bool:
-    return line == 1 and len(cells) > 1 and not any(_is_number(cell) for cell in cells)
 
 
 def _is_number(cell: str) -> bool:

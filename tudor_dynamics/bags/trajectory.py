@@ -29,7 +29,7 @@ from tudor_dynamics.bags.messages import MAX_NAMES, POINT_FIELDS
 from tudor_dynamics.bags.storage import open_bag, RawMessages
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError, SignalError, TudorError, UsageError
-from tudor_dynamics.files import read_bounded, write_whole
+from tudor_dynamics.files import read_text, write_whole
 from tudor_dynamics.typing import FloatArray
 
 
@@ -169,11 +169,7 @@ class Trajectory:
 
 def read_trajectory(path: Path) -> Trajectory:
     """Read motion from a table, as `Trajectory.table` writes it; columns in any order."""
-    try:
-        text = read_bounded(path, MAX_TABLE_BYTES).decode()
-    except (OSError, ValueError) as err:
-        msg = f'the trajectory cannot be read ({getattr(err, "strerror", None) or err})'
-        raise BagError(msg, place=path) from None
+    text = read_text(path, MAX_TABLE_BYTES, 'the trajectory', BagError)
     head, _, body = text.partition('\n')
     columns = [name.strip() for name in head.lstrip('#').split(',')]
     joints = tuple(name for name in columns[1:] if not any(

@@ -22,11 +22,10 @@ import datetime
 import hashlib
 import json
 from pathlib import Path
-import warnings
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.errors import TudorError, TudorWarning
+from tudor_dynamics.errors import quiet, TudorError
 from tudor_dynamics.files import source_digest, write_whole
 from tudor_dynamics.fleet.comparison import Observation, Quantity, rings, stiffness_quantities
 from tudor_dynamics.identification.dataset import BagChoice, load, SurveyedBag, Unused
@@ -71,8 +70,7 @@ def ring_pieces(asked: Sequence[RingPiece], jobs: int, progress: Progress) -> li
 def _rings(piece: RingPiece, count: Count) -> Rings:
     arm, spec, base, bags = piece
     found: Rings = []
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', TudorWarning)
+    with quiet():
         for choice in bags:
             try:
                 found += rings(arm, load(replace(choice, path=str(base / choice.path)), arm, spec))
@@ -97,8 +95,7 @@ def _model(piece: ModelTask, count: Count) -> Path | Unused:
         repr(piece.settings), [str(choice) for choice in piece.bags], piece.checksums,
         source_digest(PARTS)]).encode()).hexdigest()
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter('ignore', TudorWarning)
+        with quiet():
             if not (mark.is_file() and mark.read_text() == depends and _stands(out)):
                 fit([str(piece.base / str(choice)) for choice in piece.bags], piece.arm,
                     settings=piece.settings, preprocessing=piece.spec, out=out, overwrite=True)
@@ -154,8 +151,7 @@ def _over_time(piece: Dates, count: Count) -> list[list[Quantity] | str]:
     task, dates = piece
     found: list[list[Quantity] | str] = []
     warm: dict[str, float] | None = None
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', TudorWarning)
+    with quiet():
         for bags in dates:
             try:
                 known = _known(task, bags, warm)

@@ -21,7 +21,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 import datetime
 from pathlib import Path
-import warnings
 
 from matplotlib.dates import DateFormatter
 from matplotlib.figure import Figure
@@ -30,7 +29,7 @@ from pydantic import Field, field_validator, ValidationError
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import Name, PreprocessingSpec, Spec, validation_message
-from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
+from tudor_dynamics.errors import FitError, TudorError, UsageError
 from tudor_dynamics.files import load_yaml, read_bounded
 from tudor_dynamics.fleet.comparison import (
     aged, Fleet, Measure, measures, Named, named_aged, named_outliers, Observation, parted,
@@ -39,7 +38,8 @@ from tudor_dynamics.fleet.pieces import model_pieces, ModelTask, ring_pieces, st
 from tudor_dynamics.fleet.sums import Folder
 from tudor_dynamics.identification.choice import choices_of, choose
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, common_outputs, filtered, found_choices, load, SurveyedBag, Unused)
+    BagChoice, BagData, common_outputs, filtered, found_choices, load, spread_sample, SurveyedBag,
+    Unused)
 from tudor_dynamics.identification.elastic_trainer import check_arm
 from tudor_dynamics.identification.fit import FitSettings, RowTrainer
 from tudor_dynamics.identification.many_bags import fold_models
@@ -327,22 +327,12 @@ class _Study:
 
     def _sample(self) -> list[BagData]:
         """Read some bags, evenly among arms and dates."""
-        dates = list(self.dates.items())
-        count = min(SAMPLE, len(dates))
-        found = []
-        with warnings.catch_warnings():
-            warnings.simplefilter('ignore', TudorWarning)
-            for i in range(count):
-                for (name, _), date in dates[i * len(dates) // count:
-                                             (i + 1) * len(dates) // count]:
-                    choice = date.bags[0]
-                    arm = self.arms[name]
-                    try:
-                        found.append(load(replace(choice, path=str(self.run.base / choice.path)),
-                                          arm, arm.spec.preprocessing, learn=True))
-                    except TudorError:
-                        continue  # named when all bags are gone through
-                    break
+        def read(item: tuple[When, _Date]) -> BagData:
+            choice, arm = item[1].bags[0], self.arms[item[0][0]]
+            return load(replace(choice, path=str(self.run.base / choice.path)), arm,
+                        arm.spec.preprocessing, learn=True)
+
+        found = spread_sample(list(self.dates.items()), SAMPLE, read)
         if not found or not common_outputs(found):
             raise FitError('the bags can neither be read nor have efforts or strains in common',
                            remedy='tudor info BAG says what is in one')

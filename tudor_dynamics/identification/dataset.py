@@ -16,13 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import glob
 import os
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, TypeVar
 import warnings
 
 import numpy as np
@@ -33,7 +33,8 @@ from tudor_dynamics.bags.info import recorded_names
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import bags_below, natural
-from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
+from tudor_dynamics.errors import (
+    check_type, FitError, quiet, TudorError, TudorWarning, UsageError)
 from tudor_dynamics.models.base import Blocks, Inputs, Model, Range, SAME, TrainingBlock
 from tudor_dynamics.signals.preprocessing import prepare, retimed, Stretch, Timing
 from tudor_dynamics.typing import FloatArray
@@ -208,6 +209,7 @@ def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
 # -- Recordings made ready for models: which bags, which part of them, filtered how
 
 OUTPUTS = ('effort', 'strain')
+Item = TypeVar('Item')
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,6 +299,22 @@ def load(
     if note:
         recording = replace(recording, warnings=(*recording.warnings, note))
     return filtered(BagData(choice, recording, (), payload, timing), preprocessing)
+
+
+def spread_sample(
+    items: Sequence[Item], count: int, read: Callable[[Item], BagData],
+) -> list[BagData]:
+    """Read some, evenly among all; of those that cannot be read others speak later."""
+    found = []
+    with quiet():
+        for i in range(count):
+            for item in items[i * len(items) // count:(i + 1) * len(items) // count]:
+                try:
+                    found.append(read(item))
+                except TudorError:
+                    continue
+                break
+    return found
 
 
 def filtered(bag: BagData, preprocessing: PreprocessingSpec) -> BagData:

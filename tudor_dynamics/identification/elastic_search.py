@@ -20,7 +20,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
@@ -201,10 +200,6 @@ def _pieces(records: Sequence[Record]) -> list[Record]:
     return [record.head(EXCERPT / len(chosen)).decimated(2.0 * COARSE) for record in chosen]
 
 
-def _stiff(names: tuple[str, ...]) -> NDArray[np.intp]:
-    return np.array([i for i, name in enumerate(names) if kind_of(name).adds < 0], dtype=np.intp)
-
-
 def shared(
     arm: Arm, names: tuple[str, ...], x: FloatArray, share: float | None,
 ) -> FloatArray:
@@ -271,7 +266,8 @@ def _peaks(
     scan: Problem, center: FloatArray, factors: FloatArray,
 ) -> list[tuple[float, FloatArray]]:
     """Give peaks among factors on all stiffnesses, best first, with the parameters they make."""
-    stiff = _stiff(scan.names)
+    stiff = np.array([i for i, name in enumerate(scan.names) if kind_of(name).adds < 0],
+                     dtype=np.intp)
 
     def times(factor: float) -> FloatArray:
         x = center.copy()

@@ -25,11 +25,11 @@ import warnings
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
+from tudor_dynamics.errors import FitError, TudorWarning, UsageError
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, BagFacts, filtered, load, model_for, OUTPUTS, SurveyedBag, Unused,
-    with_recorded_gauges)
+    BagChoice, BagData, BagFacts, filtered, load, model_for, OUTPUTS, spread_sample, SurveyedBag,
+    Unused, with_recorded_gauges)
 from tudor_dynamics.identification.fit import (
     enough, FitResult, FitSettings, FittedOutput, result_of, RowTrainer)
 from tudor_dynamics.identification.passes import (
@@ -43,7 +43,7 @@ from tudor_dynamics.typing import Progress
 
 
 FOLDS = 10
-"""Groups of bags that are left out, one after the other (Kohavi, IJCAI 1995: ten)."""
+"""Groups of bags, neighbours in time, that are left out in turn (Kohavi, IJCAI 1995: ten)."""
 
 
 class FoldModels(NamedTuple):
@@ -51,11 +51,6 @@ class FoldModels(NamedTuple):
 
     whole: AnalyticalModel  # of all groups of bags
     others: Mapping[int, AnalyticalModel]  # without each group; empty where there is but one
-
-
-def fold_of(number: int, bags: int) -> int:
-    """Say which group a bag is left out with: neighbours in time go together."""
-    return number * min(FOLDS, bags) // bags
 
 
 def fold_models(
@@ -212,7 +207,8 @@ class ManyBags:
                 if not isinstance(item, Unused)]
         self._leave_out([item for item in facts if isinstance(item, Unused)])
         self._refuse_few(used, self.training)
-        return ([replace(seen, fold=fold_of(i, len(used))) for i, seen in enumerate(used)],
+        folds = min(FOLDS, len(used))
+        return ([replace(seen, fold=i * folds // len(used)) for i, seen in enumerate(used)],
                 [item for item in facts if not isinstance(item, Unused)])
 
     def _judged(
@@ -291,19 +287,8 @@ class ManyBags:
 
     def _sample(self, seen: Sequence[SurveyedBag]) -> list[BagData]:
         """Read some bags, evenly among all; those that cannot be read are named later."""
-        edges = [i * len(seen) // SAMPLE for i in range(SAMPLE + 1)]
-        found = []
-        with warnings.catch_warnings():
-            warnings.simplefilter('ignore', TudorWarning)
-            for first, last in zip(edges[:-1], edges[1:], strict=True):
-                for item in seen[first:last]:
-                    try:
-                        found.append(load(item.choice, self.arm, self.spec, learn=True,
-                                          payload=item.payload))
-                    except TudorError:
-                        continue
-                    break
-        return found
+        return spread_sample(seen, SAMPLE, lambda item: load(
+            item.choice, self.arm, self.spec, learn=True, payload=item.payload))
 
     def _outputs(self, bags: Sequence[BagData]) -> tuple[str, ...]:
         """Give the outputs that most bags have."""

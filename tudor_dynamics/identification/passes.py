@@ -21,8 +21,7 @@ wherever else a caller keeps them (`Store`), so that an interrupted fit goes on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 import hashlib
@@ -31,14 +30,13 @@ from os import SEEK_END
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import Any, Protocol, TypeVar
-import warnings
 
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.errors import BagError, FitError, TudorError, TudorWarning
+from tudor_dynamics.errors import BagError, FitError, quiet, TudorError
 from tudor_dynamics.files import source_digest
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, BagFacts, facts_of, filtered, load, model_for, OUTPUTS, SurveyedBag,
@@ -327,7 +325,7 @@ def survey(
             return _unused(str(choice), err, base)
 
     found = []
-    with _quiet():
+    with quiet():
         for part in _divided(choices, jobs):
             found += in_threads(see, part, jobs)
             progress(len(found))
@@ -446,7 +444,7 @@ def _each(
 ) -> list[Result | Unused]:
     """Go through bags; what is wrong with one says so in its place."""
     found: list[Result | Unused] = []
-    with _quiet():
+    with quiet():
         for seen in bags:
             try:
                 found.append(work(seen))
@@ -454,14 +452,6 @@ def _each(
                 found.append(_unused(str(seen.choice), err, base))
             count(1)
     return found
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep warnings back: they stand among the facts of each bag."""
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', TudorWarning)
-        yield
 
 
 def _unused(bag: str, err: TudorError, base: Path) -> Unused:

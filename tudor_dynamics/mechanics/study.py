@@ -31,7 +31,7 @@ from tudor_dynamics.arm.description import Arm, by_topic, refuse_interfaces
 from tudor_dynamics.bags.messages import IMU, joint_signals, Signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
-from tudor_dynamics.files import read_bounded
+from tudor_dynamics.files import read_text
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.plots import (
@@ -106,11 +106,7 @@ def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
 
 def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Read a CSV table: time [s], then one column a joint, or a direction."""
-    try:
-        text = read_bounded(path, MAX_TABLE_BYTES).decode()
-    except (OSError, ValueError) as err:  # ValueError: no UTF-8, or a NUL in the path
-        cause = getattr(err, 'strerror', None) or err
-        raise SimulationError(f'{path}: the table cannot be read ({cause})') from None
+    text = read_text(path, MAX_TABLE_BYTES, 'the table', SimulationError)
     first = text.lstrip().split('\n', 1)[0]
     head = [word.strip() for word in first.lstrip('#').split(',')]
     columns = ['t', *names]

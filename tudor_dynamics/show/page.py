@@ -60,11 +60,6 @@ class Overall:
     sentence: str  # verdict in a sentence
 
 
-def model_name(item: FittedOutput) -> str:
-    """Name a model: its output and kind."""
-    return f'{item.output} {KINDS[item.kind].label}'
-
-
 def headline(fitted: Sequence[FittedOutput]) -> list[FittedOutput]:
     """Leave kinds out that are there for comparison, unless they are all that there is."""
     return [item for item in fitted if not KINDS[item.kind].compared] or list(fitted)
@@ -75,8 +70,8 @@ def overall(
 ) -> Overall:
     """Sum the verdicts up."""
     fitted = headline(fitted)
-    names = {level: [model_name(item) for item in fitted if item.verdict.level is level]
-             for level in Grade}
+    names = {level: [f'{item.output} {KINDS[item.kind].label}' for item in fitted
+                     if item.verdict.level is level] for level in Grade}
     levels = [level for level in Grade if names[level]]
     if len(levels) == 1:
         sentence = {

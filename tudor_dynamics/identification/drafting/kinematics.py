@@ -30,7 +30,7 @@ from tudor_dynamics.arm.description import OPEN
 from tudor_dynamics.arm.kinematics import (
     ExactAngles, is_prismatic, model_from_dh, model_from_urdf, read_urdf)
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.files import load_yaml, read_bounded
+from tudor_dynamics.files import load_yaml, read_text
 
 
 MAX_BYTES = 100_000
@@ -96,12 +96,7 @@ def _from_yaml(text: str, path: Path) -> tuple[list[Any], str]:
 
 def read_table(path: Path) -> tuple[list[DhRow], str]:
     """Read D-H rows, one a joint, base first, and whether they are standard or modified."""
-    try:
-        text = read_bounded(path, MAX_BYTES).decode()
-    except (OSError, ValueError) as err:
-        cause = getattr(err, 'strerror', None) or err
-        raise ArmError(f'the D-H table cannot be read ({cause})', place=path,
-                       remedy='check --dh') from None
+    text = read_text(path, MAX_BYTES, 'the D-H table', ArmError, 'check --dh')
     if path.suffix in ('.yaml', '.yml'):
         found, convention = _from_yaml(text, path)
         lines = [(f'row {number}', list(map(str, row)) if isinstance(row, list) else [])
