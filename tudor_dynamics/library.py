@@ -339,7 +339,11 @@ def change_bags(
     facts = dict(bundle.facts)
     training = [item for item in _training(facts) if item.get('bag') not in drop]
     data = [load(choice, bundle.arm, bundle.preprocessing, learn=True) for choice in choices]
-    _refuse_copies(data, training)
+    for bag in data:
+        copied = _copied(bag, training)
+        if copied is not None:
+            raise UsageError(f'--add {bag.choice}: the same samples as {copied}, which the model '
+                             'was fitted to', remedy='leave it out')
     facts['training'] = [*training, *(facts_of(bag).as_dict() for bag in data)]
     history = facts.get('changed')
     facts['changed'] = [*(history if isinstance(history, list) else []),
@@ -383,13 +387,11 @@ def _parts(bundle: ModelBundle) -> list[str]:
     return names or []
 
 
-def _refuse_copies(data: Sequence[BagData], training: Sequence[Mapping[str, Any]]) -> None:
-    for bag in data:
-        for item in training:
-            same = item.get('sha256') == bag.recording.checksum
-            if same and bag.choice.overlaps(parse_choice(str(item.get('bag')))):
-                raise UsageError(f'--add {bag.choice}: the same samples as {item["bag"]}, which '
-                                 'the model was fitted to', remedy='leave it out')
+def _copied(bag: BagData, training: Sequence[Mapping[str, Any]]) -> str | None:
+    """Name the training bag, by whatever name, that has samples of a bag; None without one."""
+    names = (str(item.get('bag')) for item in training
+             if item.get('sha256') == bag.recording.checksum != '')
+    return next((name for name in names if bag.choice.overlaps(parse_choice(name))), None)
 
 
 def _changed(
@@ -496,21 +498,13 @@ def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:
 
 def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
     """Warn of bags that a model was trained on."""
-    seen = _trained_on(bundle.facts, data)
+    training = _training(bundle.facts)
+    seen = [str(bag.choice) for bag in data if _copied(bag, training) is not None]
     if seen:
         msg = (f'{", ".join(seen)}: the model was trained on this; how well it does there is no '
                'test')
         warnings.warn(msg, TudorWarning, stacklevel=3)
     return seen
-
-
-def _trained_on(facts: Mapping[str, Any], bags: Sequence[BagData]) -> list[str]:
-    """Name those bags that have samples of a training bag, by checksum, under whatever names."""
-    known = [(item['sha256'], parse_choice(str(item.get('bag')))) for item in _training(facts)
-             if item.get('sha256')]
-    return [str(bag.choice) for bag in bags if any(
-        bag.recording.checksum == checksum and bag.choice.overlaps(choice)
-        for checksum, choice in known)]
 
 
 def predict(bundle: ModelBundle, bags: Paths, *, payload: float | None = None) -> Prediction:

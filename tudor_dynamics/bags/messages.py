@@ -455,7 +455,7 @@ class DecodedTopic:
     def select(
         self, names: Sequence[str], field: str, path: str,
     ) -> tuple[NDArray[np.intp], FloatArray]:
-        """Take the values of names: places of messages that have them (n,), and (n, names)."""
+        """Take values of names: places of the messages that have them (n,), values (n, names)."""
         for block in self.blocks:
             self._check_lengths(block, names, path)
         chosen = [block for block in self.having(field) if set(names) <= set(block.layout.names)]

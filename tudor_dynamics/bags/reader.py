@@ -38,7 +38,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 def increasing(stamp: NDArray[np.int64]) -> tuple[NDArray[np.bool_], int, int]:
-    """Find the messages later than all before (n,); how many repeat a stamp, and are older."""
+    """Find messages later than all before (n,); how many repeat a stamp, how many are older."""
     newest = np.maximum.accumulate(stamp)[:-1] if len(stamp) else stamp
     later = stamp[1:] > newest
     duplicate = int(np.sum(stamp[1:] == newest))
@@ -277,7 +277,7 @@ class Assembly:
     def output(
         self, motion: Signals, names: Sequence[str], channels: Sequence[ChannelSource],
     ) -> tuple[FloatArray, NDArray[np.bool_]] | None:
-        """Give efforts or strains (samples, channels) on the motion's stamps, and at which all."""
+        """Give efforts or strains (samples, channels) on the motion's stamps; which have all."""
         if not channels:
             return None
         values = np.full((len(motion.stamp), len(names)), np.nan)

@@ -304,7 +304,7 @@ def load(
 def spread_sample(
     items: Sequence[Item], count: int, read: Callable[[Item], BagData],
 ) -> list[BagData]:
-    """Read some, evenly among all; of those that cannot be read others speak later."""
+    """Read some, evenly among all; one that cannot be read is reported by a later pass."""
     found = []
     with quiet():
         for i in range(count):

@@ -214,7 +214,7 @@ class ManyBags:
     def _judged(
         self, task: Task, known: Sequence[SurveyedBag], models: Mapping[Place, FoldModels],
     ) -> tuple[list[BagFacts], dict[Place, Tally], dict[Place, Tally]]:
-        """Let models predict all; gives test bags, errors of models blind to a bag, of others."""
+        """Let models predict all; gives test bags, errors by models blind to a bag, by others."""
         trials = _trials(task, known, self.test, models)
         answers = judge(trials, self.streaming.jobs, self._count('judge'))
         lost = [item for item in answers[:len(known)] if isinstance(item, Unused)]

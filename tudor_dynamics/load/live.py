@@ -171,7 +171,7 @@ class CarriedLoad:
     def step(
         self, stamp: int, dt: float, row: FloatArray, measured: FloatArray, *, touched: bool,
     ) -> LoadFound | None:
-        """Take a sample of the output that shows the load; ``touched``: something may be on it."""
+        """Take a sample of the load's output; ``touched``: anything touches the arm, or may."""
         self._advance(stamp)
         change, self._reported = self._mass - self._reported, self._mass
         if abs(change) < LIGHTEST * self.worth[self.output].reference:

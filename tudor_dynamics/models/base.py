@@ -331,7 +331,7 @@ class Model(ABC):
         return np.zeros(len(self.channels))
 
     def at(self, payload: float) -> Model:
-        """Give a model of the motion alone for a mass [kg] at the tip; itself without loads."""
+        """Give a model of motion alone for a mass [kg] at the tip; itself if it knows none."""
         return self
 
     @classmethod
@@ -469,7 +469,7 @@ class MemorylessModel(Model):
         return self.fit_blocks(blocks)
 
     def fit(self: Learner, motion: FloatArray, output: FloatArray) -> Learner:
-        """Learn from outputs and motion, with a payload [kg] as last column of models of all."""
+        """Learn from outputs and motion; its last column is the payload [kg] in models of all."""
         return self.fit_blocks(block_of(motion, output))
 
     @abstractmethod

@@ -202,7 +202,7 @@ class Explained:
                          [np.column_stack([own, column]) for own in self.own], self.groups)
 
     def friction(self, channel: int, output: FloatArray) -> tuple[float, float]:
-        """Correlate friction with speed; say by what the residual is larger without friction."""
+        """Correlate friction with speed; say how much larger the residual is without friction."""
         own, rows = self.own[channel], self.bodies[channel]
         both = np.column_stack([rows, own])
         few = np.column_stack([rows, np.delete(own, (1, 2), axis=1)])
