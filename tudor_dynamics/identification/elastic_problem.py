@@ -350,6 +350,14 @@ class Problem:
                 return result
         return self._kept([x])[0]
 
+    def compared(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Simulate what can be: moments, errors of the strain, and gains with offsets."""
+        moments = self.moments(x)
+        if moments is None:
+            raise FitError(f'{self.arm.name}: the elastic model cannot be simulated along these '
+                           'bags; check links and motors of the arm description')
+        return moments, self.errors(moments, x), self.gauges(moments, x)
+
     def _kept(self, several: Sequence[FloatArray]) -> list[FloatArray | None]:
         """Simulate, and remember it: one of them is asked for again."""
         found = self._simulations.several(several)
@@ -509,11 +517,7 @@ def result_of(
     reweight(problem, drawn)
     covariance = _covariance(problem, drawn)
     x = problem.draw(drawn, 0.0)
-    moments = problem.moments(x)
-    if moments is None:
-        raise FitError(_impossible(problem))
-    errors = problem.errors(moments, x)
-    gains = problem.gauges(moments, x)
+    _, errors, gains = problem.compared(x)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     physical = []
     for i, name in enumerate(problem.names):
@@ -528,11 +532,6 @@ def result_of(
                       fit_percent(errors, problem.strain), starts, runs + problem.runs, untold)
 
 
-def _impossible(problem: Problem) -> str:
-    return (f'{problem.arm.name}: the elastic model cannot be simulated along these bags; check '
-            'links and motors of the arm description')
-
-
 def _covariance(problem: Problem, x: FloatArray) -> FloatArray:
     """
     Covariance of the logarithms, gains and offsets.
@@ -541,11 +540,7 @@ def _covariance(problem: Problem, x: FloatArray) -> FloatArray:
     observation (Liang and Zeger 1986); plain least squares would promise ten times too much.
     """
     slopes = problem.slopes(x)
-    moments = problem.moments(x)
-    if moments is None:
-        raise FitError(_impossible(problem))
-    errors = problem.errors(moments, x)
-    gains = problem.gauges(moments, x)
+    moments, errors, gains = problem.compared(x)
     n, gauges = len(problem.names), gains.shape[0]
     p = n + 2 * gauges
     # gains act on the moments as well while these are drawn

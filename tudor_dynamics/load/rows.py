@@ -25,6 +25,7 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.kinematics import link_frame
 from tudor_dynamics.load.settings import (
     BELIEVED, CONSTANT_STD, GAIN_STD, SAMPLES, SLOW, TORQUE_STD)
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -112,13 +113,7 @@ def carrier(arm: Arm) -> str:
 
 def carrier_frame(arm: Arm) -> str:
     """Give the name of the frame that turns with the carrier: its link's, or the joint's own."""
-    joint = carrier(arm)
-    index = arm.model.getJointId(joint)
-    for frame in arm.model.frames:
-        if (frame.type == pin.FrameType.BODY and frame.parentJoint == index
-                and frame.placement.isIdentity(1e-9)):
-            return str(frame.name)
-    return joint
+    return link_frame(arm.model, carrier(arm))
 
 
 def tip(arm: Arm) -> FloatArray:

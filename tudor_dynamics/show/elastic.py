@@ -258,10 +258,7 @@ def summary(ringdowns: Sequence[Ringdown]) -> str:
         parts.append(f'{words} ({len(pairs)} of {len(ringdowns)}), the frequency is off by '
                      f'{100.0 * frequency:.1f} % and the damping ratio {sign} than measured by '
                      f'{100.0 * abs(damping):.2g} percentage points')
-    if not parts:
-        return ''
-    text = 'In the median: ' + '; '.join(parts) + '.'
-    return text
+    return f'In the median: {"; ".join(parts)}.' if parts else ''
 
 
 def settings_text() -> str:
