@@ -22,7 +22,7 @@ PACKAGE = 'tudor_dynamics'
 NODES = ('joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor',
          'monitors', 'payload_estimator', 'feedforward',
          'oscillation_damper', 'force_controller',
-         'reference_generator', 'arm_simulator', 'bag_player',
+         'reference_generator', 'trajectory_relay', 'arm_simulator', 'bag_player',
          'bag_recorder')
 
 setup(

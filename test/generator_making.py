@@ -43,7 +43,7 @@ def point(seconds: float, *q: float, still: bool = True) -> JointTrajectoryPoint
 def trajectory(*points: JointTrajectoryPoint, stamp: int = 0, names: list[str] = JOINTS,
                ) -> JointTrajectory:
     """Make a trajectory."""
-    message = JointTrajectory(joint_names=names, points=points)
+    message = JointTrajectory(joint_names=names, points=list(points))
     message.header.stamp = time_message(stamp)
     return message
 

@@ -78,6 +78,12 @@ class MotionState:
     ddq: FloatArray
 
 
+def braking(state: MotionState, bounds: Limits, least: float) -> tuple[float, FloatArray]:
+    """Give when and where joints rest that brake together, not before a least time [s]."""
+    time = max(float(np.max(np.abs(state.dq) / bounds.acceleration)), least)
+    return time, np.clip(state.q + 0.5 * time * state.dq, bounds.lower, bounds.upper)
+
+
 class Path:
     """
     Path from a state through the points of a trajectory, at rest after the last one.

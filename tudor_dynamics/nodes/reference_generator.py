@@ -232,7 +232,7 @@ class ReferenceGeneratorNode(MovingNode):
         message.header.stamp = self.get_clock().now().to_msg()
         self._states.publish(message)
         if self.server is not None:
-            self.server.feedback(message.header, self._names, points)
+            self.server.report(message.header, self._names, points)
 
     def _on_payload(self, message: InertiaStamped) -> None:
         assert self.source is not None

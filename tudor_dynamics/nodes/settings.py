@@ -99,3 +99,6 @@ PATIENCE = 30.0
 STATE_PERIOD = 0.05
 """Time between two reports of how far a trajectory is; as often as joint trajectory controllers
 look by default [s]."""
+SHORTEST_STOP = 0.1
+"""Least time in which a controller is to be at rest: it has to take the message before [s].
+source: none known."""

@@ -27,7 +27,8 @@ from tudor_dynamics.nodes.common.interfaces import NODES
 
 SHARED = {'Subscribed': ('/parameter_events',),
           'Published': ('/diagnostics', '/parameter_events', '/rosout')}
-ARMS = {'oscillation_damper', 'force_controller', 'reference_generator', 'arm_simulator'}
+ARMS = {'oscillation_damper', 'force_controller', 'reference_generator', 'trajectory_relay',
+        'arm_simulator'}
 JUDGING = {'joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor'}
 MODELS = {'joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor',
           'feedforward'}

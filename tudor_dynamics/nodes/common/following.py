@@ -101,21 +101,28 @@ class FollowServer:
         self._stop('canceled')
         return CancelResponse.ACCEPT
 
-    def end(self, text: str) -> None:
+    def end(self, text: str, code: int | None = None) -> None:
         """End the active goal, if there is one, with what came of it."""
         goal, self._goal = self._goal, None
         if goal is not None:
-            self._server.notify_execute(goal, partial(self._finish, text))
+            self._server.notify_execute(goal, partial(self._finish, text, code=code))
 
-    def feedback(self, header: Header, names: list[str], points: Sequence[Any]) -> None:
-        """Send wanted and actual state, and the difference."""
+    def report(self, header: Header, names: list[str], points: Sequence[Any]) -> None:
+        """Send wanted and actual state, and the difference, as feedback."""
         if self._goal is not None:
             desired, actual, error = points
-            self._goal.publish_feedback(self._action.Feedback(
+            self.feedback(self._action.Feedback(
                 header=header, joint_names=names, desired=desired, actual=actual, error=error))
 
-    def _finish(self, text: str, goal: Any) -> Any:
-        code = next((code for head, code in CODES.items() if text.startswith(head)), INVALID_GOAL)
+    def feedback(self, feedback: Any) -> None:
+        """Send feedback of the active goal."""
+        if self._goal is not None:
+            self._goal.publish_feedback(feedback)
+
+    def _finish(self, text: str, goal: Any, code: int | None = None) -> Any:
+        if code is None:
+            code = next((code for head, code in CODES.items() if text.startswith(head)),
+                        INVALID_GOAL)
         if goal.is_cancel_requested:
             goal.canceled()
         elif code == 0:

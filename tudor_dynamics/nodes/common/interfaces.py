@@ -212,6 +212,13 @@ REFERENCE = (
           dynamic=True),
     Param('require_monitor', False, 'take goals only while a node that publishes collision is '
           'alive and able to judge', dynamic=True))
+RELAY = (
+    ARM,
+    Param('controller', 'joint_trajectory_controller', 'the controller that is led, by its name'),
+    Param('start_tolerance', 0.05, 'a first point at the start may be so far from where the arm '
+          'is; controllers jump to it', 'rad', 0.0, 10.0, dynamic=True),
+    Param('allow_partial_joints_goal', True, 'joints that a trajectory does not name are held, '
+          'otherwise it is refused', dynamic=True))
 FORCE = (
     ARM,
     Param('model', '', 'model bundle that says what gauges read of the weight of the arm; without '
@@ -256,6 +263,7 @@ NODES: dict[str, tuple[Param, ...]] = {
     'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),
     'force_controller': (*FORCE, *COMMON),
     'reference_generator': (*REFERENCE, *COMMON),
+    'trajectory_relay': (*RELAY, *PREDICT, *AHEAD, *COMMON),
     'arm_simulator': (*SIMULATE, *COMMON),
     'bag_player': (*PLAYER, *COMMON),
     'bag_recorder': (*RECORDER, *COMMON),

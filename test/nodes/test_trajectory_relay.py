@@ -1,0 +1,263 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node trajectory_relay before a mirror of a JointTrajectoryController."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from controller_mirrors import TrajectoryMirror
+from diagnostic_msgs.msg import DiagnosticStatus
+from generator_making import point, trajectory
+import numpy as np
+import pytest
+from rclpy.action import ActionClient
+from ros_world import JOINTS, values_of, World
+from sample_arms import random_states
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.regressor import EffortRegressor
+from tudor_dynamics.nodes.common.base import latched
+from tudor_dynamics.nodes.trajectory_relay import TrajectoryRelayNode
+from tudor_dynamics.online.feedforward import Feedforward
+
+POSE = np.array([0.8, 0.1])
+MOVEIT = point(0.0, 0.8, 0.1), point(0.3, 0.85, 0.1), point(0.6, 0.9, 0.15)
+LONG = point(0.0, 0.8, 0.1), point(2.0, 1.8, 0.1), point(4.0, 2.4, 0.1)
+
+
+class Chain:
+    """A relay and its controller."""
+
+    def __init__(self, world: World, root: Path, *, newer: bool = False, action: Any = None,
+                 **values: Any) -> None:
+        self.world = world
+        self.controller = world.add(
+            lambda parameter_overrides, **how: TrajectoryMirror(  # noqa: ARG005
+                list(JOINTS), POSE, newer=newer, action=action, **how))
+        self.relay = world.add(TrajectoryRelayNode, arm=str(root / 'config/tudor.yaml'), **values)
+        self.output = world.output('joint_trajectory', JointTrajectory)
+        self.collision = world.probe.create_publisher(Bool, 'collision', latched())
+        world.meet('joint_trajectory')
+        assert world.spin(lambda: self.relay._q is not None)
+
+    def send(self, *points: Any, **more: Any) -> None:
+        """Send a trajectory, and wait until it was judged."""
+        before = self.relay.forwarded, self.relay.drops['refused']
+        self.output.publish(trajectory(*points, **more))
+        assert self.world.spin(
+            lambda: (self.relay.forwarded, self.relay.drops['refused']) != before)
+
+    def moving(self) -> bool:
+        """Say whether the arm is well on its way."""
+        return bool(self.controller.dq[0] > 0.3)
+
+    def told(self) -> Any:
+        """Give the next diagnosis."""
+        return self.world.status('trajectory_relay')
+
+
+def test_it_forwards_what_is_right(world: World, root: Path) -> None:
+    """As it came; the arm goes there."""
+    chain = Chain(world, root)
+    chain.send(*MOVEIT)
+    assert world.spin(lambda: bool(chain.controller.taken))
+    assert str(chain.controller.taken[0]) == str(trajectory(*MOVEIT))
+    assert world.spin(lambda: np.allclose(chain.controller.q, [0.9, 0.15]))
+    assert chain.told().message == 'running'
+    assert values_of(chain.told())['forwarded'] == '1'
+
+
+REFUSED: dict[str, tuple[tuple[Any, ...], dict[str, Any], str]] = {
+    'beyond a limit': ((point(20.0, 9.0, 0.1), point(30.0, 0.9, 0.1)), {},
+                       'joint2 comes to position 9, outside'),
+    'too fast': ((point(0.0, 0.8, 0.1), point(0.1, 1.6, 0.1)), {},
+                 'joint2 comes to velocity 12, outside'),
+    'far from the arm': ((point(0.0, 1.0, 0.1), point(2.0, 1.2, 0.1)), {},
+                         'the trajectory is under way at once, and joint2 is 0.2 off'),
+    'unknown joint': (LONG, {'names': ['joint2', 'wrist']}, 'wrong joints, unknown: wrist'),
+    'all over': (LONG, {'stamp': 10**18}, 'all points are over'),
+    'times': ((point(1.0, 0.8, 0.1), point(1.0, 0.9, 0.1)), {}, 'time does not increase')}
+
+
+def test_it_refuses_what_is_wrong(world: World, root: Path) -> None:
+    """With the reason; nothing reaches the controller, which would obey."""
+    chain = Chain(world, root)
+    for name, (points, more, text) in REFUSED.items():
+        chain.send(*points, **more)
+        assert chain.relay.refused.startswith(text), (name, chain.relay.refused)
+    status = chain.told()
+    assert status.level == DiagnosticStatus.WARN
+    assert status.message.startswith('refused: time does not increase')
+    assert not chain.controller.taken and chain.controller.q == pytest.approx(POSE)
+
+
+def test_without_positions(world: World, root: Path) -> None:
+    """Where the arm is has to be known."""
+    chain = Chain(world, root, timeout=0.2)
+    chain.controller._timer.cancel()
+    world.rest(0.4)
+    chain.send(*MOVEIT)
+    assert chain.relay.refused == 'no positions come: where the arm is, is not known'
+
+
+@pytest.mark.parametrize('newer', [False, True])
+def test_a_collision_stops_the_controller(world: World, root: Path, newer: bool) -> None:
+    """It brakes on the way, also where messages without points are refused; then goals are."""
+    chain = Chain(world, root, newer=newer)
+    chain.send(*LONG)
+    assert world.spin(chain.moving)
+    chain.collision.publish(Bool(data=True))
+    assert world.spin(lambda: chain.relay.held)
+    begun = chain.controller.q[0]
+    assert world.spin(lambda: not chain.controller.dq.any(), 3.0)
+    assert begun < chain.controller.q[0] < begun + 0.4
+    assert len(chain.controller.taken) == 2 and not chain.controller.rejected
+    place = chain.controller.q
+    chain.send(point(0.0, *place), point(1.0, *(place + 0.1)))
+    assert chain.relay.refused == 'a collision was reported; look at the arm, then ~/reset'
+    assert 'collision: the controller was stopped' in chain.told().message
+    refused = world.call(Trigger, 'trajectory_relay/reset')
+    assert not refused.success and 'still reported' in refused.message
+    chain.collision.publish(Bool(data=False))
+    assert world.spin(lambda: not chain.relay.collision)
+    assert world.call(Trigger, 'trajectory_relay/reset').success
+    chain.send(point(0.0, *place), point(1.0, *(place + 0.1)))
+    assert chain.relay.refused == ''
+
+
+def test_no_points_stop(world: World, root: Path) -> None:
+    """On the way it brakes; at rest the message goes through."""
+    chain = Chain(world, root)
+    chain.send(*LONG)
+    assert world.spin(chain.moving)
+    chain.output.publish(trajectory())
+    assert world.spin(lambda: len(chain.controller.taken) == 2)
+    assert world.spin(lambda: not chain.controller.dq.any(), 3.0)
+    assert len(chain.controller.taken[1].points) == 1
+    chain.output.publish(trajectory())
+    assert world.spin(lambda: len(chain.controller.taken) == 3)
+    assert not chain.controller.taken[2].points
+
+
+def test_another_leader_is_named(world: World, root: Path) -> None:
+    """What it does not know of could move the arm."""
+    chain = Chain(world, root)
+    world.output('joint_trajectory_controller/joint_trajectory', JointTrajectory)
+    assert world.spin(lambda: chain.relay.count_publishers(
+        '/joint_trajectory_controller/joint_trajectory') == 2)
+    chain.relay._look()
+    status = chain.told()
+    assert status.level == DiagnosticStatus.ERROR
+    assert status.message.startswith('/probe can lead the controller, too, on /joint_traj')
+
+
+def test_it_adds_efforts(world: World, root: Path, tmp_path: Path) -> None:
+    """Of the bundle, to every point, for all joints."""
+    arm, motion = load_arm(root / 'config/tudor.yaml'), random_states(300, 2, 0)
+    weights = np.random.default_rng(0).normal(size=(6, 2))
+    fitted = AnalyticalModel(EffortRegressor(arm), 2).fit(motion, motion @ weights)
+    save_bundle(ModelBundle(arm, PreprocessingSpec(), {'effort': {'analytical': fitted}}),
+                tmp_path / 'model')
+    chain = Chain(world, root, model=str(tmp_path / 'model'))
+    assert chain.relay.fault == ''
+    chain.send(point(0.3, 0.15), point(0.6, 0.2), names=['joint3'])
+    assert world.spin(lambda: bool(chain.controller.taken))
+    found = chain.controller.taken[0]
+    q = np.array([[0.8, 0.15], [0.8, 0.2]])
+    wanted = Feedforward(load_bundle(tmp_path / 'model')).along(
+        Trajectory(tuple(JOINTS), np.array([0.3, 0.6]), q, np.zeros((2, 2))))
+    assert list(found.joint_names) == JOINTS
+    np.testing.assert_allclose([p.positions for p in found.points], q)
+    np.testing.assert_allclose([p.effort for p in found.points], wanted.effort)
+
+
+class Client:
+    """A client of the relay's action."""
+
+    def __init__(self, world: World, root: Path) -> None:
+        from control_msgs.action import FollowJointTrajectory
+        self.world, self.kind = world, FollowJointTrajectory
+        self.chain = Chain(world, root, action=FollowJointTrajectory)
+        self.client = ActionClient(
+            world.probe, FollowJointTrajectory, 'trajectory_relay/follow_joint_trajectory')
+        assert world.spin(self.client.server_is_ready)
+        assert world.spin(self.chain.relay._client.server_is_ready)
+        self.feedback: list[Any] = []
+
+    def send(self, *points: Any) -> Any:
+        """Send a goal."""
+        future = self.client.send_goal_async(self.kind.Goal(trajectory=trajectory(*points)),
+                                             feedback_callback=self.feedback.append)
+        assert self.world.spin(future.done)
+        return future.result()
+
+    def result(self, goal: Any) -> tuple[int, int, str]:
+        """Wait for the result."""
+        future = goal.get_result_async()
+        assert self.world.spin(future.done)
+        found = future.result()
+        return found.status, found.result.error_code, found.result.error_string
+
+
+def test_by_the_action(world: World, root: Path, control_msgs: None) -> None:
+    """Goals, feedback and results go through; refusals, cancel and collisions are its own."""
+    client = Client(world, root)
+    chain = client.chain
+    goal = client.send(*MOVEIT)
+    assert client.result(goal) == (GoalStatus.STATUS_SUCCEEDED, 0, 'as the controller says')
+    assert list(client.feedback[-1].feedback.joint_names) == JOINTS
+    assert chain.controller.q == pytest.approx([0.9, 0.15])
+    status, code, text = client.result(client.send(point(20.0, 9.0, 0.1), point(30.0, 0.9, 0.1)))
+    assert (status, code) == (GoalStatus.STATUS_ABORTED, -1) and 'position 9' in text
+    far = point(2.0, 1.9, 0.15), point(4.0, 2.4, 0.15)
+    goal = client.send(*far)
+    assert world.spin(chain.moving)
+    cancel = goal.cancel_goal_async()
+    assert world.spin(cancel.done)
+    assert client.result(goal) == (GoalStatus.STATUS_CANCELED, -1, 'stopped: canceled')
+    assert world.spin(lambda: not chain.controller.dq.any(), 2.0)
+    goal = client.send(*far)
+    assert world.spin(chain.moving)
+    chain.collision.publish(Bool(data=True))
+    assert client.result(goal) == (GoalStatus.STATUS_ABORTED, -1, 'stopped: collision')
+    assert world.spin(lambda: not chain.controller.dq.any(), 2.0)
+    assert client.result(client.send(*far))[2].startswith('a collision was reported')
+    client.client.destroy()
+
+
+def test_no_action_of_the_controller(world: World, root: Path, control_msgs: None) -> None:
+    """A goal for which nobody is there is refused, and says whose action is missing."""
+    from control_msgs.action import FollowJointTrajectory
+    Chain(world, root)
+    client = ActionClient(
+        world.probe, FollowJointTrajectory, 'trajectory_relay/follow_joint_trajectory')
+    assert world.spin(client.server_is_ready)
+    future = client.send_goal_async(FollowJointTrajectory.Goal(trajectory=trajectory(*MOVEIT)))
+    assert world.spin(future.done)
+    result = future.result().get_result_async()
+    assert world.spin(result.done)
+    assert result.result().result.error_string == (
+        'joint_trajectory_controller offers no action: is it active?')
+    client.destroy()

@@ -1,0 +1,321 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node trajectory_relay: checks trajectories for a JointTrajectoryController, and stops it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+import math
+import sys
+from typing import Any
+
+from builtin_interfaces.msg import Duration
+import numpy as np
+from rclpy.action import ActionClient
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from tudor_dynamics.arm.limits import hard_limits, planned_limits
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.control.trajectory import braking, Follower, MotionState, of_all, Path
+from tudor_dynamics.errors import SignalError, TudorError, UsageError
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, strong, TudorNode, WARN
+from tudor_dynamics.nodes.common.following import follow_action, FollowServer
+from tudor_dynamics.nodes.common.interfaces import COLLISION, JOINT_TRAJECTORY, RESET
+from tudor_dynamics.nodes.common.messages import floats, NamedReader, nanoseconds, trajectory_of
+from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.settings import PUBLISHERS_LOOK, SHORTEST_STOP, STATE_PERIOD
+from tudor_dynamics.online.feedforward import Feedforward
+from tudor_dynamics.signals.motion_profile import spline
+from tudor_dynamics.typing import FloatArray
+
+SECOND = 1_000_000_000
+
+
+class TrajectoryRelayNode(TudorNode):
+    """
+    Relay node; ``**kwargs`` go to rclpy's Node.
+
+    It knows where the controller leads the arm by what it has forwarded: nothing else may command
+    the controller.
+    """
+
+    FIGURES: tuple[Figure, ...] = (
+        Figure('controller', lambda node: node.value('controller')),
+        Figure('forwarded', lambda node: node.forwarded),
+        Figure('refused', lambda node: node.refused or None),
+        Figure('efforts', lambda ahead: ', '.join(ahead.units), 'ahead'))
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('trajectory_relay', **kwargs)
+        self.follower: Follower | None = None
+        self.ahead: Feedforward | None = None
+        self.server: FollowServer | None = None
+        self.forwarded, self.refused = 0, ''
+        self.collision = self.held = False
+        self._q: FloatArray | None = None
+        self._at, self._stepped = -math.inf, self.steady()
+        self._rivals: list[str] = []
+        self._payload = float(self.value('payload'))
+        self._goal: Any = None  # what the controller drives of ours: its handle, once it has one
+        controller = self.value('controller')
+        self._output = self.publish_on(JointTrajectory, f'{controller}/joint_trajectory')
+        self.serve(RESET, self._reset)
+        try:
+            arm = self.described_arm('limits')
+            if self.value('model'):
+                bundle = load_bundle(self.value('model'), arm=arm)
+                self.ahead = Feedforward(
+                    bundle, kind=self.value('kind'), unit=self.value('unit'),
+                    positions=self.value('positions'),
+                    friction_at_rest=self.value('friction_at_rest'),
+                    payload=None if bundle.payload_range is None else self._payload)
+        except TudorError as err:
+            self.fail(err)
+            return
+        self.robot, self._names = arm.name, arm.active_joints
+        self.follower = Follower(hard_limits(arm))
+        self._braking = replace(
+            self.follower.bounds, acceleration=planned_limits(arm).acceleration)
+        self._joints = NamedReader(self._names, self.drops)
+        self._inputs = [
+            self.subscribe(JointState, arm.spec.joint_topic, self._on_joints),
+            self.subscribe(JointTrajectory, JOINT_TRAJECTORY, self._on_trajectory, qos=strong()),
+            self.create_subscription(Bool, COLLISION, self._on_collision, latched())]
+        action = follow_action()
+        if action is not None:
+            self.server = FollowServer(self, action, self._on_goal, self._stop)
+            self._client = ActionClient(self, action, f'{controller}/follow_joint_trajectory')
+        self._step_timer = self.every(STATE_PERIOD, self._step)
+        self._look_timer = self.every(PUBLISHERS_LOOK, self._look)
+
+    def _reset(self) -> str:
+        if self.collision:
+            raise UsageError('a collision is still reported',
+                             remedy='look at the arm and reset the monitor')
+        self.held = False
+        return 'trajectories are taken again'
+
+    def _on_joints(self, message: JointState) -> None:
+        begun = self.meter.begin()
+        q = self._joints.read(message, 'position')
+        if q is not None and np.isfinite(q).all():
+            self._q, self._at = q, self.steady()
+            self.meter.end(begun)
+
+    def _on_collision(self, message: Bool) -> None:
+        rising, self.collision = message.data and not self.collision, bool(message.data)
+        if rising:
+            self.held = True
+            self._stop('collision')
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        if not message.points:
+            self._stop('a trajectory without points')
+        elif not self._check(message):
+            self._leave(f'another trajectory took over, from {JOINT_TRAJECTORY}')
+            self._output.publish(message)
+
+    def _on_goal(self, goal: Any) -> str:
+        """Forward a goal; give why not."""
+        if not self._client.server_is_ready():
+            return self._refuse(f'{self.value("controller")} offers no action: is it active?')
+        why = self._check(goal.trajectory)
+        if not why:
+            self._leave('another goal took over')
+            self._goal = mine = [None]
+            self._client.send_goal_async(goal, partial(self._fed_back, mine)).add_done_callback(
+                partial(self._accepted, mine))
+        return why
+
+    def _fed_back(self, mine: list[Any], message: Any) -> None:
+        if self._goal is mine and self.server is not None:
+            self.server.feedback(message.feedback)
+
+    def _accepted(self, mine: list[Any], future: Any) -> None:
+        handle = future.result()
+        if not handle.accepted:
+            self._ended(mine, f'{self.value("controller")} rejected the goal: see its log')
+            return
+        mine[0] = handle
+        handle.get_result_async().add_done_callback(lambda done: self._ended(
+            mine, done.result().result.error_string, done.result().result.error_code))
+        if self._goal is not mine:  # stopped before the controller had it
+            handle.cancel_goal_async()
+
+    def _ended(self, mine: list[Any], text: str, code: int | None = None) -> None:
+        if self._goal is mine:
+            self._goal = None
+            if code != 0 and self.follower is not None:
+                self.follower.leave()
+            if self.server is not None:
+                self.server.end(text, code)
+
+    def _leave(self, why: str) -> None:
+        """Forget the goal that the controller drives; it gives it up by itself."""
+        self._goal = None
+        if self.server is not None:
+            self.server.end(why)
+
+    def _refuse(self, why: str) -> str:
+        self.drops['refused'] += 1
+        self.refused = why
+        self.get_logger().error(f'trajectory refused: {why}')
+        return why
+
+    def _check(self, message: JointTrajectory) -> str:
+        """Check a trajectory from where the arm is led, and add efforts; give why not."""
+        begun = self.meter.begin()
+        stamp = nanoseconds(message.header.stamp)
+        since = 1e-9 * (self.get_clock().now().nanoseconds - stamp) if stamp else 0.0
+        try:
+            self._take(message, since)
+        except TudorError as err:
+            return self._refuse(str(err))
+        self.refused = ''
+        self.forwarded += 1
+        self.meter.end(begun)
+        return ''
+
+    def _take(self, message: JointTrajectory, since: float) -> None:
+        follower = self.follower
+        assert follower is not None
+        if self.held or self.collision:
+            raise SignalError('a collision was reported', remedy='look at the arm, then ~/reset')
+        if self._q is None or self.steady() - self._at > self.value('timeout'):
+            raise SignalError('no positions come: where the arm is, is not known')
+        self._step()
+        state = self._state()
+        given = trajectory_of(message)
+        held = state.q if follower.path is None else follower.path.target
+        whole = of_all(given, self._names, held, self.value('allow_partial_joints_goal'))
+        efforts = self._with_efforts(whole)
+        if since >= 0.0 and whole.t[0] <= since < whole.t[-1]:
+            # controllers do not lead from where the arm is to points that are due: they jump
+            curve = spline(whole)
+            own = MotionState(*(curve(since, order) for order in range(3)))
+            self._near(own.q, state.q)
+            why = Path(own, whole, since).beyond(follower.bounds)
+            if not why:
+                follower.leave()
+                state = own
+        else:
+            why = ''
+        why = why or follower.take(whole, since, state, follower.path is None)
+        if why:
+            raise SignalError(why)
+        if efforts is not None:
+            self._fill(message, efforts)
+
+    def _near(self, begin: FloatArray, place: FloatArray) -> None:
+        off = np.abs(begin - place)
+        if off.max() > self.value('start_tolerance'):
+            k = int(off.argmax())
+            raise SignalError(
+                f'the trajectory is under way at once, and {self._names[k]} is {off[k]:.3g} off',
+                remedy='begin where the arm is, or give the first point a time')
+
+    def _with_efforts(self, whole: Trajectory) -> Trajectory | None:
+        if self.ahead is None:
+            return None
+        payload = self.value('payload')
+        if payload != self._payload:
+            self.ahead.carry(payload)
+            self._payload = payload
+        return self.ahead.along(whole)
+
+    def _fill(self, message: JointTrajectory, found: Trajectory) -> None:
+        """Write efforts into all points, for all joints; and the motors where they are led."""
+        message.joint_names = list(found.joints)
+        for k, point in enumerate(message.points):
+            for name, values in (('positions', found.q), ('velocities', found.dq),
+                                 ('accelerations', found.ddq), ('effort', found.effort)):
+                setattr(point, name, [] if values is None else floats(values[k]))
+
+    def _state(self) -> MotionState:
+        assert self.follower is not None and self._q is not None
+        none = np.zeros_like(self._q)
+        return self.follower.state or MotionState(self._q, none, none)
+
+    def _step(self) -> None:
+        """Follow what was forwarded; what cannot begin after all is stopped."""
+        now = self.steady()
+        dt, self._stepped = now - self._stepped, now
+        if self.follower is None or self._q is None or dt <= 0.0:
+            return
+        _, why = self.follower.step(dt, self._state())
+        if why:
+            self._stop(self._refuse(why))
+
+    def _stop(self, why: str) -> None:
+        """
+        Stop the controller.
+
+        A goal is canceled. Newer controllers refuse messages without points, which mean a stop in
+        older ones: where it is known how the arm is led, the message says where to rest.
+        """
+        if self.follower is None:
+            return
+        state = self.follower.state
+        self.follower.leave()
+        if self._goal is not None:  # where the controller has it not yet, once it has
+            if self._goal[0] is not None:
+                self._goal[0].cancel_goal_async()
+        else:
+            message = JointTrajectory(joint_names=list(self._names))
+            if state is not None:
+                time, q = braking(state, self._braking, SHORTEST_STOP)
+                sec, nanosec = divmod(round(time * SECOND), SECOND)
+                message.points = [JointTrajectoryPoint(
+                    positions=floats(q), velocities=floats(np.zeros_like(q)),
+                    time_from_start=Duration(sec=sec, nanosec=nanosec))]
+            self._output.publish(message)
+        self._leave(f'stopped: {why}')
+
+    def _look(self) -> None:
+        """See who else leads the controller."""
+        self._rivals = self.rivals(self._output)
+
+    def verdict(self) -> tuple[bytes, str]:
+        """Say what was refused, and who else leads the controller."""
+        level, message = super().verdict()
+        if self.follower is None:
+            return level, message
+        if self._rivals:
+            return ERROR, (f'{", ".join(self._rivals)} can lead the controller, too, on '
+                           f'{self._output.topic_name}: end all but one')
+        if level != OK:
+            return level, message
+        if self.held or self.collision:
+            return WARN, 'collision: the controller was stopped; ~/reset takes trajectories again'
+        if not self._output.get_subscription_count():
+            return WARN, f'nobody hears {self._output.topic_name}: is the controller active?'
+        return (WARN, f'refused: {self.refused}') if self.refused else (level, message)
+
+    def close(self) -> None:
+        """End the action."""
+        if self.server is not None:
+            self.server.destroy()
+            self._client.destroy()
+
+
+main = partial(run, TrajectoryRelayNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
