@@ -38,9 +38,23 @@ float64 position
 float64 velocity
 float64 acceleration
 """
+COMPONENT = """uint16 X_AXIS=1
+uint16 Y_AXIS=2
+uint16 Z_AXIS=3
+uint16 TRANSLATION=4
+uint16 ROTATION=5
+string joint_name
+uint16 component
+float64 position
+float64 velocity
+float64 acceleration
+"""
 FOLLOW = """trajectory_msgs/JointTrajectory trajectory
+trajectory_msgs/MultiDOFJointTrajectory multi_dof_trajectory
 JointTolerance[] path_tolerance
+JointComponentTolerance[] component_path_tolerance
 JointTolerance[] goal_tolerance
+JointComponentTolerance[] component_goal_tolerance
 builtin_interfaces/Duration goal_time_tolerance
 ---
 int32 SUCCESSFUL=0
@@ -57,6 +71,10 @@ string[] joint_names
 trajectory_msgs/JointTrajectoryPoint desired
 trajectory_msgs/JointTrajectoryPoint actual
 trajectory_msgs/JointTrajectoryPoint error
+string[] multi_dof_joint_names
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_desired
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_actual
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
 """
 GENERATE = """
 from importlib import metadata
@@ -72,12 +90,13 @@ points = metadata.EntryPoints({(e.group, e.name): e for d in metadata.distributi
 found.importlib_metadata.entry_points = lambda: points
 generate(package_name='control_msgs', output_path=Path('out'), types=['c', 'py'],
          interface_files=[f'{Path.cwd()}:msg/JointTolerance.msg',
+                          f'{Path.cwd()}:msg/JointComponentTolerance.msg',
                           f'{Path.cwd()}:action/FollowJointTrajectory.action'],
          include_paths=[f'{sys.prefix}/share'],
          typesupports=['c', 'fastrtps_c', 'introspection_c'])
 """
-USED = ('action_msgs', 'builtin_interfaces', 'service_msgs', 'std_msgs', 'trajectory_msgs',
-        'unique_identifier_msgs')
+USED = ('action_msgs', 'builtin_interfaces', 'geometry_msgs', 'service_msgs', 'std_msgs',
+        'trajectory_msgs', 'unique_identifier_msgs')
 LIBRARY = 'lib{}__rosidl_typesupport_{}.so'
 # rclpy looks for the first, which stands for the libraries of both names
 MODULE = 'control_msgs_s__rosidl_typesupport_c.so'
@@ -97,6 +116,7 @@ def make(folder: Path) -> Path:
     (folder / 'msg').mkdir()
     (folder / 'action').mkdir()
     (folder / 'msg/JointTolerance.msg').write_text(TOLERANCE)
+    (folder / 'msg/JointComponentTolerance.msg').write_text(COMPONENT)
     (folder / 'action/FollowJointTrajectory.action').write_text(FOLLOW)
     run(folder, sys.executable, '-c', GENERATE)
     out, prefix = folder / 'out', Path(sys.prefix)

@@ -143,6 +143,9 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
     'tolerance of a speed': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'velocity': 0.1}}, -1,
         'goal_tolerance of joint2 bounds more than positions'),
+    'several degrees of freedom': (
+        WAY, {'component_path_tolerance': []}, -2,
+        'wrong joints: none has several degrees of freedom'),
     'impossible tolerance': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'position': -2.0}}, -1,
         'goal_tolerance of joint2 is -2; give 0 for the default, -1 for none, or a distance')}
@@ -151,6 +154,9 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
 def test_refusals_have_code_and_reason(client: Client) -> None:
     """Each is aborted at once, and nothing moves."""
     for name, (points, more, code, text) in REFUSED.items():
+        if 'component_path_tolerance' in more:
+            from control_msgs.msg import JointComponentTolerance
+            more['component_path_tolerance'] = [JointComponentTolerance()]
         for key in more.keys() & {'path_tolerance', 'goal_tolerance'}:
             more[key] = [client.tolerance(**more[key])]
         status, found, words = client.result(client.send(*points, **more))

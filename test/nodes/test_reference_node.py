@@ -311,6 +311,14 @@ def test_lifecycle(world: World, tudor: Path) -> None:
     assert generator.told().message.startswith('shut down')
 
 
+def test_no_goals_among_random_targets(world: World, tudor: Path) -> None:
+    """They would not be driven to."""
+    generator = Generator(world, tudor, mode='aprbs', seed=3)
+    generator.run(5)
+    assert generator.node._take(trajectory(point(1.0, *GOAL))) == 'random targets are driven'
+    assert np.ptp(generator.run(160), axis=0).max() > 0.02
+
+
 def test_rivals_are_named(world: World, tudor: Path) -> None:
     """Another node that leads the arm is an ERROR, a second source of positions a WARN."""
     generator = Generator(world, tudor)

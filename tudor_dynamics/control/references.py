@@ -369,6 +369,8 @@ class ReferenceSource:
             return 'no positions come: where the arm is, is not known'
         if self.halted:
             return f'no monitor watches the arm, {self.halted}'
+        if self._seed is not None:
+            return 'random targets are driven'
         return 'a collision is being reacted to' if self.reacting or self.collision else ''
 
     def _follow(self, ends: FloatArray, own: Tolerances | None = None) -> None:

@@ -42,12 +42,13 @@ from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.tuning import refiner_of
 from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, WARN
-from tudor_dynamics.nodes.common.following import follow_action, FollowServer, tolerances_of
+from tudor_dynamics.nodes.common.following import (
+    follow_action, FollowServer, since_start, tolerances_of)
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, PAYLOAD_TOPIC, RESET, RESIDUALS,
     STATE)
 from tudor_dynamics.nodes.common.messages import (
-    floats, joint_state, NamedReader, nanoseconds, trajectory_of)
+    floats, joint_state, NamedReader, trajectory_of)
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import ALIVE, LONGEST_GAP, MONITORS_LOOK, STATE_PERIOD
@@ -191,12 +192,10 @@ class ReferenceGeneratorNode(MovingNode):
         self._report()
         source, why = self.source, f'{self.get_name()} is {self.phase}'
         if source is not None and self.active:
-            stamp = nanoseconds(message.header.stamp)
-            since = 1e-9 * (self.get_clock().now().nanoseconds - stamp) if stamp else 0.0
             try:
                 own = None if goal is None else tolerances_of(
                     goal, source.names, source.tolerances)
-                why = source.take(trajectory_of(message), since, own)
+                why = source.take(trajectory_of(message), since_start(self, message), own)
             except TudorError as err:
                 why = str(err)
         if why:

@@ -35,9 +35,9 @@ from tudor_dynamics.control.trajectory import braking, Follower, MotionState, of
 from tudor_dynamics.errors import SignalError, TudorError, UsageError
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, strong, TudorNode, WARN
-from tudor_dynamics.nodes.common.following import follow_action, FollowServer
+from tudor_dynamics.nodes.common.following import follow_action, FollowServer, since_start
 from tudor_dynamics.nodes.common.interfaces import COLLISION, JOINT_TRAJECTORY, RESET
-from tudor_dynamics.nodes.common.messages import floats, NamedReader, nanoseconds, trajectory_of
+from tudor_dynamics.nodes.common.messages import floats, NamedReader, trajectory_of
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import PUBLISHERS_LOOK, SHORTEST_STOP, STATE_PERIOD
 from tudor_dynamics.online.feedforward import Feedforward
@@ -181,10 +181,8 @@ class TrajectoryRelayNode(TudorNode):
     def _check(self, message: JointTrajectory) -> str:
         """Check a trajectory from where the arm is led, and add efforts; give why not."""
         begun = self.meter.begin()
-        stamp = nanoseconds(message.header.stamp)
-        since = 1e-9 * (self.get_clock().now().nanoseconds - stamp) if stamp else 0.0
         try:
-            self._take(message, since)
+            self._take(message, since_start(self, message))
         except TudorError as err:
             return self._refuse(str(err))
         self.refused = ''

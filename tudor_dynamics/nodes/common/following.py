@@ -25,6 +25,7 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import GoalEvent
 from rclpy.node import Node
 from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.control.references import MISSED, OFF_PATH, REACHED, Tolerances
 from tudor_dynamics.control.trajectory import LATE, WRONG_JOINTS
@@ -45,6 +46,12 @@ def follow_action() -> Any:
     except ImportError:
         return None
     return FollowJointTrajectory
+
+
+def since_start(node: Node, message: JointTrajectory) -> float:
+    """Time since the start of a trajectory, 0 where it begins as it comes [s]."""
+    stamp = nanoseconds(message.header.stamp)
+    return 1e-9 * (node.get_clock().now().nanoseconds - stamp) if stamp else 0.0
 
 
 def tolerances_of(goal: Any, names: Sequence[str], default: Tolerances) -> Tolerances:
@@ -86,7 +93,11 @@ class FollowServer:
 
     def _accepted(self, goal: Any) -> None:
         # a goal that is rejected gets no reason, one that is aborted does
-        why = self._take(goal.request)
+        asked = goal.request
+        several = (asked.multi_dof_trajectory.points, asked.component_path_tolerance,
+                   asked.component_goal_tolerance)
+        why = (f'{WRONG_JOINTS}: none has several degrees of freedom' if any(several) else
+               self._take(asked))
         if why:
             goal.execute(partial(self._finish, why))
             return
