@@ -39,7 +39,8 @@ setup(
         'console_scripts': [
             'tudor = tudor_dynamics.cli.main:main',
             *(f'{node} = tudor_dynamics.nodes.{node}:main' for node in NODES),
-            'damper_sign_test = tudor_dynamics.nodes.damper_sign_test:main',
+            *(f'{test} = tudor_dynamics.nodes.{test}:main'
+              for test in ('damper_sign_test', 'joint_test')),
         ],
     },
 )

@@ -48,7 +48,7 @@ READERS = {
     ELASTIC: '`tudor fit --models elastic`, and what uses that model',
     SIMULATE: '`tudor simulate`',
     RECORD: '`tudor record`, `arm_simulator`, `papers/`',
-    DAMPER: '`oscillation_damper`, `damper_sign_test`',
+    DAMPER: '`oscillation_damper`, `joint_test`, `damper_sign_test`',
     REFERENCES: '`reference_generator`',
 }
 """Letter in the tables to commands and nodes."""

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Callable
 import math
 from pathlib import Path
@@ -126,8 +127,9 @@ def test_sign_test_knows_other_arms(gantry: Path, world: World,
     """Joints by the damper, steps by their kind, gauges by the damper's choice."""
     arm = load_arm(gantry)
     assert program.tested_joints(arm, None) == ['boom']
-    assert program.step_size(arm, 'boom', 3.0, 10.0) == pytest.approx(math.radians(3.0))
-    assert program.step_size(arm, 'lift', 3.0, 10.0) == 0.01
+    sizes = Namespace(step=3.0, slide=10.0)
+    assert program.step_size(arm, 'boom', sizes) == pytest.approx(math.radians(3.0))
+    assert program.step_size(arm, 'lift', sizes) == 0.01
     tester = program.SignTester(arm, context=world.context)
     try:
         assert tester._gauge('boom') == 0

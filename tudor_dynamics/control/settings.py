@@ -247,3 +247,53 @@ FORCE_SHARE = 0.6
 FORCE_SMOOTH = 0.02
 # Part of the wanted force below which contact counts as lost; source: none known.
 FORCE_SOFT = 0.15
+
+# -- Test of how joints answer (held by test/control/test_joint_answers.py)
+
+# Nudge there and back [rad, m], with the time of each way, and of standing after it [s]: 1 deg/s,
+# below what a joint that has not answered yet is commanded; source: none known.
+NUDGE, NUDGE_SLIDE = math.radians(0.5), 1e-3
+NUDGE_TIME, NUDGE_DWELL = 0.5, 0.3
+# Standing before it [s]; a nudge that was unclear is repeated twice as large, up to this one.
+NUDGE_STANDS, NUDGE_LARGEST = 1.0, 4.0
+# Speeds are differences over this time [s]: long for encoders, short for what sticks.
+ANSWER_WINDOW = 0.1
+# Half widths of what sticks before it slides, over the way of the commands: presliding of the
+# reference arm's gears takes 0.23 deg.
+STICKING = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
+# Standard deviations that an answer is away from none, and the least scale that is one: a tenth of
+# that of radians for degrees.
+ANSWER_ERRORS, LEAST_ANSWER = 4.0, 0.002
+# Scales between these are right: friction keeps up to a quarter of half a degree.
+SCALE_DOWN, SCALE_UP = 0.75, 1.3
+# Standard deviation of a scale from which on it is unclear.
+SCALE_ERROR = 0.25
+# Scales that have a name, and how near one is called by it, as a logarithm.
+KNOWN_SCALES = {180.0 / math.pi: 'degrees and radians', 1000.0: 'mm and m',
+                30.0 / math.pi: 'revolutions per minute, or a decimal place',
+                4.0: 'the edges of encoder lines', 2.0: 'the edges of encoder lines'}
+SCALE_NEAR = 0.75
+# Another joint that moves by more than this part moves, too; source: none known.
+MOVES_TOO = 0.2
+# Some other joint is judged, too, if it is so much of a nudge off its commands.
+STRAYED = 0.5
+# A joint that goes so many times farther than its commands, without answering to them.
+RUNAWAY = 4.0
+# Nudges that commands make at most before the test stops; positions one nudge off them stop it.
+ASTRAY = 2.5
+# What comes later than this after the test stopped the arm does not count [s].
+ASTRAY_AFTER = 0.05
+# Own motion that is an error, in nudges per second, and how straight it must be: the part of it
+# that a line may leave.
+DRIFT, STRAIGHT = 0.15, 0.25
+# Part of the nudge that commands must have made to be judged; samples that a verdict needs.
+LEAST_WAY, LEAST_SAMPLES = 0.05, 5
+# Delay from which on an answer is late: multiples of the full delay, but not below this [s]: a
+# loop at 100 Hz has 30 ms, with 20 ms on the way 45.
+LATE_SHARE, LATE = 2.5, 0.05
+# Joints so far beyond a position limit stand where they cannot [rad or m]; source: none known.
+BEYOND = 0.01
+# A time without positions, longer than this, is left out [s].
+ANSWER_GAP = 0.04
+# Part of the motion that an answer may leave unexplained, and of the time that may be gaps.
+UNEXPLAINED = 0.15

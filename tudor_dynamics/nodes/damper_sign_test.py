@@ -22,63 +22,38 @@ unless every joint tested is found right.
 
 from __future__ import annotations
 
-import argparse
-from collections import Counter
-from collections.abc import Callable, Sequence
+from argparse import Namespace
+from collections.abc import Sequence
 from functools import partial
-import math
 import sys
 import time
 from typing import Any
 
 import numpy as np
-from rcl_interfaces.srv import SetParameters
-import rclpy
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
-from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.control.damper import check_sign, grows, Sign, SignResult, StepResponse
 from tudor_dynamics.errors import ArmError, TudorError
-from tudor_dynamics.nodes.common.base import strong, weak
-from tudor_dynamics.nodes.common.interfaces import JOINT_TRAJECTORY
+from tudor_dynamics.nodes.common.base import weak
 from tudor_dynamics.nodes.common.messages import floats, NamedReader, nanoseconds
-from tudor_dynamics.nodes.common.runner import new_executor
-from tudor_dynamics.nodes.settings import PATIENCE, RECORD
+from tudor_dynamics.nodes.common.trial import run_trial, step_size, Trial, trial_parser
+from tudor_dynamics.nodes.settings import RECORD
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 
 
-class SignTester(Node):
+class SignTester(Trial):
     """Makes steps and listens to the link."""
 
     def __init__(self, arm: Arm, **kwargs: Any) -> None:
-        super().__init__('damper_sign_test', **kwargs)
-        if arm.spec.damper is None:
-            msg = f'{arm.source}: no damper is described, so there is none to test'
-            raise ArmError(msg)
-        refuse_interfaces(arm, 'the sign test')
-        self.arm = arm
+        super().__init__('damper_sign_test', arm, **kwargs)
         self._limits = motion_limits(arm)
-        drops: Counter[str] = Counter()
-        self._reader = NamedReader(arm.active_joints, drops)
-        self._gauges = [NamedReader([gauge.name], drops) for gauge in arm.gauges]
-        self._goal: Any = None
+        self._gauges = [NamedReader([gauge.name], self.drops) for gauge in arm.gauges]
+        self._goal = np.zeros(len(arm.active_joints))
         self._strain: list[list[tuple[int, float]]] = [[] for _ in arm.gauges]
-        self._executor = new_executor('single', self.context)
-        self._executor.add_node(self)
-        self._goals = self.create_publisher(JointTrajectory, JOINT_TRAJECTORY, strong())
-        self._damping = self.create_client(SetParameters, 'oscillation_damper/set_parameters')
-        self.create_subscription(JointState, arm.spec.joint_topic, self._on_joints, weak())
         for topic in dict.fromkeys(gauge.topic for gauge in arm.gauges):
             self.create_subscription(JointState, topic, partial(self._on_strains, topic), weak())
-
-    def _on_joints(self, message: JointState) -> None:
-        q = self._reader.read(message, 'position')
-        if self._goal is None and q is not None and np.isfinite(q).all():
-            self._goal = q.copy()
 
     def _on_strains(self, topic: str, message: JointState) -> None:
         for place, gauge in enumerate(self.arm.gauges):
@@ -88,35 +63,10 @@ class SignTester(Node):
                     self._strain[place].append(
                         (nanoseconds(message.header.stamp), float(values[0])))
 
-    def spin_until(self, done: Callable[[], bool], seconds: float) -> bool:
-        """Handle messages until something is done or the time is over."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end and rclpy.ok(context=self.context):
-            if done():
-                return True
-            self._executor.spin_once(timeout_sec=0.02)
-        return done()
-
-    def wait(self) -> None:
-        """Wait for the arm and the nodes; a TudorError says what is missing."""
-        for done, what in (
-                (self._damping.service_is_ready, 'the node oscillation_damper'),
-                (lambda: self._goals.get_subscription_count() > 0, 'the node reference_generator'),
-                (lambda: self._goal is not None, f'positions on {self.arm.spec.joint_topic}'),
-                (lambda: all(len(heard) > 1 for heard in self._strain), 'strains of the gauges')):
-            if not self.spin_until(done, PATIENCE):
-                msg = (f'{what} did not come within {PATIENCE:g} s; start the arm and its '
-                       'nodes first')
-                raise TudorError(msg)
-
-    def set_damping(self, share: float) -> None:
-        """Set the share of the damper's gain."""
-        request = SetParameters.Request(
-            parameters=[Parameter('damping', value=float(share)).to_parameter_msg()])
-        future = self._damping.call_async(request)
-        if not self.spin_until(future.done, PATIENCE) or not future.result().results[0].successful:
-            msg = f'oscillation_damper did not take damping {share:g}; the test stops here'
-            raise TudorError(msg)
+    def needs(self) -> list[Any]:
+        """Wait for strains, too."""
+        return [*super().needs(),
+                (lambda: all(len(heard) > 1 for heard in self._strain), 'strains of the gauges')]
 
     def listen(self, gauge: int, seconds: float, *, watch: bool = False) -> StepResponse:
         """Record the strain of a gauge; with ``watch`` the damper goes off where it grows."""
@@ -166,33 +116,23 @@ class SignTester(Node):
     def test(self, joint: str, step: float) -> SignResult:
         """Test one joint."""
         index = self.arm.active_joints.index(joint)
-        if self._goal[index] + step > hard_limits(self.arm).upper[index]:
-            step = -step  # there is room on the other side
         self.set_damping(0.0)
         rest = self.listen(self._gauge(joint), 2.5)
-        return check_sign(joint, self.measure, step=step, rest=rest)
+        return check_sign(joint, self.measure, rest=rest,
+                          step=self.roomy(index, self._goal[index], step))
 
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='damper_sign_test', formatter_class=argparse.RawDescriptionHelpFormatter,
-        description='Make small steps of each joint without and with the damper: it must damp.',
-        epilog='example, the arm and its nodes running:\n'
-               '  ros2 run tudor_dynamics damper_sign_test --arm my_arm.yaml --step 3\n\n'
-               'exit codes: 0 every sign is right, 1 a sign is wrong or unclear, 2 wrong input')
-    parser.add_argument('--arm', required=True, metavar='YAML', help='arm description')
-    parser.add_argument('--joints', nargs='+', metavar='JOINT',
-                        help='joints to test (default: all with a damper and a gauge)')
-    parser.add_argument('--step', type=float, default=3.0, metavar='DEG',
-                        help='size of the steps (default: 3)')
-    parser.add_argument('--slide', type=float, default=10.0, metavar='MM',
-                        help='size of the steps of prismatic joints (default: 10)')
-    return parser
-
-
-def step_size(arm: Arm, joint: str, degrees: float, millimetres: float) -> float:
-    """Give the step of a joint by its kind [rad or m]."""
-    return 1e-3 * millimetres if arm.is_prismatic(joint) else math.radians(degrees)
+    def run(self, joints: Sequence[str], options: Namespace) -> int:
+        """Test joints, and switch the damper on if all are right."""
+        assert self.q is not None
+        self._goal = self.q.copy()
+        right = True
+        for joint in joints:
+            result = self.test(joint, step_size(self.arm, joint, options))
+            right = right and result.sign is Sign.RIGHT
+            print(result.text, flush=True)
+        self.set_damping(1.0 if right else 0.0)
+        print('the damper is on' if right else 'the damper is off')
+        return 0 if right else 1
 
 
 def tested_joints(arm: Arm, wanted: Sequence[str] | None) -> list[str]:
@@ -206,42 +146,11 @@ def tested_joints(arm: Arm, wanted: Sequence[str] | None) -> list[str]:
     return list(wanted) if wanted else able
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the test as a process; args: those of the process by default."""
-    words = list(sys.argv if args is None else args)
-    options = _parser().parse_args(rclpy.utilities.remove_ros_args(words)[1:])
-    node: SignTester | None = None
-    try:
-        arm = load_arm(options.arm)
-        joints = tested_joints(arm, options.joints)
-        if not 0.0 < options.step <= 20.0:
-            msg = f'--step {options.step:g}: expected more than 0 and at most 20 degrees'
-            raise ArmError(msg)
-        if not 0.0 < options.slide <= 100.0:
-            msg = f'--slide {options.slide:g}: expected more than 0 and at most 100 mm'
-            raise ArmError(msg)
-        rclpy.init(args=words)
-        node = SignTester(arm)
-        node.wait()
-        results = []
-        for joint in joints:
-            results.append(node.test(joint, step_size(
-                arm, joint, options.step, options.slide)))
-            print(results[-1].text, flush=True)
-        right = all(result.sign is Sign.RIGHT for result in results)
-        node.set_damping(1.0 if right else 0.0)
-        print('the damper is on' if right else 'the damper is off')
-        return 0 if right else 1
-    except TudorError as err:
-        print(f'damper_sign_test: {" ".join(str(err).split())}', file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    finally:
-        if node is not None:
-            node.destroy_node()
-        if rclpy.ok():
-            rclpy.shutdown()
+main = partial(run_trial, trial_parser(
+    'damper_sign_test',
+    'Make small steps of each joint without and with the damper: it must damp.',
+    ['--arm my_arm.yaml --step 3'], '0 every sign is right, 1 a sign is wrong or unclear',
+    3.0, 10.0), SignTester, tested_joints, (20.0, 100.0))
 
 
 if __name__ == '__main__':

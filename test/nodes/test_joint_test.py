@@ -1,0 +1,132 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Program joint_test: what it refuses, and what it finds with a driver that is right, and lies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from patience import PATIENCE  # noqa: E402, I100
+from tudor_dynamics.nodes.joint_test import main  # noqa: E402, I100
+
+RELAY = """
+import sys
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+rclpy.init()
+node = Node('driver')
+node.declare_parameter('joints', ['joint3', 'joint2'])
+obey, report = eval(sys.argv[1]), eval(sys.argv[2])
+drive = node.create_publisher(Float64MultiArray, 'drive_commands', 10)
+states = node.create_publisher(JointState, 'joint_states', 10)
+def command(message):
+    drive.publish(Float64MultiArray(data=obey(list(message.data))))
+def state(message):
+    message.position = report(list(message.position))
+    states.publish(message)
+node.create_subscription(Float64MultiArray, 'velocity_commands', command, 10)
+node.create_subscription(JointState, 'drive_states', state, 10)
+rclpy.spin(node)
+"""
+"""A driver between the controller and the drives; joint1 comes first in its states."""
+TRUE = 'lambda x: x'
+LIES = {
+    'swapped': ('lambda u: u[::-1]', TRUE,
+                'joint2: its commands move joint3: the order of the commands is swapped'),
+    'negated': ('lambda u: [u[0], -u[1]]', TRUE,
+                'joint3: it moves the other way, the sign is turned'),
+    'a tenth': (TRUE, 'lambda q: [q[0], 0.7 + 0.1 * q[1], q[2]]',
+                "in the positions: the driver's own velocity is right"),
+    'deaf': ('lambda u: [0.0, 0.0]', TRUE, 'joint2: it does not answer')}
+
+
+def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line and exit code 2 for an arm without a damper, a foreign joint, a huge step."""
+    tudor = str(root / 'config/tudor.yaml')
+    for words, expected in (
+            (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no damper'),
+            (['--arm', tudor, '--joints', 'joint1'], "joint 'joint1' is not active"),
+            (['--arm', tudor, '--step', '50'], 'at most 5 degrees')):
+        assert main(['joint_test', *words]) == 2
+        error = capsys.readouterr().err
+        assert expected in error and len(error.splitlines()) == 1
+
+
+@contextmanager
+def running(root: Path, *codes: tuple[str, ...]) -> Iterator[None]:
+    """Run pieces of Python as processes, for a while."""
+    environment = {**os.environ, 'PYTHONPATH': str(root)}
+    processes = [subprocess.Popen(
+        [sys.executable, '-c', *code], env=environment, stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for code in codes]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGTERM)
+        for process in processes:
+            try:
+                process.wait(PATIENCE)
+            finally:
+                process.kill()
+
+
+def node(name: str) -> str:
+    """Give what runs a node."""
+    return f'import sys; from tudor_dynamics.nodes.{name} import main; sys.exit(main())'
+
+
+def test_drivers_that_are_right_and_that_lie(root: Path) -> None:
+    """Every lie is named, over topics; the next test begins where the one before has stopped."""
+    arm = str(root / 'config/tudor.yaml')
+    words = ['--ros-args', '-p', f'arm:={arm}']
+
+    def test(*options: str) -> tuple[int, str]:
+        done = subprocess.run(
+            [sys.executable, '-c', node('joint_test'), '--arm', arm, *options], timeout=PATIENCE,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+            env={**os.environ, 'PYTHONPATH': str(root)})
+        return done.returncode, done.stdout
+
+    with running(
+            root, (node('arm_simulator'), *words, '-p', 'rate:=100.0', '-r',
+                   'velocity_commands:=drive_commands', '-r', 'joint_states:=drive_states'),
+            (node('reference_generator'), *words, '-p', 'rate:=100.0'),
+            (node('oscillation_damper'), *words)):
+        with running(root, (RELAY, TRUE, TRUE)):
+            code, said = test('--controller', 'driver')
+            assert code == 1 and 'the order is another one' in said, said
+            assert 'nothing was moved' in said
+            code, said = test()
+            assert code == 0, said
+            for joint in ('joint2', 'joint3'):
+                assert f'{joint}: right' in said, said
+        for obey, report, expected in LIES.values():
+            with running(root, (RELAY, obey, report)):
+                code, said = test()
+                assert code == 1 and expected in said, said
+                assert 'oscillation_damper is inactive' in said, said

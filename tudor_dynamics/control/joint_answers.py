@@ -1,0 +1,362 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+How joints answer small nudges: which one, in which direction, how far and how late.
+
+A reading is compared with the way that commands have made: q = c + d t + a U(t - delay), with U
+the integral of a joint's commands. a is 1 where all is right; d is what the joint, or its encoder,
+does by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.control import settings
+from tudor_dynamics.typing import FloatArray
+
+
+@dataclass(frozen=True)
+class JointAnswer:
+    """What a joint made of its nudge."""
+
+    joint: str  # whose commands are judged
+    right: bool | None  # None where it is unclear: a larger nudge may tell
+    text: str  # the cause, and what to do
+    answered: str = ''  # joint whose positions answered; empty for none
+    sign: int = 0  # of that answer; 0 for none
+    scale: float = math.nan  # how far it moved, over how far it was commanded
+    error: float = math.nan  # standard deviation of that
+    delay: float = math.nan  # from a position to the answer to its command [s]
+    noise: float = math.nan  # standard deviation of the positions around the answer [rad or m]
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Positions of one joint by the commands of one: q = c + drift t + scale U(t - delay)."""
+
+    scale: float
+    error: float
+    delay: float
+    noise: float
+    drift: float
+    unexplained: float  # part of the motion, apart from the drift
+
+    delay_error: float  # [s]
+
+    @property
+    def clear(self) -> bool:
+        """Whether there is an answer at all."""
+        return abs(self.scale) > max(settings.ANSWER_ERRORS * self.error, settings.LEAST_ANSWER)
+
+    def near(self, scale: float) -> bool:
+        """Say whether the scale may be this one."""
+        return settings.SCALE_DOWN < self.scale / scale < settings.SCALE_UP
+
+
+def _times(scale: float) -> str:
+    """Say how far a joint moves, and what that may come from."""
+    off = {hint: abs(abs(math.log(scale)) - math.log(factor))
+           for factor, hint in settings.KNOWN_SCALES.items()}
+    hint = min(off, key=lambda hint: off[hint])
+    return (f'it moves {scale:.3g} times as far as commanded'
+            + (f' ({hint}?)' if off[hint] < settings.SCALE_NEAR else ''))
+
+
+def _stuck(way: FloatArray, widths: FloatArray) -> FloatArray:
+    """Give the part of a way (samples,) that sticks at each half width, (widths, samples)."""
+    left = np.zeros((len(way), len(widths)))
+    for k in range(1, len(way)):
+        left[k] = np.clip(left[k - 1], way[k] - widths, way[k] + widths)
+    return way - left.T
+
+
+def _lag(t: FloatArray, x: FloatArray, way: FloatArray) -> float:
+    """
+    Give how late positions x follow the way of commands, by their speeds [s].
+
+    What sticks changes speeds less than places, and late by nothing.
+    """
+    lags = np.arange(0.0, settings.DELAY_LONGEST, settings.DELAY_STEP)
+
+    def speed(values: FloatArray, times: FloatArray) -> FloatArray:
+        return np.interp(times, t, values) - np.interp(times - settings.ANSWER_WINDOW, t, values)
+    moved = speed(way, t[:, np.newaxis] - lags)
+    moved -= moved.mean(axis=0)
+    answers = speed(x, t) @ moved / np.sqrt(np.einsum('ij,ij->j', moved, moved) + 1e-30)
+    best = int(np.argmax(np.abs(answers)))
+    delay = float(lags[best])
+    if 0 < best < len(lags) - 1:
+        before, at, after = np.abs(answers[best - 1:best + 2])
+        bend = 2.0 * at - before - after
+        delay += float(settings.DELAY_STEP * 0.5 * (after - before) / bend if bend > 0.0 else 0.0)
+    return delay
+
+
+def _fit(t: FloatArray, x: FloatArray, way: FloatArray, *, back: bool) -> _Fit:
+    """
+    Fit positions x by the way of commands, each (samples,) at times t [s].
+
+    back: they went there and back, which says what sticks.
+    """
+    delay = _lag(t, x, way)
+    way = np.interp(t - delay, t, way)
+    best = (math.inf, 0.0, 0.0, 0.0, x)
+    line = np.column_stack([np.ones_like(t), t, way])
+    sticking = _stuck(way, np.ptp(way) * np.array(settings.STICKING)) if back else ()
+    for columns in (line, *(np.column_stack([line, stuck]) for stuck in sticking)):
+        found, _, rank, _ = np.linalg.lstsq(columns, x, rcond=1e-6)
+        off = x - columns @ found
+        energy = float(off @ off)
+        if energy < best[0] and (  # what sticks moves less, not more
+                columns is line or rank == 4 and found[2] * found[3] < 0.0):
+            spread = np.linalg.pinv(columns.T @ columns, rcond=1e-12)[2, 2]
+            best = energy, float(spread), float(found[2]), float(found[1]), off
+    energy, spread, scale, drift, off = best
+    # samples that resemble the ones before them count less (AR(1))
+    alike = min(max(float(off[1:] @ off[:-1]) / max(energy, 1e-30), 0.0), 0.999)
+    spread *= energy / max(len(t) - 6, 1) * (1.0 + alike) / (1.0 - alike)
+    y = x - np.polyval(np.polyfit(t, x, 1), t)
+    noise, speed = math.sqrt(energy / len(t)), abs(scale) * float(np.std(np.gradient(way, t)))
+    return _Fit(scale, math.sqrt(spread), delay, noise, drift, energy / max(float(y @ y), 1e-30),
+                0.5 * noise / max(speed, 1e-30))
+
+
+class JointRecord:
+    """
+    Positions and commands while one joint is nudged, after it has stood for a while.
+
+    nudged: index of the joint; step: size of the nudge [rad or m].
+    """
+
+    def __init__(self, arm: Arm, nudged: int, step: float) -> None:
+        assert arm.spec.damper is not None
+        self._joints, self._units = arm.active_joints, [
+            (1e3, 'mm') if arm.is_prismatic(name) else (math.degrees(1.0), 'deg')
+            for name in arm.active_joints]
+        self._late = max(settings.LATE_SHARE * arm.spec.damper.full_delay, settings.LATE)
+        self._nudged, self._step = nudged, abs(step)
+        self._t: list[float] = []
+        self._q: list[FloatArray] = []
+        self._dq: list[FloatArray] = []
+        self._commands: list[FloatArray] = []
+        self._way = np.zeros(len(self._joints))
+        self._stood = 0
+        self._commanded = False
+        self._skipped: tuple[float, FloatArray] = 0.0, np.zeros(len(self._joints))
+        self._end = math.inf
+        self.astray = False  # some joint is where no right arm would be: stop it now
+
+    def begin(self) -> None:
+        """Take what comes from now on as the nudge; the joints stood until here."""
+        self._stood = len(self._t)
+
+    def positions(self, t: float, q: FloatArray, dq: FloatArray | None = None) -> None:
+        """Take positions [rad] of a stamp [s], and what the driver calls their velocities."""
+        t, q = t - self._skipped[0], q - self._skipped[1]
+        if self._t and (t <= self._t[-1] or t > self._end):
+            return
+        if not self._commanded:  # of what moves it nothing is known yet
+            for kept in (self._t, self._q, self._dq, self._commands):
+                kept.clear()
+        if self._t and t > self._t[-1] + settings.ANSWER_GAP:  # what happened there is left out
+            gap, jump = t - self._t[-1] - settings.ANSWER_GAP, q - self._q[-1]
+            self._skipped = self._skipped[0] + gap, self._skipped[1] + jump
+            t, q = t - gap, q - jump
+            self._commands[-1] = np.zeros_like(q)
+        if self._t:
+            self._way = self._way + (t - self._t[-1]) * self._commands[-1]
+        self._t.append(t)
+        self._q.append(q.copy())
+        self._dq.append(np.full(len(q), np.nan) if dq is None else dq.copy())
+        self._commands.append(self._commands[-1] if self._commands else np.zeros(len(q)))
+        off = np.abs(q - self._q[0] - self._way)
+        if not self.astray and (np.any(off > self._step) or np.any(
+                np.abs(self._way) > settings.ASTRAY * self._step)):
+            self.astray, self._end = True, t + settings.ASTRAY_AFTER
+
+    def command(self, speed: FloatArray) -> None:
+        """Take the command that answers the newest positions [rad/s]."""
+        if self._t:
+            self._commanded, self._commands[-1] = True, speed.copy()
+
+    def judge(self) -> JointAnswer:
+        """Say how the nudged joint answered; if it did rightly, what else moved."""
+        if len(self._t) < settings.LEAST_SAMPLES:
+            return JointAnswer(self._joints[self._nudged], None, 'no commands or positions came')
+        self._time = np.array(self._t) - self._t[0]
+        self._ways = np.zeros_like(self._q)
+        self._ways[1:] = np.cumsum(
+            np.diff(self._time)[:, np.newaxis] * np.array(self._commands)[:-1], axis=0)
+        self._moved = np.array(self._q) - self._q[0]
+        found = self._judge(self._nudged)
+        off = np.ptp(self._moved - self._ways, axis=0)
+        for other in np.flatnonzero(off > settings.STRAYED * self._step):
+            if found.right is not False and other != self._nudged:
+                found = self._judge(int(other))
+        return found
+
+    def _judge(self, j: int) -> JointAnswer:
+        """Judge what the commands of one joint did."""
+        name = self._joints[j]
+        odd = self._by_itself(j)
+        if odd:
+            return JointAnswer(name, False, f'{name}: {odd}')
+        factor, unit = self._units[j]
+        way = np.ptp(self._ways[:, j])
+        if way < settings.LEAST_WAY * self._step:
+            return JointAnswer(name, None, f'{name}: it was hardly commanded, by '
+                               f'{factor * way:.2g} of {factor * self._step:.2g} {unit}')
+        fits = [_fit(self._time, self._moved[:, k], self._ways[:, j], back=not self.astray)
+                for k in range(len(self._joints))]
+        clear = [k for k, fit in enumerate(fits) if fit.clear]
+        if not clear:
+            right, text = self._silent(j, fits[j])
+            return JointAnswer(name, right, f'{name}: {text}')
+        k = j if fits[j].near(1.0) else min(clear, key=lambda k: fits[k].unexplained)
+        fit = fits[k]
+        gaps = self._skipped[0] / self._time[-1]
+        too = [i for i in clear if i != k and abs(fits[i].scale) > settings.MOVES_TOO]
+        if fit.unexplained > settings.UNEXPLAINED or gaps > settings.UNEXPLAINED:
+            right, text = None, f'{self._figures(j, fit)}; {100 * gaps:.0f} % of it are gaps'
+        elif k != j:
+            right, text = False, self._swapped(j, k)
+        elif not fit.near(1.0):
+            right, text = False, self._scaled(j, fit)
+        elif abs(fit.drift) > settings.DRIFT * self._step:
+            right, text = False, self._drifts(j, fit.drift)
+        elif too:
+            right, text = False, (f'its commands move {self._joints[too[0]]}, too: look at the '
+                                  'order and the wiring of the drives')
+        elif fit.delay - fit.delay_error > self._late:
+            right, text = False, (
+                f'it answers late, after {1e3 * fit.delay:.0f} ms, more than '
+                f'{1e3 * self._late:.0f} ms: shorten the loop, or lower the gains and raise '
+                'damper.full_delay')
+        elif fit.error > settings.SCALE_ERROR:
+            right, text = None, self._figures(j, fit)
+        else:
+            right, text = True, f'right; {self._figures(j, fit)}'
+        return JointAnswer(name, right, f'{name}: {text}', self._joints[k],
+                           1 if fit.scale > 0.0 else -1, abs(fit.scale), fit.error, fit.delay,
+                           fit.noise)
+
+    def _figures(self, j: int, fit: _Fit) -> str:
+        factor, unit = self._units[j]
+        return (f'it moves {fit.scale:.3g} +- {fit.error:.2g} times as far as commanded, after '
+                f'{1e3 * fit.delay:.0f} ms, noise {factor * fit.noise:.2g} {unit}')
+
+    def _velocity(self, j: int, k: int) -> _Fit | None:
+        """Fit the velocities that the driver itself reports; None where it reports none."""
+        dq = np.array(self._dq)[:, k]
+        if not np.isfinite(dq).all() or not dq.any():
+            return None
+        way = np.zeros_like(dq)
+        way[1:] = np.cumsum(np.diff(self._time) * 0.5 * (dq[1:] + dq[:-1]))
+        fit = _fit(self._time, way, self._ways[:, j], back=not self.astray)
+        return fit if fit.clear and fit.error < settings.SCALE_ERROR * abs(fit.scale) else None
+
+    def _scaled(self, j: int, fit: _Fit) -> str:
+        """Say that sign or scale is wrong, and of what."""
+        own = self._velocity(j, j)
+        if own is None:
+            where = 'in the drive or in the encoder'
+        elif own.near(1.0):
+            where = "in the positions: the driver's own velocity is right"
+        elif own.near(fit.scale):
+            where = 'in the drive, or in the encoder that position and velocity are from'
+        else:
+            where = f"in both: the driver's own velocity is {own.scale:.3g} times the command"
+        texts = ['it moves the other way, the sign is turned'] if fit.scale < 0.0 else []
+        if not (fit.near(1.0) or fit.near(-1.0)):
+            texts.append(_times(abs(fit.scale)))
+        return f'{"; ".join(texts)}; {where}'
+
+    def _swapped(self, j: int, k: int) -> str:
+        own = self._velocity(j, j)
+        if own is not None and own.near(1.0):
+            return (f'its commands move the positions of {self._joints[k]}, but its own velocity: '
+                    'the positions are swapped')
+        return (f'its commands move {self._joints[k]}: the order of the commands is swapped, or '
+                'that of all readings')
+
+    def _drifts(self, j: int, drift: float) -> str:
+        factor, unit = self._units[j]
+        return (f'it moves by itself, by {factor * drift:.2g} {unit}/s: an encoder that drifts, '
+                'a drive with an offset, or somebody else who commands it')
+
+    def _by_itself(self, j: int) -> str:
+        """Say what a joint does that no command made; empty for nothing."""
+        rows = slice(self._stood or None) if j == self._nudged else slice(None)
+        time, off = self._time[rows], (self._moved - self._ways)[rows, j]
+        if len(time) < settings.LEAST_SAMPLES:
+            return ''
+        line = np.polyfit(time, off, 1)
+        straight = np.ptp(off - np.polyval(line, time)) < settings.STRAIGHT * np.ptp(off)
+        if straight and abs(line[0]) > settings.DRIFT * self._step:
+            return self._drifts(j, line[0])
+        moved, way = np.ptp(self._moved[:, j]), np.ptp(self._ways, axis=0).max()
+        if moved > self._step and moved > settings.RUNAWAY * way:
+            return f'{_times(moved / way)}, to and fro: look at the scale of the drive'
+        return ''
+
+    def _silent(self, j: int, fit: _Fit) -> tuple[bool | None, str]:
+        """Say why positions do not answer at all."""
+        if not self._stood:  # nobody wanted it to move yet
+            return False, self._drifts(j, -self._ways[-1, j] / self._time[-1])
+        way = np.ptp(self._ways[:, j])
+        if (fit.error > settings.SCALE_ERROR
+                or np.ptp(self._moved[:, j]) > settings.MOVES_TOO * way):
+            return None, self._figures(j, fit)
+        factor, unit = self._units[j]
+        return False, (f'it does not answer to commands of {factor * way:.2g} {unit}: drive off, '
+                       'brake on, encoder frozen, or nobody hears its commands')
+
+
+def nudges(joint: str, q: float, step: float) -> Trajectory:
+    """Give a step there and back, twice, at constant speed: q, step [rad or m]."""
+    pause = settings.NUDGE_DWELL
+    leg = settings.NUDGE_TIME * max(abs(step) / settings.NUDGE, 1.0)
+    ends = np.arange(4) * (leg + pause) + leg
+    return Trajectory((joint,), np.ravel(ends[:, np.newaxis] + [0.0, pause]),
+                      np.repeat(q + step * np.array([1.0, 0.0, 1.0, 0.0]), 2)[:, np.newaxis])
+
+
+def pose_fault(arm: Arm, q: FloatArray) -> str:
+    """Say which joint stands where it cannot; empty for none: q (joints,) [rad or m]."""
+    limits = hard_limits(arm)
+    for j in np.flatnonzero((q < limits.lower - settings.BEYOND)
+                            | (q > limits.upper + settings.BEYOND)):
+        return (f'{arm.active_joints[j]} is at {q[j]:.4g}, outside its limits '
+                f'{limits.lower[j]:.4g} .. {limits.upper[j]:.4g}: look at order, sign, unit and '
+                'zero of the positions')
+    return ''
+
+
+def order_fault(joints: Sequence[str], found: Sequence[str]) -> str:
+    """Say what is wrong with the joints of a controller, in their order; empty for nothing."""
+    if list(found) == list(joints):
+        return ''
+    what = ('the order is another one' if sorted(found) == sorted(joints)
+            else 'these are other joints')
+    return (f'the controller has the joints {list(found)}, commands come for {list(joints)}: '
+            f'{what}; set its parameter joints to {list(joints)}')
