@@ -27,6 +27,8 @@ import pytest
 pytest.importorskip('rclpy')
 
 from patience import PATIENCE  # noqa: E402, I100
+from tudor_dynamics.arm.description import load_arm  # noqa: E402, I100
+from tudor_dynamics.mechanics.rig import Rig  # noqa: E402, I100
 from tudor_dynamics.nodes.damper_sign_test import main  # noqa: E402, I100
 
 
@@ -45,6 +47,7 @@ def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_the_simulated_arm_is_right(root: Path) -> None:
     """Simulator, reference generator and damper as processes; the test of joint 2 says right."""
     arm = str(root / 'config/tudor.yaml')
+    Rig(load_arm(arm)).run(0.1)  # compiles, for which the program does not wait
     environment = {**os.environ, 'PYTHONPATH': str(root)}
 
     def start(node: str, *words: str) -> subprocess.Popen:

@@ -29,6 +29,8 @@ import pytest
 pytest.importorskip('rclpy')
 
 from patience import PATIENCE  # noqa: E402, I100
+from tudor_dynamics.arm.description import load_arm  # noqa: E402, I100
+from tudor_dynamics.mechanics.rig import Rig  # noqa: E402, I100
 from tudor_dynamics.nodes.joint_test import main  # noqa: E402, I100
 
 RELAY = """
@@ -104,6 +106,7 @@ def test_drivers_that_are_right_and_that_lie(root: Path) -> None:
     """Every lie is named, over topics; the next test begins where the one before has stopped."""
     arm = str(root / 'config/tudor.yaml')
     words = ['--ros-args', '-p', f'arm:={arm}']
+    Rig(load_arm(arm)).run(0.1)  # compiles, for which the program does not wait
 
     def test(*options: str) -> tuple[int, str]:
         done = subprocess.run(
