@@ -190,7 +190,7 @@ class JointRecord:
         self._dq.append(np.full(len(q), np.nan) if dq is None else dq.copy())
         self._commands.append(self._commands[-1] if self._commands else np.zeros(len(q)))
         off = np.abs(q - self._q[0] - self._way)
-        if not self.astray and (np.any(off > self._step) or np.any(
+        if not self.astray and (np.any(off > settings.OFF * self._step) or np.any(
                 np.abs(self._way) > settings.ASTRAY * self._step)):
             self.astray, self._end = True, t + settings.ASTRAY_AFTER
 
@@ -208,6 +208,7 @@ class JointRecord:
         self._ways[1:] = np.cumsum(
             np.diff(self._time)[:, np.newaxis] * np.array(self._commands)[:-1], axis=0)
         self._moved = np.array(self._q) - self._q[0]
+        self._turned = np.abs(self._ways[-1]) < 0.5 * np.ptp(self._ways, axis=0)
         found = self._judge(self._nudged)
         off = np.ptp(self._moved - self._ways, axis=0)
         for other in np.flatnonzero(off > settings.STRAYED * self._step):
@@ -226,7 +227,7 @@ class JointRecord:
         if way < settings.LEAST_WAY * self._step:
             return JointAnswer(name, None, f'{name}: it was hardly commanded, by '
                                f'{factor * way:.2g} of {factor * self._step:.2g} {unit}')
-        fits = [_fit(self._time, self._moved[:, k], self._ways[:, j], back=not self.astray)
+        fits = [_fit(self._time, self._moved[:, k], self._ways[:, j], back=self._turned[j])
                 for k in range(len(self._joints))]
         clear = [k for k, fit in enumerate(fits) if fit.clear]
         if not clear:
@@ -272,7 +273,7 @@ class JointRecord:
             return None
         way = np.zeros_like(dq)
         way[1:] = np.cumsum(np.diff(self._time) * 0.5 * (dq[1:] + dq[:-1]))
-        fit = _fit(self._time, way, self._ways[:, j], back=not self.astray)
+        fit = _fit(self._time, way, self._ways[:, j], back=self._turned[j])
         return fit if fit.clear and fit.error < settings.SCALE_ERROR * abs(fit.scale) else None
 
     def _scaled(self, j: int, fit: _Fit) -> str:
