@@ -302,11 +302,27 @@ def test_what_is_not_commanded_is_unclear() -> None:
     assert record.judge().right is None and 'hardly commanded' in record.judge().text
 
 
+def test_gaps_are_left_out() -> None:
+    """A machine that stops for 0.2 s now and then leaves the verdict, or makes it unclear."""
+    for every, verdict in ((90, True), (20, None)):
+        record, q, speed = JointRecord(arm(), 0, STEP), AT.copy(), np.zeros(2)
+        for k in range(420):
+            if k == 100:
+                record.begin()
+            q = q + 0.01 * speed
+            record.positions(0.01 * k + 0.2 * (k // every), q)
+            speed = math.radians(1.0) * FIRST * (
+                0.0 if k < 100 else (0, 1, 0, -1)[(k - 100) // 40 % 4])
+            record.command(speed)
+        answer = record.judge()
+        assert answer.right is verdict, answer
+
+
 def test_orders_and_poses() -> None:
     """What can be said before anything moves."""
     joints = arm().active_joints
     assert order_fault(joints, ['joint2', 'joint3']) == ''
     assert 'the order is another one' in order_fault(joints, ['joint3', 'joint2'])
-    assert 'other joints' in order_fault(joints, ['joint1', 'joint2', 'joint3'])
+    assert 'the joints are other ones' in order_fault(joints, ['joint1', 'joint2', 'joint3'])
     assert pose_fault(arm(), AT) == ''
     assert 'joint2 is at 0, outside its limits' in pose_fault(arm(), np.zeros(2))

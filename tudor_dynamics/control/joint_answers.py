@@ -60,7 +60,6 @@ class _Fit:
     noise: float
     drift: float
     unexplained: float  # part of the motion, apart from the drift
-
     delay_error: float  # [s]
 
     @property
@@ -103,13 +102,7 @@ def _lag(t: FloatArray, x: FloatArray, way: FloatArray) -> float:
     moved = speed(way, t[:, np.newaxis] - lags)
     moved -= moved.mean(axis=0)
     answers = speed(x, t) @ moved / np.sqrt(np.einsum('ij,ij->j', moved, moved) + 1e-30)
-    best = int(np.argmax(np.abs(answers)))
-    delay = float(lags[best])
-    if 0 < best < len(lags) - 1:
-        before, at, after = np.abs(answers[best - 1:best + 2])
-        bend = 2.0 * at - before - after
-        delay += float(settings.DELAY_STEP * 0.5 * (after - before) / bend if bend > 0.0 else 0.0)
-    return delay
+    return float(lags[np.argmax(np.abs(answers))])
 
 
 def _fit(t: FloatArray, x: FloatArray, way: FloatArray, *, back: bool) -> _Fit:
@@ -155,87 +148,86 @@ class JointRecord:
             for name in arm.active_joints]
         self._late = max(settings.LATE_SHARE * arm.spec.damper.full_delay, settings.LATE)
         self._nudged, self._step = nudged, abs(step)
-        self._t: list[float] = []
-        self._q: list[FloatArray] = []
-        self._dq: list[FloatArray] = []
-        self._commands: list[FloatArray] = []
+        # Time, positions, the driver's velocities, and the commands in force from then on.
+        self._rows: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
         self._way = np.zeros(len(self._joints))
-        self._stood = 0
+        self._stood: int | None = None  # samples before the nudge
+        self._until: int | None = None  # samples before the end of it
         self._commanded = False
-        self._skipped: tuple[float, FloatArray] = 0.0, np.zeros(len(self._joints))
+        self._gaps, self._jumps = 0.0, np.zeros(len(self._joints))
         self._end = math.inf
         self.astray = False  # some joint is where no right arm would be: stop it now
 
     def begin(self) -> None:
         """Take what comes from now on as the nudge; the joints stood until here."""
-        self._stood = len(self._t)
+        self._stood = len(self._rows)
 
     def positions(self, t: float, q: FloatArray, dq: FloatArray | None = None) -> None:
         """Take positions [rad] of a stamp [s], and what the driver calls their velocities."""
-        t, q = t - self._skipped[0], q - self._skipped[1]
-        if self._t and (t <= self._t[-1] or t > self._end):
+        t, q, command = t - self._gaps, q - self._jumps, np.zeros_like(q)
+        if self._rows and (t <= self._rows[-1][0] or t > self._end):
             return
         if not self._commanded:  # of what moves it nothing is known yet
-            for kept in (self._t, self._q, self._dq, self._commands):
-                kept.clear()
-        if self._t and t > self._t[-1] + settings.ANSWER_GAP:  # what happened there is left out
-            gap, jump = t - self._t[-1] - settings.ANSWER_GAP, q - self._q[-1]
-            self._skipped = self._skipped[0] + gap, self._skipped[1] + jump
-            t, q = t - gap, q - jump
-            self._commands[-1] = np.zeros_like(q)
-        if self._t:
-            self._way = self._way + (t - self._t[-1]) * self._commands[-1]
-        self._t.append(t)
-        self._q.append(q.copy())
-        self._dq.append(np.full(len(q), np.nan) if dq is None else dq.copy())
-        self._commands.append(self._commands[-1] if self._commands else np.zeros(len(q)))
-        off = np.abs(q - self._q[0] - self._way)
+            self._rows.clear()
+        else:
+            before, last, _, command = self._rows[-1]
+            gap = t - before - settings.ANSWER_GAP
+            if gap > 0.0:  # what happened there is left out
+                self._gaps, self._jumps = self._gaps + gap, self._jumps + q - last
+                t, q = t - gap, last
+                self.command(np.zeros_like(q))
+            self._way = self._way + (t - before) * self._rows[-1][3]
+        self._rows.append((t, q, np.full(len(q), np.nan) if dq is None else dq, command))
+        off = np.abs(q - self._rows[0][1] - self._way)
         if not self.astray and (np.any(off > settings.OFF * self._step) or np.any(
                 np.abs(self._way) > settings.ASTRAY * self._step)):
             self.astray, self._end = True, t + settings.ASTRAY_AFTER
+            self._until = len(self._rows)
 
     def command(self, speed: FloatArray) -> None:
         """Take the command that answers the newest positions [rad/s]."""
-        if self._t:
-            self._commanded, self._commands[-1] = True, speed.copy()
+        if self._rows:
+            self._commanded, self._rows[-1] = True, (*self._rows[-1][:3], speed)
 
     def judge(self) -> JointAnswer:
-        """Say how the nudged joint answered; if it did rightly, what else moved."""
-        if len(self._t) < settings.LEAST_SAMPLES:
+        """Say how the nudged joint answered; if rightly, what else moved."""
+        if len(self._rows) < settings.LEAST_SAMPLES:
             return JointAnswer(self._joints[self._nudged], None, 'no commands or positions came')
-        self._time = np.array(self._t) - self._t[0]
-        self._ways = np.zeros_like(self._q)
-        self._ways[1:] = np.cumsum(
-            np.diff(self._time)[:, np.newaxis] * np.array(self._commands)[:-1], axis=0)
-        self._moved = np.array(self._q) - self._q[0]
+        t, q, self._dq, commands = (np.array(column) for column in zip(*self._rows, strict=True))
+        self._time, self._moved = t - t[0], q - q[0]
+        self._ways = np.zeros_like(q)
+        self._ways[1:] = np.cumsum(np.diff(t)[:, np.newaxis] * commands[:-1], axis=0)
         self._turned = np.abs(self._ways[-1]) < 0.5 * np.ptp(self._ways, axis=0)
-        found = self._judge(self._nudged)
         off = np.ptp(self._moved - self._ways, axis=0)
+        if self._stood is None:  # no joint was to move yet: the worst one first
+            return self._judge(int(np.argmax(off)))
+        found = self._judge(self._nudged)
         for other in np.flatnonzero(off > settings.STRAYED * self._step):
-            if found.right is not False and other != self._nudged:
+            if found.right and other != self._nudged:
                 found = self._judge(int(other))
         return found
 
     def _judge(self, j: int) -> JointAnswer:
         """Judge what the commands of one joint did."""
         name = self._joints[j]
+        fits = [_fit(self._time, self._moved[:, k], self._ways[:, j], back=self._turned[j])
+                for k in range(len(self._joints))]
+        clear = [k for k, fit in enumerate(fits) if fit.clear]
         odd = self._by_itself(j)
-        if odd:
+        if odd and (self._stood is None or j != self._nudged or not any(
+                fits[k].unexplained < settings.EXPLAINED for k in clear)):
             return JointAnswer(name, False, f'{name}: {odd}')
         factor, unit = self._units[j]
         way = np.ptp(self._ways[:, j])
         if way < settings.LEAST_WAY * self._step:
             return JointAnswer(name, None, f'{name}: it was hardly commanded, by '
                                f'{factor * way:.2g} of {factor * self._step:.2g} {unit}')
-        fits = [_fit(self._time, self._moved[:, k], self._ways[:, j], back=self._turned[j])
-                for k in range(len(self._joints))]
-        clear = [k for k, fit in enumerate(fits) if fit.clear]
         if not clear:
             right, text = self._silent(j, fits[j])
             return JointAnswer(name, right, f'{name}: {text}')
         k = j if fits[j].near(1.0) else min(clear, key=lambda k: fits[k].unexplained)
         fit = fits[k]
-        gaps = self._skipped[0] / self._time[-1]
+        gaps = self._gaps / self._time[-1]
         too = [i for i in clear if i != k and abs(fits[i].scale) > settings.MOVES_TOO]
         if fit.unexplained > settings.UNEXPLAINED or gaps > settings.UNEXPLAINED:
             right, text = None, f'{self._figures(j, fit)}; {100 * gaps:.0f} % of it are gaps'
@@ -266,9 +258,9 @@ class JointRecord:
         return (f'it moves {fit.scale:.3g} +- {fit.error:.2g} times as far as commanded, after '
                 f'{1e3 * fit.delay:.0f} ms, noise {factor * fit.noise:.2g} {unit}')
 
-    def _velocity(self, j: int, k: int) -> _Fit | None:
+    def _velocity(self, j: int) -> _Fit | None:
         """Fit the velocities that the driver itself reports; None where it reports none."""
-        dq = np.array(self._dq)[:, k]
+        dq = self._dq[:, j]
         if not np.isfinite(dq).all() or not dq.any():
             return None
         way = np.zeros_like(dq)
@@ -278,7 +270,7 @@ class JointRecord:
 
     def _scaled(self, j: int, fit: _Fit) -> str:
         """Say that sign or scale is wrong, and of what."""
-        own = self._velocity(j, j)
+        own = self._velocity(j)
         if own is None:
             where = 'in the drive or in the encoder'
         elif own.near(1.0):
@@ -293,7 +285,7 @@ class JointRecord:
         return f'{"; ".join(texts)}; {where}'
 
     def _swapped(self, j: int, k: int) -> str:
-        own = self._velocity(j, j)
+        own = self._velocity(j)
         if own is not None and own.near(1.0):
             return (f'its commands move the positions of {self._joints[k]}, but its own velocity: '
                     'the positions are swapped')
@@ -307,7 +299,7 @@ class JointRecord:
 
     def _by_itself(self, j: int) -> str:
         """Say what a joint does that no command made; empty for nothing."""
-        rows = slice(self._stood or None) if j == self._nudged else slice(None)
+        rows = slice(self._until if self._stood is None or j != self._nudged else self._stood)
         time, off = self._time[rows], (self._moved - self._ways)[rows, j]
         if len(time) < settings.LEAST_SAMPLES:
             return ''
@@ -322,7 +314,7 @@ class JointRecord:
 
     def _silent(self, j: int, fit: _Fit) -> tuple[bool | None, str]:
         """Say why positions do not answer at all."""
-        if not self._stood:  # nobody wanted it to move yet
+        if self._stood is None:  # nobody wanted it to move yet
             return False, self._drifts(j, -self._ways[-1, j] / self._time[-1])
         way = np.ptp(self._ways[:, j])
         if (fit.error > settings.SCALE_ERROR
@@ -357,7 +349,6 @@ def order_fault(joints: Sequence[str], found: Sequence[str]) -> str:
     """Say what is wrong with the joints of a controller, in their order; empty for nothing."""
     if list(found) == list(joints):
         return ''
-    what = ('the order is another one' if sorted(found) == sorted(joints)
-            else 'these are other joints')
-    return (f'the controller has the joints {list(found)}, commands come for {list(joints)}: '
-            f'{what}; set its parameter joints to {list(joints)}')
+    what = 'order is another one' if sorted(found) == sorted(joints) else 'joints are other ones'
+    return (f'the controller has {list(found)}, commands come for {list(joints)}: the {what}; '
+            f'set its parameter joints to {list(joints)}')

@@ -295,6 +295,7 @@ LATE_SHARE, LATE = 2.5, 0.05
 # Joints so far beyond a position limit stand where they cannot [rad or m]; source: none known.
 BEYOND = 0.01
 # A time without positions, longer than this, is left out [s].
-ANSWER_GAP = 0.04
+ANSWER_GAP = 0.08
 # Part of the motion that an answer may leave unexplained, and of the time that may be gaps.
-UNEXPLAINED = 0.15
+# Below this, what stood before was no drift.
+UNEXPLAINED, EXPLAINED = 0.15, 0.02

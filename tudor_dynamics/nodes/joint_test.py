@@ -99,8 +99,9 @@ class JointTester(Trial):
 
     def start(self) -> None:
         """Let the damper hold the arm where it stands, whatever was before."""
-        assert self.q is not None
         self._activate(False)
+        self.spin_until(lambda: False, NUDGE_STANDS)  # it brakes, and the reference comes to it
+        assert self.q is not None
         self._send(Trajectory(self.arm.active_joints, np.zeros(1), self.q[np.newaxis]))
         self.spin_until(lambda: False, NUDGE_STANDS)
         self._activate(True)
@@ -153,6 +154,7 @@ class JointTester(Trial):
             while answer.right is None and 2.0 * step <= largest:
                 print(f'{answer.text}: unclear, once more with a larger nudge', flush=True)
                 step *= 2.0
+                self.start()
                 answer = self.nudge(joint, step)
             print(answer.text, flush=True)
             if not answer.right:
