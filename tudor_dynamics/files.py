@@ -92,17 +92,31 @@ def scratch_prefix(path: Path) -> str:
 
 @contextmanager
 def whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
-    """Let a file or directory be written elsewhere first, so that nobody sees a part."""
+    """
+    Let a file or directory be written elsewhere first, so that nobody sees a part.
+
+    Devices, pipes and sockets stay what they are: that is an OSError. A symbolic link stays a
+    link; what it leads to is written.
+    """
     folder = None
     try:
-        folder = scratch_folder(path)
+        place = _replaceable(path)
+        folder = scratch_folder(place)
         yield folder / path.name
-        _put(folder / path.name, path, replace)
+        _put(folder / path.name, _replaceable(path), replace)
     except OSError as err:  # a full disk does not say of itself which file it was
         raise OSError(err.errno, err.strerror or str(err), str(path)) from None
     finally:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _replaceable(path: Path) -> Path:
+    """Give the place behind symbolic links, unless something stands there that is no file."""
+    place = Path(os.path.realpath(path))
+    if place.exists() and not (place.is_file() or place.is_dir()):
+        raise OSError(errno.EINVAL, 'no regular file, left as it is', str(path))
+    return place
 
 
 def _put(new: Path, path: Path, replace: bool) -> None:
