@@ -22,6 +22,8 @@ compared with what rosbags makes of the same bytes, message by message.
 
     python bench/fuzz.py
     python bench/fuzz.py --only bags:1234 --keep DIR
+    python bench/fuzz_bags.py --losses 500        whole fits of bags that lost messages
+    python bench/fuzz_urdfs.py --urdfs 2000       URDFs with faults that people make
 """
 
 from __future__ import annotations
@@ -57,8 +59,10 @@ def target(name, folder):
     from fuzzing.arms import Arms
     from fuzzing.bags import Bags
     from fuzzing.bundles import Bundles
-    if name == 'arms':
-        return Arms(folder, ROOT)
+    from fuzzing.losses import Losses
+    from fuzzing.urdfs import Urdfs
+    if name in ('arms', 'urdfs', 'losses'):
+        return {'arms': Arms, 'urdfs': Urdfs, 'losses': Losses}[name](folder, ROOT)
     return {'bags': Bags, 'bundles': Bundles}[name](folder)
 
 
@@ -93,7 +97,8 @@ def judge(kind, path):
     except Exception:
         outcome, text = WRONG, traceback.format_exc()
     seconds, memory = time.process_time() - begun, peak()
-    if seconds > MAX_SECONDS or memory > MAX_BYTES:
+    if (seconds > getattr(kind, 'seconds', MAX_SECONDS)
+            or memory > getattr(kind, 'memory', MAX_BYTES)):
         outcome, text = WRONG, f'{seconds:.1f} s, {memory / 1e6:.0f} MB'
     if outcome == READ:
         difference = kind.compare(path, found)
@@ -114,7 +119,7 @@ def work(name, seed, first, last, pipe):
     """Judge cases one after the other; the samples themselves must be read."""
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         kind = target(name, Path(folder, 'samples'))
-        for sample in kind.samples:
+        for sample in getattr(kind, 'first', kind.samples):
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore', TudorWarning)
                 kind.use(kind.make(None, sample, Path(folder)))  # compiles what is not yet
@@ -178,10 +183,10 @@ def run(name, seed, first, last):
     return tally
 
 
-def main():
+def main(description=__doc__, counts=COUNTS):
     """Damage, read, count."""
-    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    for name, count in COUNTS.items():
+    parser = argparse.ArgumentParser(description=description.strip().splitlines()[0])
+    for name, count in counts.items():
         parser.add_argument(f'--{name}', type=int, default=count, metavar='N')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--only', metavar='KIND:NUMBER', help='one case, in this process')
@@ -195,7 +200,7 @@ def main():
             print(f'{sample}, {path}:', *judge(kind, path)[:2], sep='\n')
         return 0
     failed = 0
-    for name in COUNTS:
+    for name in counts:
         begun = time.perf_counter()
         tally = run(name, args.seed, 0, getattr(args, name))
         failed += tally.wrong

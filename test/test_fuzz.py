@@ -20,6 +20,8 @@ from pathlib import Path
 import subprocess
 import sys
 
+import pytest
+
 
 def test_damaged_input(root: Path) -> None:
     """Some damaged bags, bundles and arms: refused on one line, or read as rosbags does."""
@@ -31,3 +33,14 @@ def test_damaged_input(root: Path) -> None:
     lines = done.stdout.splitlines()
     assert [line.split(':')[0] for line in lines] == ['bags', 'bundles', 'arms']
     assert lines[0].startswith('bags: 120 mutations') and ' 0 wrong; ' in lines[0]
+
+
+@pytest.mark.parametrize(('script', 'kind', 'count'), [
+    ('fuzz_bags.py', 'losses', 4), ('fuzz_urdfs.py', 'urdfs', 200)])
+def test_of_one_kind(root: Path, script: str, kind: str, count: int) -> None:
+    """Whole fits of bags that lost messages; URDFs with faults that people make."""
+    done = subprocess.run(
+        [sys.executable, f'bench/{script}', f'--{kind}', str(count), '--seed', '3'], cwd=root,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.startswith(f'{kind}: {count} mutations') and ' 0 wrong; ' in done.stdout

@@ -69,25 +69,30 @@ class Arms:
 
     def use(self, path):
         """Load, build all models, compute rows; TudorError where it is refused."""
-        arm = load_arm(path)
-        arm.digest  # noqa: B018 (computed when asked for)
-        n = len(arm.active_joints)
-        if n > MAX_JOINTS:
-            return {}
-        motion = np.random.default_rng(0).uniform(-1, 1, (5, 3 * n))
-        found = {'effort': EffortRegressor(arm).rows(motion)}
-        if arm.gauges:
-            found['strain'] = StrainRegressor(arm).rows(motion)
-        try:
-            build_mechanism(arm)
-        except TudorError:
-            pass
-        return found
+        return use_arm(path)[1]
 
     def compare(self, path, found):
         """Say which rows are no numbers."""
         bad = [name for name, rows in found.items() if not np.all(np.isfinite(rows))]
         return f'{", ".join(bad)}: rows are no numbers' if bad else None
+
+
+def use_arm(path):
+    """Load an arm, build all models, compute rows."""
+    arm = load_arm(path)
+    arm.digest  # noqa: B018 (computed when asked for)
+    n = len(arm.active_joints)
+    if n > MAX_JOINTS:
+        return arm, {}
+    motion = np.random.default_rng(0).uniform(-1, 1, (5, 3 * n))
+    found = {'effort': EffortRegressor(arm).rows(motion)}
+    if arm.gauges:
+        found['strain'] = StrainRegressor(arm).rows(motion)
+    try:
+        build_mechanism(arm)
+    except TudorError:
+        pass
+    return arm, found
 
 
 def _in_xml(rng, text):

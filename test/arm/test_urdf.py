@@ -12,16 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""URDFs that no arm has: endless, deep, with masses that are none."""
+"""URDFs that no arm has: endless, deep, closed, with masses that are none."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tudor_dynamics.arm.description import arm_from_dict
-from tudor_dynamics.arm.kinematics import model_from_urdf, read_urdf
+from tudor_dynamics.arm.kinematics import model_from_urdf
+from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.arm.urdf import read_urdf
 from tudor_dynamics.errors import ArmError
 
 LINK = ('<link name="l{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
@@ -36,6 +39,30 @@ def chain(links: int, kind: str = 'revolute') -> str:
     parts = [LINK.format(i) for i in range(links)]
     parts += [JOINT.format(i, i + 1, kind) for i in range(links - 1)]
     return f'<robot name="r">{"".join(parts)}</robot>'
+
+
+def with_joint(ends: str, more: str = '') -> str:
+    """Add a joint between some links to a chain of three."""
+    return chain(3).replace('</robot>', f'{more}<joint name="back" type="fixed">{ends}</joint>'
+                            '</robot>')
+
+
+def test_what_is_taken_otherwise_is_said(tmp_path: Path) -> None:
+    """Mimic joints are fixed; limits of 0 are none; a body that cannot be stays, with a note."""
+    text = chain(4).replace('</joint></robot>', '<mimic joint="j1"/></joint></robot>').replace(
+        'lower="-1" upper="1"', 'lower="0" upper="0"', 1).replace('ixx="1"', 'ixx="3"', 1)
+    (tmp_path / 'r.urdf').write_text(text)
+    content = {'name': 'r', 'kinematics': {'urdf': 'r.urdf'},
+               'joints': [{'name': 'j1'}, {'name': 'j2'}]}
+    arm = arm_from_dict(content, base=tmp_path, source='r.yaml')
+    assert arm.movable_joints == ('j1', 'j2')
+    assert [note.partition(':')[0] for note in arm.notes] == [
+        "joint 'j1' has limits of position from 0 to 0", "joint 'j3' mimics 'j1'",
+        "link 'l0' has moments of inertia (1, 1, 3 kg m^2) that no body has"]
+    assert hard_limits(arm).lower[0] == -np.inf
+    content['joints'].append({'name': 'j3'})
+    with pytest.raises(ArmError, match="'j3' is not in the kinematics, whose joints are .*mimic"):
+        arm_from_dict(content, base=tmp_path, source='r.yaml')
 
 
 def test_limits_that_are_none() -> None:
@@ -63,8 +90,30 @@ def test_chains_of_a_size_are_read() -> None:
     (chain(3).replace('xyz="1 0 0"', 'xyz="1 0 1e16"', 1), 'expected 3 finite numbers'),
     (chain(3).replace('xyz="0 0 1"', 'xyz="0 1"', 1), "joint 'j1' has axis xyz='0 1'"),
     (chain(3).replace('"l2"', '"l1"'), "link 'l1' is not unique"),
+    (with_joint('<parent link="l0"/><child link="l2"/>'), "'back' leads to 'l2', as 'j2' does"),
+    (with_joint('<parent link="l2"/><child link="l0"/>'), "link 'l0' is in a closed loop"),
+    (with_joint('<parent link="l2"/><child link="l2"/>'), 'a closed loop'),
+    (with_joint('<parent link="l2"/><child link="l9"/>'), "child 'l9', which is no link"),
+    (with_joint('<parent link="l2"/>'), "child '', which is no link"),
+    (chain(3).replace('</robot>', '<link name="m"/></robot>'), '2 roots .l0, m.'),
+    (chain(3).replace('"j2"', '"j1"'), "joint 'j1' is not unique"),
+    (chain(3).replace('name="j2"', ''), 'a joint has no name'),
+    (chain(3, 'ball'), "'j1' is of type 'ball'; write revolute"),
+    (chain(3, 'floating'), "'j1' is floating"),
+    (chain(3).replace('0 0 1', '0 0 0', 1), "'j1' has the axis '0 0 0' without length"),
+    (chain(3).replace('ixx="1"', 'ixx="-1"', 1), "'l0' has a negative moment of inertia"),
+    (chain(3).replace('ixy="0"', 'ixy="2"', 1), "'l0' has a negative moment of inertia"),
+    (chain(3).replace('lower="-1"', 'lower="2"', 1), "'j1' has limits from 2 to 1"),
+    (chain(3).replace('velocity="1"', 'velocity="-1"', 1), 'a negative limit of velocity'),
+    (chain(3).replace('mass value="1"', 'mass value="${m}"', 1), '.m.. is left from xacro'),
+    (chain(3).replace('"l2"', '"$(arg p)l2"'), 'is left from xacro; run `xacro IN'),
+    (chain(3).replace('<robot name="r">', '<robot name="r" xmlns:xacro="http://ros.org/xacro">'
+                      '<xacro:macro name="m"/>'), "'xacro:macro' is left from xacro"),
+    (with_joint('<parent link="l2"/><child link="m"/><mimic joint="gone"/>', '<link name="m"/>'),
+     "'back' mimics 'gone', which is no other joint"),
+    ('<sdf/>', 'begins with <sdf>, expected <robot>'),
     (chain(3).replace('<mass value="1"/>', '', 1), 'Inertial element must have a mass'),
-    ('<robot name="r"/>', 'No link elements'),
+    ('<robot name="r"/>', 'No link'),
     ('', 'no valid XML')])
 def test_refused(text: str, cause: str, capfd: pytest.CaptureFixture[str]) -> None:
     """One line names the cause; the parsers behind Pinocchio add none of their own."""

@@ -96,6 +96,24 @@ def test_too_little_motion_is_refused() -> None:
         learn_thresholds([ringing(7, 1)], CHANNELS)
 
 
+@pytest.mark.parametrize(('share', 'seed'), [
+    (0.3, 0), (0.5, 0), (0.5, 1), (0.5, 13), (0.5, 15), (0.5, 16), (0.7, 2), (0.7, 7), (0.9, 2)])
+def test_lost_samples_give_thresholds_or_a_reason(share: float, seed: int) -> None:
+    """Stretches that last long enough may have too few samples to be judged by."""
+    whole = ringing(60.0, seed)
+    keep = np.flatnonzero(np.random.default_rng(seed).random(len(whole.stamp)) > share)
+    step = np.diff(whole.stamp[keep])
+    parts = [FreeMotion(whole.stamp[rows], whole.motion[rows], whole.residual[rows])
+             for rows in np.split(keep, np.flatnonzero(step > 5 * np.median(step)) + 1)
+             if len(rows) > 1]
+    try:
+        tails = learn_thresholds(parts, CHANNELS).tails
+    except FitError as err:
+        assert 'of free motion are too little' in str(err)
+    else:
+        assert all(np.isfinite([tail.location, tail.scale]).all() for tail in tails)
+
+
 def test_round_trip(learned) -> None:
     """Thresholds survive being written as plain values; damaged ones are refused."""
     content = thresholds_to_dict(learned)

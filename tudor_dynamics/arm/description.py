@@ -295,8 +295,8 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
         raise ArmError(f'{source}: expected a YAML mapping with name, kinematics and joints')
     check_no_open_values(content, source)
     spec = read_spec(content, source)
-    model, urdf, note = build_model(spec, base, source)
-    return Arm(spec, model, source, urdf, (note,) if note else ())
+    model, urdf, notes = build_model(spec, base, source)
+    return Arm(spec, model, source, urdf, notes)
 
 
 def load_arm(path: str | Path) -> Arm:

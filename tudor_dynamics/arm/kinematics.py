@@ -24,16 +24,15 @@ from pathlib import Path
 import re
 import sys
 import tempfile
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 
-from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, LARGEST
+from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec
+from tudor_dynamics.arm.urdf import adapt, check, parse, read_urdf, remarks
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.files import read_text
 
 
 STEP = math.pi / 4
@@ -81,13 +80,16 @@ class ExactAngles:
                 f'{shown} [rad]')
 
 
-def build_model(spec: ArmSpec, base: Path, source: str) -> tuple[pin.Model, str | None, str]:
-    """Build the model of a description; returns model, text of the URDF, and a note or nothing."""
-    urdf, angles = None, ExactAngles()
+def build_model(
+    spec: ArmSpec, base: Path, source: str,
+) -> tuple[pin.Model, str | None, tuple[str, ...]]:
+    """Build the model of a description; returns model, text of the URDF, and notes."""
+    urdf, angles, notes = None, ExactAngles(), []
     if spec.kinematics.urdf is not None:
         file = base / spec.kinematics.urdf
         urdf = read_urdf(file)
         model = model_from_urdf(urdf, str(file), angles)
+        notes = remarks(parse(urdf, str(file)), [joint.name for joint in spec.joints])
     else:
         rows = [(a, angles.take(alpha, f'alpha of row {number}'), d,
                  angles.take(theta, f'theta of row {number}'))
@@ -97,7 +99,7 @@ def build_model(spec: ArmSpec, base: Path, source: str) -> tuple[pin.Model, str 
                               spec.kinematics.convention)
     _check_against_model(spec, model, source)
     model.gravity = pin.Motion(np.array(spec.gravity), np.zeros(3))
-    return model, urdf, angles.note()
+    return model, urdf, tuple(filter(None, [angles.note(), *notes]))
 
 
 def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
@@ -105,7 +107,8 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
     for joint in spec.joints:
         if joint.name not in known:
             raise ArmError(f'{source}: joint {joint.name!r} is not in the kinematics, '
-                           f'whose joints are {known}; correct joints[].name')
+                           f'whose joints are {known}; correct joints[].name '
+                           '(fixed joints, and those that mimic another, are none)')
     for joint in spec.joints:
         prismatic = is_prismatic(model, joint.name)
         if joint.type is not None and prismatic != (joint.type == 'prismatic'):
@@ -122,119 +125,6 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
                 msg = (f'{source}: gauge {gauge.name!r} is behind the prismatic joint '
                        f'{joint.name!r}, about whose axis nothing bends; give gauges[].axis')
                 raise ArmError(msg)
-
-
-# URDFs come from anywhere. The parsers that Pinocchio uses follow a chain of links by recursion
-# until the stack ends, and take NaN for a mass, so both are looked for here.
-
-MAX_URDF_BYTES = 20_000_000
-MAX_ELEMENTS = 100_000
-"""XML elements of all kinds."""
-MAX_DEPTH = 50
-"""Levels of XML elements; a URDF has six."""
-MAX_LINKS = 1000
-"""Links, and joints with the fixed ones: Pinocchio's parser ends the process at some thousands."""
-
-NUMBERS = {
-    'mass': {'value': 1}, 'origin': {'xyz': 3, 'rpy': 3}, 'axis': {'xyz': 3},
-    'inertia': dict.fromkeys(('ixx', 'iyy', 'izz', 'ixy', 'ixz', 'iyz'), 1),
-    'limit': dict.fromkeys(('lower', 'upper', 'effort', 'velocity'), 1)}
-"""Elements and attributes that are numbers, and how many."""
-
-
-class _Bounded(ElementTree.TreeBuilder):
-    """Builds the tree while it is small."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._depth = self._count = 0
-
-    def start(self, tag: str, attrs: dict[Any, Any], /) -> Any:
-        self._depth += 1
-        self._count += 1
-        if self._depth > MAX_DEPTH or self._count > MAX_ELEMENTS:
-            raise ArmError(f'more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements')
-        return super().start(tag, attrs)
-
-    def end(self, tag: str, /) -> Any:
-        self._depth -= 1
-        return super().end(tag)
-
-    def doctype(self, name: str, public: str | None, system: str | None) -> None:
-        """Refuse what could define entities, of which a few lines can stand for gigabytes."""
-        raise ArmError('has a DOCTYPE, which no URDF needs')
-
-
-def read_urdf(path: Path) -> str:
-    """Read a URDF file, of bounded size."""
-    return read_text(path, MAX_URDF_BYTES, 'the URDF', ArmError, 'check kinematics.urdf')
-
-
-def parse(text: str, path: str) -> ElementTree.Element:
-    """Parse a description within bounds."""
-    parser = ElementTree.XMLParser(target=_Bounded())
-    try:
-        parser.feed(text)
-        root: ElementTree.Element = parser.close()
-    except (ElementTree.ParseError, ValueError) as err:
-        if isinstance(err, ArmError):
-            msg = f'{path}: {err}: this is no URDF of an arm'
-        else:
-            msg = f'{path}: no valid XML ({err}); for xacro files run xacro first'
-        raise ArmError(msg) from None
-    for tag in ('link', 'joint'):
-        count = sum(1 for _ in root.iter(tag))
-        if count > MAX_LINKS:
-            msg = f'{path}: {count} {tag}s; at most {MAX_LINKS} are read: leave out what is no arm'
-            raise ArmError(msg)
-    return root
-
-
-def adapt(root: ElementTree.Element, path: str,
-          drawn: tuple[str, ...] = ('visual', 'collision')) -> None:
-    """Turn continuous joints into angles, and leave out what is drawn."""
-    for joint in root.iter('joint'):
-        kind = joint.get('type')
-        if kind == 'continuous':
-            # Pinocchio would use (cos q, sin q); one angle a joint keeps nq == nv, and the
-            # dynamics are the same.
-            joint.set('type', 'revolute')
-            limit = joint.find('limit')
-            if limit is None:
-                limit = ElementTree.SubElement(joint, 'limit')
-            limit.attrib.update(lower='-1e9', upper='1e9')
-            limit.attrib.setdefault('effort', '1e9')
-            limit.attrib.setdefault('velocity', '1e9')
-        elif kind in ('floating', 'planar'):
-            raise ArmError(f'{path}: joint {joint.get("name")!r} is {kind}; revolute, continuous, '
-                           'prismatic and fixed joints can be modelled')
-    for link in root.iter('link'):  # meshes are not needed and often not there
-        for tag in drawn:
-            for element in link.findall(tag):
-                link.remove(element)
-
-
-def _check_numbers(root: ElementTree.Element, path: str) -> None:
-    for part in (*root.findall('link'), *root.findall('joint')):
-        for element in part.iter():
-            for key, count in NUMBERS.get(element.tag, {}).items():
-                text = element.get(key)
-                if text is not None and not _are_numbers(text, count, element.tag):
-                    what = ('a mass in kg' if element.tag == 'mass' else
-                            'a finite number' if count == 1 else f'{count} finite numbers')
-                    raise ArmError(f'{path}: {part.tag} {part.get("name")!r} has {element.tag} '
-                                   f'{key}={text[:60]!r}; expected {what}')
-
-
-def _are_numbers(text: str, count: int, tag: str) -> bool:
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        return False
-    # a limit that is none may be any number
-    largest = sys.float_info.max if tag == 'limit' else LARGEST
-    return ('_' not in text and len(values) == count and all(abs(v) <= largest for v in values)
-            and not (tag == 'mass' and min(values) < 0.0))
 
 
 @contextmanager
@@ -262,7 +152,7 @@ def model_from_urdf(text: str, path: str, angles: ExactAngles | None = None) -> 
     """Build a model from a URDF; continuous joints become angles, fixed ones merge."""
     root = parse(text, path)
     adapt(root, path)
-    _check_numbers(root, path)
+    check(root, path)
     angles = angles or ExactAngles()
     for joint in root.iter('joint'):
         origin = joint.find('origin')

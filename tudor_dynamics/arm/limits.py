@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.kinematics import adapt, parse
 from tudor_dynamics.arm.schema import DRIVE_TIMEOUT, JointSpec, LimitSpec, PlannedSpec
+from tudor_dynamics.arm.urdf import adapt, check_numbers, parse
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import read_text
 from tudor_dynamics.typing import FloatArray
@@ -304,6 +304,7 @@ def _shapes(arm: Arm, folders: tuple[Path, ...], missing: list[str]) -> pin.Geom
             else:
                 mesh.set('filename', str(path))
     adapt(root, arm.source, drawn=('visual',))
+    check_numbers(root, arm.source)
     text = ElementTree.tostring(root, encoding='unicode')
     try:
         geometry = pin.buildGeomFromUrdfString(arm.full_model, text, pin.GeometryType.COLLISION)

@@ -295,7 +295,8 @@ class Assembly:
                 raise BagError(f'{stream.what} has no sample at the time of any joint state; let '
                                'both publishers stamp with the same clock', place=self.path)
             found &= inside
-            own, other = np.median(np.diff(stream.stamp)), np.median(np.diff(motion.stamp))
+            own, other = (np.median(np.diff(stamp)) if len(stamp) > 1 else 0.0
+                          for stamp in (stream.stamp, motion.stamp))
             if own > 1.5 * other:
                 self.notes.add(f'{stream.what} comes every {own * 1e-6:.3g} ms, joint states '
                                f'every {other * 1e-6:.3g} ms; interpolated')

@@ -274,9 +274,9 @@ LEAST_GAIN = 0.01
 
 def paid(before: FloatArray, after: FloatArray) -> bool:
     """Say whether left-out parts clearly pay for a candidate: before, after (parts,)."""
-    gains = before - after
-    if not np.all(np.isfinite(gains)) or not before.sum() > 0.0:
+    if not np.all(np.isfinite([before, after])) or not before.sum() > 0.0:
         return False
+    gains = before - after
     scatter = float(np.std(gains, ddof=1)) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
     return bool(np.sqrt(after.sum() / before.sum()) < 1.0 - LEAST_GAIN and gains.sum() > scatter)
 

@@ -273,11 +273,14 @@ def _payload(item: FittedOutput, arm: Arm) -> tuple[Grade, str] | None:
         return None  # a level axis carries no weight
     means = []
     for trace in item.validation.traces:
-        step = max(1, round(settings.MEAN / max(float(np.median(np.diff(trace.t))), 1e-9)))
+        period = float(np.median(np.diff(trace.t))) if len(trace.t) > 1 else settings.MEAN
+        step = max(1, round(settings.MEAN / max(period, 1e-9)))
         whole = len(trace.t) // step * step
         error = (trace.measured - trace.predicted)[:whole]
         means.append(error.reshape(-1, step, error.shape[1]).mean(axis=1))
-    error = np.sqrt(np.mean(np.vstack(means) ** 2, axis=0)) if means else np.full(len(span), 1.0)
+    if not sum(map(len, means)):
+        return None  # no stretch is as long as the mean
+    error = np.sqrt(np.mean(np.vstack(means) ** 2, axis=0))
     share = 2.0 * error / np.maximum(span, 1e-300)
     best = int(np.argmin(share))
     name, unit = model.channels[best], output_units(arm, item.output)[model.channels[best]]

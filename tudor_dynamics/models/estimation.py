@@ -342,7 +342,12 @@ class _Problem:
         size = np.sqrt(np.diag(total)[:-1])
         size = np.where(size > 1e-12 * size.max(initial=0.0), size, np.inf)
         information = total[:-1, :-1] / np.outer(size, size) + RIDGE * np.eye(len(size))
-        return grams, linalg.solve(information, total[:-1, -1] / size, assume_a='pos') / size
+        try:
+            best = linalg.solve(information, total[:-1, -1] / size, assume_a='pos')
+        except linalg.LinAlgError:
+            raise FitError('the torque constants cannot be found together with the parameters',
+                           remedy='record more motion, or give effort.torque_constant') from None
+        return grams, best / size
 
     def residual(self, logs: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray]:
         """Give Gram matrices, ``[-parameters, 1]``, and the sum of squares of each channel."""

@@ -219,7 +219,11 @@ def learn_thresholds(
         raise FitError('no free motion to learn thresholds from')
     period = float(np.median(np.concatenate([np.diff(r.t) for r in records])))
     step = max(STEP, period)
-    records = [r for r in records if r.t[-1] > 2.0 * ((LAGS + WINDOW) * step + BLOCK)]
+    block = max(1, round(BLOCK / period))
+    # each half has a block to be judged by after its past is complete, in time and in samples
+    past = math.ceil((LAGS + WINDOW) * step / period)
+    records = [r for r in records if r.t[-1] > 2.0 * ((LAGS + WINDOW) * step + BLOCK)
+               and len(r.t) // 2 >= past + block]
     seconds = float(sum(r.t[-1] for r in records))
     if seconds < LEAST_BLOCKS * BLOCK:
         raise FitError(f'{seconds:.1f} s of free motion are too little for thresholds; at least '
@@ -230,7 +234,7 @@ def learn_thresholds(
               for part in zip(*(r.halves() for r in records), strict=True)]
     # Ratios to a profile that was not learned from them: others are too small.
     laws = [(judged, learned.law()) for learned, judged in (halves, halves[::-1])]
-    ratios = np.vstack([judged.ratios(*law, round(BLOCK / period)) for judged, law in laws])
+    ratios = np.vstack([judged.ratios(*law, block) for judged, law in laws])
     usual = np.quantile(np.vstack([judged.levels(*law) for judged, law in laws]), USUAL_SHARE,
                         axis=0)
     taps, profile = rows.law()

@@ -28,7 +28,8 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.description import OPEN
 from tudor_dynamics.arm.kinematics import (
-    ExactAngles, is_prismatic, model_from_dh, model_from_urdf, read_urdf)
+    ExactAngles, is_prismatic, model_from_dh, model_from_urdf)
+from tudor_dynamics.arm.urdf import read_urdf
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import load_yaml, read_text
 
