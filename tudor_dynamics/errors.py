@@ -129,6 +129,17 @@ def check_type(
                             f'expected {" or ".join(kind.__name__ for kind in kinds)}: {advice}')
 
 
+MAX_STEPS, MAX_BYTES = 2e7, 4e9
+"""What one run may take at once: steps or samples, and memory of what is kept of them [bytes]."""
+
+
+def check_budget(what: str, steps: float, each: float = 8.0) -> None:
+    """Refuse a run that nobody could wait for, or no memory holds: each [bytes a step]."""
+    if not (steps <= MAX_STEPS and steps * each <= MAX_BYTES):
+        raise UsageError(f'{what}: {steps:.3g} steps of {each:g} bytes; at most {MAX_STEPS:g} '
+                         f'steps and {MAX_BYTES:g} bytes', remedy='take fewer or larger steps')
+
+
 class TudorWarning(UserWarning):
     """Something odd in data or a model that the user should know of."""
 

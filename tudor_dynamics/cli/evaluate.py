@@ -48,6 +48,10 @@ from tudor_dynamics.online.detector import DetectorSettings, Rates
 from tudor_dynamics.online.monitor import MonitorSettings
 
 
+LONGEST_DEBOUNCE = 60.0
+"""A push that lasts longer is none [s]."""
+
+
 # -- Options of ``tudor evaluate --collisions``, apart from what they need
 
 def configure_collisions(group: argparse._ArgumentGroup) -> None:
@@ -78,9 +82,10 @@ def configure_collisions(group: argparse._ArgumentGroup) -> None:
 
 def run_collisions(args: argparse.Namespace) -> int:
     """Replay bags through the detector, and judge it by what is known of the pushes."""
-    if not args.false_alarms > 0 or not args.debounce >= 0:
+    if not args.false_alarms > 0 or not 0 <= args.debounce <= LONGEST_DEBOUNCE:
         raise UsageError(f'--false-alarms {args.false_alarms:g} --debounce {args.debounce:g}: '
-                         'expected a rate above 0 per hour and a time of 0 s or more')
+                         'expected a rate above 0 per hour and a time of 0 to '
+                         f'{LONGEST_DEBOUNCE:g} s')
     if sum((bool(args.pushes), bool(args.truth), args.free)) > 1:
         raise UsageError('--pushes, --truth and --free exclude each other; give one of them')
     if args.pushes and len(args.pushes) != len(args.bags):

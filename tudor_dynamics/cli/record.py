@@ -26,7 +26,7 @@ from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.cli.console import (
     add_running, bar, finite, new_table, print_json, print_table)
 from tudor_dynamics.cli.excite import condition_values, print_conditions
-from tudor_dynamics.errors import BagError, UsageError
+from tudor_dynamics.errors import BagError, check_budget, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.fleet.cluster import on_cluster
 from tudor_dynamics.identification.excitation_plan import best_seed, excitation_report, read_motion
@@ -116,6 +116,8 @@ def _check(args: argparse.Namespace) -> None:
     if min(args.pushes, args.loads, args.seed) < 0:
         raise UsageError(f'--pushes {args.pushes} --loads {args.loads} --seed {args.seed}: none '
                          'can be negative')
+    check_budget(f'--stimuli {args.stimuli} --best-of {args.best_of}',
+                 args.stimuli * args.best_of, 4e4)
     if not 2.0 < args.seconds <= 3600.0:
         raise UsageError(f'--seconds {args.seconds}: give more than 2 and at most 3600')
 

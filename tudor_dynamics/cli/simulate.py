@@ -28,7 +28,7 @@ from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, watched
-from tudor_dynamics.errors import TudorWarning, UsageError
+from tudor_dynamics.errors import check_budget, TudorWarning, UsageError
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.plots import check_target, plot_configuration, signal_names
@@ -148,6 +148,7 @@ def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tupl
               ) -> PlantRecord:
     mechanism = plant.mechanism
     steps, every = Steps.of(args.seconds, args.dt, args.rate)
+    check_budget('torques and motion', steps, 32.0 * (2 + len(mechanism.joints)))
     t = np.arange(steps + 1) * args.dt
     motion, start, rate = None, plant.state.q.copy(), None
     if args.motion is not None:

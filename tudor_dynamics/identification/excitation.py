@@ -28,7 +28,7 @@ from tudor_dynamics.arm.limits import effort_limits, SelfCollision
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.errors import SignalError
+from tudor_dynamics.errors import check_budget, SignalError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Blocks, TrainingBlock
 from tudor_dynamics.models.estimation import expected, rescaled
@@ -90,6 +90,8 @@ def series(
         raise SignalError(f'a Fourier series of {seconds:g} s up to {highest:g} Hz has no room; '
                           f'give at least {2.0 * (REST + FADE):g} s, and a frequency above '
                           f'{1.0 / max(length, 1e-3):.3g} Hz')
+    check_budget(f'a Fourier series of {seconds:g} s up to {highest:g} Hz', seconds / dt,
+                 112.0 * harmonics)
     t = np.asarray(np.arange(int(round(seconds / dt)) + 1) * dt - REST, dtype=np.float64)
     window = [part[:, None] for part in fade(t, length, FADE)]
     w = 2.0 * np.pi / length * np.arange(1, harmonics + 1)

@@ -35,7 +35,7 @@ from tudor_dynamics.bags.messages import joint_signals, Signals, WRENCH_STAMPED
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.bags.writer import recording_series, write_bag
-from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.errors import check_budget, MAX_STEPS, SimulationError
 from tudor_dynamics.mechanics import chain as at, settings
 from tudor_dynamics.mechanics.closed_loop import CHUNK, ClosedLoop, LoopRecord
 from tudor_dynamics.mechanics.hardware import (
@@ -256,6 +256,8 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
         msg = f'the trajectory takes {", ".join(beyond)} beyond the limits of {arm.name}'
         raise SimulationError(msg, remedy='plan it for this arm (tudor excite)')
     t = trajectory.t - trajectory.t[0]
+    check_budget(f'a trajectory of {t[-1]:g} s at steps of {dt:g} s', t[-1] / dt,
+                 48.0 * len(arm.joints))
     curve = CubicHermiteSpline(t, q, dq)
     times = np.arange(int(t[-1] / dt + 1e-9) + 1) * dt
     return Reference(dt, curve(times), curve(times, 1), curve(times, 2))
@@ -416,7 +418,7 @@ def record_stimuli(
 def steps_per_message(dt: float, rate: float) -> int:
     """Give the number of steps between two messages: dt [s], rate [Hz]."""
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
-    if every < 1.0 - 1e-9 or abs(every - round(every)) > 1e-6:
+    if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
         raise SimulationError(f'a rate of {rate:g} Hz does not divide that of the loop, '
                               f'{1.0 / dt:g} Hz; give e.g. 100')
     return int(round(every))

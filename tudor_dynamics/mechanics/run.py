@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.errors import check_type, SimulationError, UsageError
+from tudor_dynamics.errors import check_budget, check_type, SimulationError, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import (
@@ -332,7 +332,9 @@ class Steps(NamedTuple):
             check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
             if not 0.0 < value < 1e9:
                 raise UsageError(f'{name} (--{name}) must be positive, found {value}')
-        return cls(max(int(round(seconds / dt)), 1), max(int(round(1.0 / (rate * dt))), 1))
+        check_budget(f'--seconds {seconds:g} --dt {dt:g}', seconds / dt)
+        total = max(int(round(seconds / dt)), 1)
+        return cls(total, max(int(round(1.0 / (rate * dt))), 1) if rate * dt > 1e-9 else 2 * total)
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,8 +399,10 @@ class _Recorder:
     def __init__(self, plant: Plant, probe: Probe, samples: int) -> None:
         self._plant, self._probe = plant, probe
         self._sensors = InertialSensors(plant.mechanism)
-        self.run = PlantRecord(**{name: np.zeros((samples, *np.shape(value)))
-                                  for name, value in self._look().items()})
+        shown = {name: np.shape(value) for name, value in self._look().items()}
+        check_budget('records', samples, 8.0 * sum(map(math.prod, shown.values())))
+        self.run = PlantRecord(**{name: np.zeros((samples, *shape))
+                                  for name, shape in shown.items()})
 
     def _look(self) -> dict[str, Any]:
         """Give all that is recorded of the present state, by the fields of `PlantRecord`."""

@@ -28,7 +28,7 @@ import numpy as np
 from scipy import linalg
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.errors import FitError, ModelError, NotFittedError
+from tudor_dynamics.errors import check_budget, FitError, ModelError, NotFittedError
 from tudor_dynamics.models.base import (
     Blocks, BundlePart, check_block, check_motion, check_payload, Flag, MAX_COEFFICIENT,
     MemorylessModel, ModelSettings, Payloads, Range, read, TrainingBlock, Whole)
@@ -121,9 +121,10 @@ class ExtremeLearningMachine(MemorylessModel):
 
     def fit_blocks(self: Machine, blocks: Blocks) -> Machine:
         """Learn from data that come in blocks; see ``MemorylessModel``."""
-        if self.hidden < 1 or not self.ridge >= 0:
-            raise FitError(f'hidden is {self.hidden} and ridge {self.ridge}; expected at least '
-                           'one neuron and a ridge of 0 or more')
+        if self.hidden < 1 or not self.ridge >= 0 or self.seed < 0:
+            raise FitError(f'hidden is {self.hidden}, ridge {self.ridge}, seed {self.seed}; '
+                           'expected at least one neuron, a ridge and a seed of 0 or more')
+        check_budget(f'{self.hidden} neurons', self.hidden, 16.0 * self.hidden)
         lows: list[FloatArray] = []
         highs: list[FloatArray] = []
         for block in blocks():
