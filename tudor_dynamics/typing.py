@@ -29,10 +29,28 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from tudor_dynamics.errors import SignalError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 IndexArray = NDArray[np.intp]
 Progress = Callable[[str], None]
 """Told what is done next."""
+
+
+def finite_array(values: ArrayLike, name: str, *shape: int | None) -> FloatArray:
+    """Take finite numbers of a shape, in which None is any length; anything else is refused."""
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise SignalError(f'{name} is {repr(values)[:60]}; expected numbers') from None
+    if found.ndim != len(shape) or any(
+            wanted not in (None, size) for wanted, size in zip(shape, found.shape, strict=True)):
+        words = ', '.join('any' if size is None else str(size) for size in shape)
+        raise SignalError(f'{name} has the shape {found.shape}; expected ({words})')
+    if not np.isfinite(found).all():
+        raise SignalError(f'{name} has values that are no finite numbers',
+                          remedy='leave such samples out')
+    return found

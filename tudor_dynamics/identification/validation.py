@@ -34,7 +34,7 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Inputs, Model
 from tudor_dynamics.models.estimation import Products, rescaled, squared_residuals
 from tudor_dynamics.signals.preprocessing import noise_gain
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray
 
 
 # -- Figures by which predictions are judged, per channel and over all channels.
@@ -212,9 +212,14 @@ def score(
     ------
     FitError
         If shapes differ or there is no sample.
+    SignalError
+        If a value is no finite number.
 
     """
-    return tally(measured, predicted, moving).score(names)
+    found = tally(measured, predicted, moving)
+    for name, values in (('measured', measured), ('predicted', predicted)):
+        finite_array(values, name, None, len(names))
+    return found.score(names)
 
 
 def rounded(score: Score, digits: int = 6) -> dict[str, Any]:

@@ -94,7 +94,7 @@ def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple
     if count == 0:
         return ()
     slot = (seconds - settings.FIRST_CHANGE) / count
-    if slot < settings.BETWEEN_CHANGES:
+    if not settings.BETWEEN_CHANGES <= slot < MAX_STEPS:
         raise SimulationError(f'{count} changes of the load do not fit into {seconds:g} s: each '
                               f'takes {settings.BETWEEN_CHANGES:g} s after the first '
                               f'{settings.FIRST_CHANGE:g} s; record longer or change less')
@@ -153,7 +153,7 @@ def random_pushes(
         return ()
     slot = (seconds - settings.FIRST_PUSH) / count
     longest = settings.HELD_TIME[1] if held else settings.PUSH_TIME[1]
-    if slot < 1.5 * longest + 0.5 * settings.PUSH_TIME[1]:
+    if not 1.5 * longest + 0.5 * settings.PUSH_TIME[1] <= slot < MAX_STEPS:
         room = 1.5 * longest + 0.5 * settings.PUSH_TIME[1]
         msg = (f'{count} pushes do not fit into {seconds:g} s: each takes up to {room:g} s after '
                f'the first {settings.FIRST_PUSH:g} s; record longer or push less')
@@ -238,6 +238,7 @@ def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: fl
         Sample time [s].
 
     """
+    check_budget(f'{seconds:g} s at steps of {dt:g} s', seconds / dt if dt > 0.0 else math.nan)
     if excitation == 'aprbs':
         return aprbs_motion(arm, seconds, seed, dt)
     return fourier_motion(joint_range(arm), motion_limits(arm), seconds, seed, dt)

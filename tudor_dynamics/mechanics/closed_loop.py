@@ -44,7 +44,7 @@ from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import Probe
 from tudor_dynamics.signals.filters import low_pass_gain
 from tudor_dynamics.signals.motion_profile import motion_limits
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray
 
 
 # -- The arm in closed loop, compiled: sensors, controller, drives and plant of one step after
@@ -354,7 +354,7 @@ class ClosedLoop:
         the first step on, integrators have the rest [A].
         """
         plant, state = self.plant, self._sensors.drive_state
-        wanted = np.broadcast_to(np.asarray(q, dtype=float), len(self._joints))
+        wanted = finite_array(q, 'q', len(self._joints))
         stiffness, play = self._drive[:, dr.GEAR_STIFFNESS], self._drive[:, dr.PLAY]
         index = self._plant.driven
         place = plant.mechanism.initial[plant.mechanism.q_index].copy()

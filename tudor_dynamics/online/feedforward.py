@@ -43,7 +43,7 @@ from tudor_dynamics.models.elastic.kernel import (
 from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
 from tudor_dynamics.online.settings import HELD_WITHIN, LEAST_LEVER, NEWTON_SETTLED, NEWTON_STEPS
 from tudor_dynamics.signals.motion_profile import states
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray
 
 
 Unit = Literal['model', 'current', 'torque']
@@ -433,6 +433,7 @@ class Feedforward:
 
     def efforts(self, motion: FloatArray) -> FloatArray:
         """Give the efforts, in ``units``, of states ``[q, dq, ddq]`` of motors, each by itself."""
+        motion = finite_array(motion, 'motion', None, 3 * len(self.joints))
         return self._asked(motion, motion)
 
     def _asked(

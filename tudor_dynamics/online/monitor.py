@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.errors import check_type, ModelError
+from tudor_dynamics.errors import check_type, ModelError, SignalError
 from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
@@ -409,6 +409,8 @@ class Monitor:
         check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
         check_type(settings, MonitorSettings, 'settings', "such as MonitorSettings(kind='elm')")
         bundle = bundle.beside_robot()
+        self._sizes = {'q': len(bundle.arm.active_joints),
+                       **{output: len(names) for output, names in bundle.arm.channels.items()}}
         self.filter = StateFilter(bundle.preprocessing, settings.gap)
         self.watch = Watch(bundle, settings, thresholds, payload)
         self.predictor = Predictor(
@@ -440,6 +442,7 @@ class Monitor:
             What became known; ``motion`` and ``predicted`` are those of this sample, or None.
 
         """
+        self._check('q', q)
         self.motion = self.filter.step(stamp, q, measured_velocity)
         self.predicted = None
         if self.motion is None:
@@ -448,6 +451,11 @@ class Monitor:
         if self.payload is not None and self.predicted is not None:
             self.predicted = self.payload.add_to(self.predicted, self.motion.row)
         return self.watch.add_motion(self.motion, self.predicted)
+
+    def _check(self, name: str, values: FloatArray) -> None:
+        if np.shape(values) != (self._sizes.get(name),):
+            raise SignalError(f'{name} has the shape {np.shape(values)}; expected '
+                              f'({self._sizes.get(name)},)')
 
     def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
         """
@@ -468,6 +476,7 @@ class Monitor:
             Residuals, ratios to the thresholds, and collisions that became known.
 
         """
+        self._check(output, values)
         if output == 'strain':
             self.predictor.add_strain(stamp, values)
         return self.watch.add_measured(output, stamp, values)

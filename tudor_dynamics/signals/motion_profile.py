@@ -28,9 +28,9 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.errors import SignalError
+from tudor_dynamics.errors import check_budget, SignalError
 from tudor_dynamics.signals import settings
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray
 
 if TYPE_CHECKING:
     from scipy.interpolate import BPoly
@@ -347,10 +347,13 @@ def follow_targets(
         Number of samples.
 
     """
+    start = finite_array(start, 'start', len(switches))
     count = max([len(item) for item in switches], default=0)
     padded = np.full((2, len(switches), max(count, 1)), np.inf)
     for j, (times, values) in enumerate(zip(switches, targets, strict=True)):
-        padded[0, j, :len(times)], padded[1, j, :len(values)] = times, values
+        padded[0, j, :len(times)] = finite_array(times, 'switches', None)
+        padded[1, j, :len(values)] = finite_array(values, 'targets', len(times))
+    check_budget(f'{samples} samples', samples, 24.0 * len(switches))
     q, dq, ddq = (np.zeros((samples, len(switches))) for _ in range(3))
     q[0] = start
     follow_all(padded[0], padded[1], limits.velocity, limits.acceleration, dt, q, dq, ddq)

@@ -29,7 +29,7 @@ from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.filters import (
     CausalDifferentiator, chebyshev, FilteredStates, forward_backward, low_pass, low_pass_sections,
     zero_phase)
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,6 +310,9 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
         If no stretch is long enough, or a cut-off does not fit the sample rate.
 
     """
+    for name in ('q', 'dq', 'effort', 'strain'):
+        if getattr(recording, name) is not None:
+            finite_array(getattr(recording, name), name, len(recording.stamp), None)
     stretches = []
     t_all = recording.t
     for part in recording.segments:
