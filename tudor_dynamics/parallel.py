@@ -85,7 +85,7 @@ class Workers(Protocol):
 
 
 _workers: Workers | None = None
-_watched = False
+_watched = _working = False
 
 
 @contextmanager
@@ -111,8 +111,11 @@ def in_threads(
     if len(pieces) < 2:
         return [work(piece) for piece in pieces]
     # joblib's threads are looked after every 10 ms, as long as some pieces take
-    with ThreadPoolExecutor(jobs) as pool:
+    pool = ThreadPoolExecutor(jobs)
+    try:
         return list(pool.map(work, pieces))
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)  # after an interrupt, some still compute
 
 
 def shared_out(
@@ -216,11 +219,14 @@ def _in_worker(
     def count(steps: int) -> None:
         board[row, STEPS] += steps
 
+    global _working
     try:
+        _working = True
         return work(piece, count)
     except SystemExit:  # the pool would take it for a result and go on with what is left
         os._exit(1)
     finally:
+        _working = False
         board[row, PROCESS] = 0
 
 
@@ -243,4 +249,7 @@ def _watch_parent(parent: int, folder: str) -> None:
 
 
 def _end(*_: object) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # comes again until the process has ended
+    if not _working:  # nothing is half written, and the pool would print what is raised
+        os._exit(1)
     raise SystemExit(1)

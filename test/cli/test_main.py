@@ -71,10 +71,29 @@ def test_errors_are_one_line(
     assert capsys.readouterr() == ('', f'{line}\n')
 
 
-def test_mistakes_of_ours_are_not_hidden(command: Any) -> None:
-    """An error that nobody raised on purpose keeps its traceback."""
-    command.run = _raise(ZeroDivisionError())
-    with pytest.raises(ZeroDivisionError):
+@pytest.mark.parametrize('err', [ZeroDivisionError('a\n\x1b[2Jb'), MemoryError(), RecursionError(
+    'x' * 9000), KeyError('k')])
+def test_mistakes_of_ours_are_one_line_and_a_file(
+    command: Any, capsys: pytest.CaptureFixture[str], tmp_path: Path, err: Exception,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An error that nobody raised on purpose leaves its traceback in a file to report."""
+    command.run = _raise(err)
+    monkeypatch.delenv(entry.DEBUG, raising=False)
+    monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path))
+    assert entry.main(['evaluate', 'bag']) == 70
+    out, line = capsys.readouterr()
+    assert out == '' and line.count('\n') == 1 and line[:-1].isprintable() and len(line) < 600
+    assert line.startswith(f'tudor evaluate: {type(err).__name__}: ')
+    file, = tmp_path.iterdir()
+    assert line.endswith(f'this is a defect of tudor: please report it with {file}\n')
+    text = file.read_text()
+    assert "['evaluate', 'bag']" in text and 'Traceback' in text and __version__ in text
+    monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path / 'gone'))
+    assert entry.main(['evaluate']) == 70
+    assert 'could not be written (No such file' in capsys.readouterr().err
+    monkeypatch.setenv(entry.DEBUG, '1')
+    with pytest.raises(type(err)):
         entry.main(['evaluate'])
 
 
@@ -97,7 +116,7 @@ def test_help_lists_all_commands(capsys: pytest.CaptureFixture[str]) -> None:
     shown = ' '.join(capsys.readouterr().out.split())
     for name, summary in entry.SUBCOMMANDS.items():
         assert f'{name} {summary}' in shown
-    assert 'exit codes: 0 done, 1 data or model not good enough, 2 wrong input' in shown
+    assert 'exit codes: 0 done, 1 data or model not good enough, 2 wrong input, 70' in shown
 
 
 def test_help_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:

@@ -29,6 +29,9 @@ import gc
 from importlib import import_module
 import os
 import sys
+import tempfile
+import threading
+import traceback
 from types import ModuleType
 import warnings
 
@@ -57,7 +60,10 @@ SUBCOMMANDS = {
     'import-merit': 'make a bag of a CSV file of the public TUDOR recordings (MERIt)',
 }
 
-OK, NOT_GOOD_ENOUGH, WRONG_INPUT = 0, 1, 2
+OK, NOT_GOOD_ENOUGH, WRONG_INPUT, DEFECT = 0, 1, 2, 70
+"""Exit codes; the last one, EX_SOFTWARE of sysexits.h, is for errors that nobody expected."""
+DEBUG = 'TUDOR_DEBUG'
+"""Environment variable; where it is set, such an error keeps its traceback."""
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
@@ -66,7 +72,8 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
         prog='tudor',
         description='Dynamics of lightweight and elastic robot arms, learned from rosbags.',
         epilog='an own arm begins with `tudor init BAG --urdf FILE --out arm.yaml`. '
-               'exit codes: 0 done, 1 data or model not good enough, 2 wrong input')
+               'exit codes: 0 done, 1 data or model not good enough, 2 wrong input, '
+               f'{DEFECT} a defect of tudor (with {DEBUG}=1: its traceback), 130 interrupted')
     parser.add_argument('--version', action='version', version=f'tudor_dynamics {__version__}')
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     for name, summary in SUBCOMMANDS.items():
@@ -129,7 +136,27 @@ def main(argv: Sequence[str] | None = None) -> int:
             return WRONG_INPUT
         except KeyboardInterrupt:
             _complain(name, 'interrupted')
+            if any(not item.daemon for item in threading.enumerate()[1:]):
+                os._exit(130)  # nobody waits for what threads compute
             return 130
+        except Exception as err:
+            if os.environ.get(DEBUG):
+                raise
+            what = f'{type(err).__name__}: {" ".join(str(err).split())[:300]}'
+            _complain(name, f'{what}; this is a defect of tudor: {_traceback_file(arguments)}')
+            return DEFECT
+
+
+def _traceback_file(arguments: Sequence[str]) -> str:
+    """Write what a report of a defect needs, and say where."""
+    try:
+        number, path = tempfile.mkstemp('.txt', 'tudor_defect_')
+        with open(number, 'w', encoding='utf-8', errors='replace') as file:
+            file.write(f'tudor_dynamics {__version__}, Python {sys.version}\n{arguments}\n\n'
+                       f'{traceback.format_exc()}')
+    except OSError as err:
+        return f'{DEBUG}=1 shows its traceback, which could not be written ({err.strerror})'
+    return f'please report it with {path}'
 
 
 def _complain(name: str, text: str) -> None:
