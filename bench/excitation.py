@@ -266,7 +266,8 @@ def closed_loop(folder):
                 here / 'random')
         command('fit', here / 'random' / 'stimulus_01', '--arm', arm, '--out', here / 'first',
                 '--force')
-        command('excite', arm, '--model', here / 'first', '--seed', seed, '--out', here / 'plan')
+        command('excite', arm, '--floor', '-9', '--model', here / 'first', '--seed', seed,
+                '--out', here / 'plan')
         command('record', '--arm', arm, '--trajectory', here / 'plan', '--stimuli', 1, '--jobs', 1,
                 '--seed', seed + 10, '--out', here / 'planned')
         found = command('fit', here / 'planned' / 'stimulus_01', '--arm', arm, '--plan',

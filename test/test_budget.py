@@ -38,7 +38,8 @@ RECORD = 'record --arm config/tudor.yaml --out {out} --seconds 3 --stimuli 1'
     (f'{RECORD} --best-of 1000000000', '--stimuli 1 --best-of 1000000000'),
     (f'{RECORD} --rate 1e-300', 'does not divide'),
     (f'{RECORD} --trajectory {{table}}', 'a trajectory of 1e+09 s'),
-    ('excite config/tudor.yaml --out {out} --seconds 3600 --budget 1', 'a Fourier series of 3600'),
+    ('excite config/tudor.yaml --out {out} --floor 0 --seconds 3600 --budget 1',
+     'a Fourier series of 3600'),
 ])
 def test_every_command(
     words: str, cause: str, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],

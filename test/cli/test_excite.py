@@ -18,9 +18,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from robot_making import described_arm, JOINTS
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
@@ -30,8 +33,8 @@ from tudor_dynamics.cli.main import main
 
 def excite(root: Path, out: Path, *more: str) -> int:
     """Plan a short motion of the reference arm."""
-    return main(['excite', str(root / 'config' / 'tudor.yaml'), '--out', str(out), '--seconds',
-                 '14', '--steps', '6', *more])
+    return main(['excite', str(root / 'config' / 'tudor.yaml'), '--out', str(out), '--floor', '0',
+                 '--seconds', '14', '--steps', '6', *more])
 
 
 def test_plan_record_fit(
@@ -41,7 +44,7 @@ def test_plan_record_fit(
     arm = str(root / 'config' / 'tudor.yaml')
     assert excite(root, tmp_path / 'plan', '--noise', '0.05', '--noise-of', 'link2_hub=3') == 0
     said = capsys.readouterr().out
-    assert 'no shapes of links' in said and 'coulomb+(joint2)' in said
+    assert 'capsules of 0.05 m' in said and 'coulomb+(joint2)' in said
     assert sorted(p.name for p in (tmp_path / 'plan').iterdir()) == [
         'bag', 'motion.png', 'plan.json', 'trajectory.csv']
     head = json.loads((tmp_path / 'plan' / 'plan.json').read_text())
@@ -90,9 +93,43 @@ def test_wrong_input(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(('walls', 'inside'), [
+    (('--floor', '0.1'), lambda x: x[:, 2].min() > 0.14),
+    (('--box', '-0.4', '9', '-0.3', '0.6', '0', '9'), lambda x: (
+        x[:, 0].min() > -0.36 and x[:, 1].min() > -0.26 and x[:, 1].max() < 0.56))])
+def test_walls_and_efforts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], walls: tuple[str, ...], inside: Any,
+) -> None:
+    """An arm without meshes stays within walls, and below the efforts of its URDF."""
+    described_arm(tmp_path, currents=True)
+    arm = tmp_path / 'robot.yaml'
+    limits = {'acceleration': 6.0}
+    arm.write_text(json.dumps({
+        'name': 'robot', 'kinematics': {'urdf': 'robot.urdf'}, 'joints': [
+            {'name': name, 'effort': {'topic': 'joint_states', 'unit': 'A'}, 'limits': limits}
+            for name in JOINTS]}))
+    words = ['excite', str(arm), '--out', str(tmp_path / 'plan'), '--seconds', '14',
+             '--steps', '6']
+    assert main(words) == 2
+    assert 'nothing says where the arm may move; give --floor Z' in capsys.readouterr().err
+    assert main([*words, '--box', '1', '0', '0', '1', '0', '1']) == 2
+    assert 'the first is the smaller one' in capsys.readouterr().err
+    assert main([*words, *walls]) == 0
+    said = capsys.readouterr().out
+    assert 'by 0 shapes and 5 capsules of 0.05 m' in said and 'efforts are not looked' not in said
+    head = json.loads((tmp_path / 'plan' / 'plan.json').read_text())
+    assert 0.0 < max(head['part_of_limits']['effort'].values()) <= 1.0 + 1e-6
+    model = load_arm(arm).model
+    data, tips = model.createData(), []
+    for q in read_trajectory(tmp_path / 'plan' / 'trajectory.csv').q:
+        pin.framesForwardKinematics(model, data, q)
+        tips.append(data.oMf[model.getFrameId('tool')].translation.copy())
+    assert inside(np.array(tips))
+
+
 def test_limits_are_needed(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Without speeds nothing is planned, and nothing that is there is overwritten."""
-    assert main(['excite', str(root / 'config' / 'two_blade_arm.yaml'), '--out',
+    assert main(['excite', str(root / 'config' / 'two_blade_arm.yaml'), '--floor', '0', '--out',
                  str(tmp_path / 'plan')]) == 2
     assert 'no limits of velocity and acceleration' in capsys.readouterr().err
     assert excite(root, tmp_path) == 2

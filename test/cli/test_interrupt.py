@@ -28,7 +28,7 @@ COMMANDS = {
     'stream': 'fit bags/two_blade_train_1 bags/two_blade_train_2 --stream --jobs 2 '
               '--arm config/two_blade_arm.yaml --out {out}',
     'record': 'record --arm config/tudor.yaml --stimuli 9 --seconds 900 --jobs 1 --out {out}',
-    'excite': 'excite config/tudor.yaml --steps 100000 --out {out}',
+    'excite': 'excite config/tudor.yaml --floor 0 --steps 100000 --out {out}',
 }
 
 

@@ -45,7 +45,7 @@ COMMANDS = {
     'fit': 'fit {bag} --arm config/two_blade_arm.yaml --overwrite --out {pipe}',
     'feedforward': 'feedforward {table} --model {model} --overwrite --out {pipe}.csv',
     'feedforward to a bag': 'feedforward {bag} --model {model} --overwrite --out {pipe}',
-    'excite': 'excite config/two_blade_arm.yaml --out {pipe}',
+    'excite': 'excite config/two_blade_arm.yaml --floor 0 --out {pipe}',
     'fleet': 'fleet {plan} --out {pipe}',
     'init': 'init {bag} --overwrite --out {pipe}.yaml',
     'import-merit': 'import-merit {merit} --out {pipe}',

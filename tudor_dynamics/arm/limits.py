@@ -16,17 +16,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 import math
 import os
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 
+from pinocchio import hppfcl as fcl
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import DRIVE_TIMEOUT, JointSpec, LimitSpec, PlannedSpec
 from tudor_dynamics.arm.urdf import adapt, check_numbers, parse
@@ -169,7 +172,8 @@ def drive_stop(arm: Arm) -> DriveStop:
 # Distances between links use the shapes that the URDF has for collisions. Meshes are replaced by
 # their convex hulls, which enclose them and make distances cheap and signed. Links that a joint
 # connects touch always, and are no pair; neither are those that an SRDF takes out, nor hulls that
-# overlap in nearly all poses. What surrounds the arm is not considered.
+# overlap in nearly all poses. Links without shapes are capsules between the frames of joints. What
+# surrounds the arm is a floor or a box, of walls that all links that move keep away from.
 
 MAX_MESH_BYTES = 50_000_000
 MAX_SRDF_BYTES = 20_000_000
@@ -177,6 +181,22 @@ MESHES = ('.stl', '.dae', '.obj')
 POSES, ALWAYS = 200, 0.9
 """Random poses, and the part of them at which a pair overlaps that is left out; source: none
 known."""
+RADIUS = 0.05
+"""Of capsules in place of links without shapes [m]."""
+THICK = 20.0
+"""Of walls, which are boxes [m]."""
+Wall = tuple[FloatArray, FloatArray]
+"""Normal that points to the arm's side (3,), and a point (3,) [m], in the base frame."""
+
+
+def walls_of(arm: Arm, floor: float | None, box: Sequence[float] | None) -> list[Wall]:
+    """Give the walls of a floor [m above the base] and of a box [x, x, y, y, z, z in m]."""
+    gravity = np.array(arm.spec.gravity, dtype=float)
+    up = -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
+    found = [] if floor is None else [(up, floor * up)]
+    for axis, low, high in () if box is None else zip(np.eye(3), box[::2], box[1::2], strict=True):
+        found += [(axis, low * axis), (-axis, high * axis)]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +213,7 @@ class SelfCollision:
 
     def __init__(
         self, arm: Arm, folders: tuple[Path, ...] = (), srdf: Path | None = None,
+        walls: Sequence[Wall] = (), radius: float | None = None,
     ) -> None:
         self._model = arm.model
         self._index = arm.velocity_index
@@ -201,16 +222,23 @@ class SelfCollision:
         missing: list[str] = []
         if arm.urdf is not None:
             self._geometry = _shapes(arm, folders, missing)
+        shapes = len(self._geometry.geometryObjects)
+        capsules = 0 if radius is None else self._add_capsules(radius)
+        self._walls = len(walls)
+        for number, (normal, point) in enumerate(walls):
+            self._add(f'wall {number + 1}_', 0, fcl.Box(THICK, THICK, THICK),
+                      point - 0.5 * THICK * normal, normal)
         disabled = set() if srdf is None else _disabled(srdf)
         left_out = self._add_pairs(disabled)
         self._renew()
         if self.pairs:
             left_out += self._drop_always(arm)
-        shapes = len(self._geometry.geometryObjects)
         self.note = (
             'no shapes of links in the description: self-collisions are not looked at' if not
-            shapes and not missing else
-            f'self-collisions: {self.pairs} pairs of links, by {shapes} shapes')
+            shapes and not missing and not capsules else
+            f'self-collisions: {self.pairs} pairs of links and walls, by {shapes} shapes')
+        if capsules:
+            self.note += f' and {capsules} capsules of {radius:g} m from joint to joint'
         if missing:
             self.note += (f'; {len(missing)} shapes are left out, whose meshes are not there '
                           f'({missing[0]}{", ..." if len(missing) > 1 else ""}): give --meshes')
@@ -222,6 +250,34 @@ class SelfCollision:
         """Count the pairs of shapes that are looked at."""
         return len(self._geometry.collisionPairs)
 
+    def _add(
+        self, name: str, joint: int, shape: Any, centre: FloatArray, axis: FloatArray,
+    ) -> None:
+        """Add a shape whose z axis points along another one."""
+        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix()
+        self._geometry.addGeometryObject(
+            pin.GeometryObject(name, joint, pin.SE3(turn, centre), shape))
+
+    def _add_capsules(self, radius: float) -> int:
+        """Let links without shapes be capsules from joint to joint, the last one to the tip."""
+        model = self._model
+        shaped = {item.parentJoint for item in self._geometry.geometryObjects}
+        ends: dict[int, list[FloatArray]] = {
+            k: [] for k in range(model.njoints) if k not in shaped}
+        for k in range(1, model.njoints):
+            ends.get(model.parents[k], []).append(model.jointPlacements[k].translation)
+        for k in (k for k, found in ends.items() if k and not found):
+            frames = [frame.placement.translation for frame in model.frames
+                      if frame.parentJoint == k]
+            ends[k] = [max(frames, key=np.linalg.norm)] if frames else [np.zeros(3)]
+        found = [(k, end) for k, places in ends.items() for end in places if k or end.any()]
+        for k, end in found:
+            length = float(np.linalg.norm(end))
+            shape = fcl.Capsule(radius, length) if length > radius else fcl.Sphere(radius)
+            self._add(f'{model.names[k]}_', k, shape, 0.5 * end,
+                      end if length > radius else np.array([0.0, 0.0, 1.0]))
+        return len(found)
+
     def _renew(self) -> None:
         self._data = self._model.createData()
         self._seen = pin.GeometryData(self._geometry)
@@ -232,7 +288,9 @@ class SelfCollision:
         for i, one in enumerate(objects):
             for k in range(i + 1, len(objects)):
                 a, b = one.parentJoint, objects[k].parentJoint
-                if a == b or parents[a] == b and a > 0 or parents[b] == a and b > 0:
+                wall = k >= len(objects) - self._walls  # stands at the end, and at the base
+                if a == b or not wall and (
+                        parents[a] == b and a > 0 or parents[b] == a and b > 0):
                     continue
                 if frozenset((self._link(i), self._link(k))) in disabled:
                     left_out += 1

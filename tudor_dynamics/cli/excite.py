@@ -28,7 +28,7 @@ import numpy as np
 from rich.progress import BarColumn, TimeElapsedColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.arm.limits import SelfCollision
+from tudor_dynamics.arm.limits import RADIUS, SelfCollision, walls_of
 from tudor_dynamics.cli.console import bar, finite, new_table, print_json, print_table
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import whole
@@ -94,15 +94,17 @@ def print_comparison(comparison: Comparison) -> None:
 
 EXAMPLES = """\
 examples:
-  tudor excite my_arm.yaml --out plan
-        one minute of motion; standard errors are for a noise of 1 in each channel
-  tudor excite my_arm.yaml --out plan --noise 0.4
+  tudor excite my_arm.yaml --floor 0 --out plan
+        one minute of motion above the table that the arm stands on; standard errors are for a
+        noise of 1 in each channel
+  tudor excite my_arm.yaml --floor 0 --out plan --noise 0.4
         the same for efforts whose samples have a noise of 0.4
-  tudor excite my_arm.yaml --out plan --noise 0.4 --noise-of wrist=0.1 link2_hub=1.5
+  tudor excite my_arm.yaml --floor 0 --out plan --noise 0.4 --noise-of wrist=0.1 link2_hub=1.5
         other noise for single joints and gauges, in their units
-  tudor excite my_arm.yaml --out plan --model MODEL
+  tudor excite my_arm.yaml --floor 0 --out plan --model MODEL
         noise, friction and filters of an earlier fit, and efforts by its model
-  tudor excite my_arm.yaml --out plan --srdf my_arm.srdf --meshes my_workspace/src
+  tudor excite my_arm.yaml --box -0.9 0.9 -0.9 0.9 0 1.5 --out plan --srdf my_arm.srdf \\
+      --meshes my_workspace/src
 
 PLAN has the motion as a bag (trajectory_msgs/JointTrajectory), as CSV and as a picture, and what
 it will show in plan.json. Then move the robot and record: tudor fit RUN --plan PLAN says what was
@@ -135,7 +137,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     noise.add_argument('--model', metavar='MODEL',
                        help='bundle of this arm, whose residuals say it; also what friction is '
                             'fitted behind which filters, and how large efforts will be')
-    links = parser.add_argument_group('self-collisions')
+    links = parser.add_argument_group('what the arm keeps away from (--floor or --box is needed)')
+    links.add_argument('--floor', type=float, metavar='Z',
+                       help='height of the floor or table above the base [m]: 0 where the arm '
+                            'stands on it')
+    links.add_argument('--box', type=float, nargs=6, metavar='M',
+                       help='walls: x x y y z z in the base frame [m], the smaller one first')
+    links.add_argument('--radius', type=float, default=RADIUS, metavar='M',
+                       help=f'of links whose shapes are not known ({RADIUS:g})')
     links.add_argument('--srdf', metavar='FILE', help='pairs of links that need no look')
     links.add_argument('--meshes', nargs='+', default=[], metavar='DIR', action='extend',
                        help='where packages with meshes are')
@@ -153,12 +162,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def _check(args: argparse.Namespace) -> None:
     for name, least, most in (('seconds', 10.0, 3600.0), ('rate', 10.0, 10_000.0),
                               ('highest', 1e-3, 50.0), ('steps', 1, 10**6), ('seed', 0, 2**63),
-                              ('noise', 1e-12, 1e12), ('budget', 0.0, 1e6)):
+                              ('noise', 1e-12, 1e12), ('budget', 0.0, 1e6), ('radius', 1e-3, 1.0)):
         value = getattr(args, name)
         if value is not None and not least <= value <= most:
             raise UsageError(f'--{name} {value:g}: give {least:g} to {most:g}')
     if args.model and (args.noise is not None or args.noise_of):
         raise UsageError('--model says the noise already', remedy='leave out --noise')
+    if args.floor is None and args.box is None:
+        raise UsageError('nothing says where the arm may move',
+                         remedy='give --floor Z, the height of the floor above the base [m], or '
+                                '--box X X Y Y Z Z')
+    box = args.box or [-1.0, 1.0] * 3
+    if not all(abs(value) <= 1e3 for value in (*box, args.floor or 0.0)) or not all(
+            low < high for low, high in zip(box[::2], box[1::2], strict=True)):
+        raise UsageError('--floor and --box: give numbers of at most 1000 m, in pairs of which '
+                         'the first is the smaller one')
     if Path(args.out).exists():
         raise UsageError('exists already and is not overwritten', place=args.out,
                          remedy='give another --out')
@@ -192,7 +210,8 @@ def run(args: argparse.Namespace) -> int:
               target_of_model(load_bundle(args.model, arm=arm), arm))
     motion_limits(arm)  # missing ones are told before shapes are read
     links = SelfCollision(arm, tuple(map(Path, args.meshes)),
-                          None if args.srdf is None else Path(args.srdf))
+                          None if args.srdf is None else Path(args.srdf),
+                          walls_of(arm, args.floor, args.box), args.radius)
     steps = args.steps or (60 if args.kind == 'fourier' else 600)
     order = Order(args.seconds, args.highest or default_highest(arm), 1.0 / args.rate, steps,
                   args.seed)

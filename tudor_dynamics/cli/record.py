@@ -46,7 +46,7 @@ examples:
   tudor record --arm config/tudor.yaml --best-of 20 --conditions --out smooth
         how well the chosen motions show the parameters, before anything is run
   tudor record --arm config/tudor.yaml --trajectory plan --stimuli 2 --out planned
-        the motion that `tudor excite config/tudor.yaml --out plan` found
+        the motion that `tudor excite config/tudor.yaml --floor 0 --out plan` found
   tudor record --arm config/tudor.yaml --ideal friction backlash --best-of 20 --out smooth
         drives without friction and backlash, each motion the best conditioned of 20
 

@@ -329,11 +329,13 @@ class Efforts:
 
 def known_efforts(arm: Arm, parameters: FloatArray | None = None) -> Efforts | None:
     """Collect what is known of the efforts of an arm and of their limits; None without either."""
+    if parameters is None:
+        # what the description says of bodies and limits are torques, whatever is measured
+        arm = arm.with_joints({joint.name: {'effort': joint.effort.model_copy(update={
+            'unit': 'N' if arm.is_prismatic(joint.name) else 'N m', 'torque_constant': None})}
+            for joint in arm.joints if joint.effort.unit == 'A'})
     largest = EFFORT * effort_limits(arm)
     if parameters is None:
-        if any(joint.effort.unit == 'A' and joint.effort.torque_constant is None
-               for joint in arm.joints):
-            return None
         inertias = list(arm.model.inertias)[1:]
         if not sum(float(inertia.mass) for inertia in inertias) > 0.0:
             return None
