@@ -21,6 +21,7 @@ from contextlib import contextmanager
 import errno
 from functools import lru_cache
 import hashlib
+from itertools import count
 import os
 from pathlib import Path
 import shutil
@@ -135,6 +136,12 @@ def _put(new: Path, path: Path, replace: bool) -> None:
         aside.rmdir()
         raise
     shutil.rmtree(aside, ignore_errors=True)
+
+
+def other_name(path: Path) -> Path:
+    """Give a name beside a path, of nothing that is there."""
+    return next(other for number in count(2) if not os.path.lexists(
+        other := path.with_name(f'{path.name}_{number}')))
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -261,7 +261,7 @@ def fit_choices(
     with _timed(seconds, 'collision thresholds'):
         planned = None if plan is None else compare_with_plan(result, plan)
         progress('collision thresholds')
-        assessment = assess(result)
+        assessment = assess(result, out)
         bundle = bundle_of(result, assessment)
     if out is not None:
         from tudor_dynamics.show.page import report_bytes  # plots are slow to import

@@ -294,14 +294,9 @@ def _print(result: FitResult, assessment: Assessment, report: Path) -> None:
         print(f'one model of all payloads from {low:g} to {high:g} kg; give --payload KG where a '
               'bag does not carry it')
     print(f'model: {report.parent}\nreport: {report}')
-    print_steps(assessment, report.parent)
-
-
-def print_steps(assessment: Assessment, model: Path) -> None:
-    """Print what to do next, that with the largest gain first."""
     if assessment.steps:
         print('what to do next:')
     for place, step in enumerate(assessment.steps, 1):
         print(f'{place}. {step.what}')
         if step.command:
-            print(f'   {step.command.replace("MODEL", str(model))}')
+            print(f'   {step.command}')

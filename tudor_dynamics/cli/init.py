@@ -18,11 +18,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import shlex
 import sys
 
 from tudor_dynamics.arm.description import OPEN, spelled
 from tudor_dynamics.errors import printable, UsageError
-from tudor_dynamics.files import write_whole
+from tudor_dynamics.files import other_name, write_whole
 from tudor_dynamics.identification.drafting.draft import (
     answer, check_draft, Draft, draft_of, question_of, text_of)
 
@@ -100,4 +101,8 @@ def _say(draft: Draft, out: Path, bags: list[str]) -> None:
     left = [spelled(content, path) for path in draft.unknown]
     if left:
         print(printable(f"left as '?', write them in: {', '.join(left)}"))
-    print(printable(f'next: tudor fit {" ".join(bags)} --arm {out} --out model'))
+    else:
+        model = Path('model')
+        words = ['tudor', 'fit', *bags, '--arm', str(out), '--out',
+                 str(other_name(model) if model.exists() else model)]
+        print(printable(f'next: {shlex.join(words)}'))

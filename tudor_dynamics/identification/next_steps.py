@@ -20,12 +20,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 import math
 import os
+from pathlib import Path
 import shlex
+import shutil
 from typing import Any
 
 import numpy as np
 
-from tudor_dynamics.errors import UsageError
+from tudor_dynamics.errors import TudorError, UsageError
+from tudor_dynamics.files import other_name
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagFacts
 from tudor_dynamics.identification.excitation import expected_errors, Noise, played
@@ -35,6 +38,7 @@ from tudor_dynamics.identification.uses import learn_all, marks, short, Use, use
 from tudor_dynamics.identification.validation import Grade, LARGEST_GAP, Validation
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.online.thresholds import MethodThresholds
+from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.signals.preprocessing import prepare
 
 
@@ -56,36 +60,39 @@ class NextStep:
 def next_steps(
     result: FitResult, uses: Sequence[Use],
     learned: Mapping[tuple[str, str], MethodThresholds], missing: Sequence[str],
+    out: Path | None = None,
 ) -> tuple[NextStep, ...]:
-    """List what to do next."""
+    """List what to do next, each command as it can be run; out: where the model is written."""
     found = [NextStep(settings.MILD_GAIN if item.kind in MILD else settings.FINDING_GAIN,
                       f'{item.title}: {item.what}; {item.remedy}') for item in result.findings]
     if missing:
         found.append(NextStep(
             settings.THRESHOLDS_GAIN, f'no collision thresholds ({"; ".join(missing)}): record a '
-            'minute in which nothing touches the arm, and fit it too', _fit(result, more='BAG')))
+            'minute in which nothing touches the arm, and fit it too'))
     doubt = max((item.doubt(settings.FALSE_ALARMS) for item in learned.values()), default=0.0)
     if doubt > settings.WIDE and not missing:
         seconds = min(item.seconds for item in learned.values())
         found.append(NextStep(
             settings.DOUBT_GAIN * math.log2(doubt), f'thresholds from {seconds:.0f} s of free '
             f'motion are {doubt:.1f} times as wide as from hours: record more in which nothing '
-            'touches the arm', _fit(result, more='BAG')))
-    found += _elastic(result)
+            'touches the arm, and fit it too'))
+    found += _elastic(result, out)
     headline = [item for item in result.fitted if item.kind != 'elm'] or list(result.fitted)
     for item in headline:
-        found += _of_model(result, item)
+        found += _of_model(result, item, out)
     if len(result.learned) == 1 and not result.judged:
         found.append(NextStep(
             settings.UNTESTED_GAIN, 'one bag cannot tell how the model does on another day: '
-            'record a second, of another motion', _fit(result, more='BAG')))
+            'record a second, of another motion, and fit it too'))
     if not found and any(use.level is not Grade.DO_NOT_USE for use in uses):
-        found.append(NextStep(0.0, 'try it beside the robot',
-                              'ros2 run tudor_dynamics monitor --ros-args -p model:=MODEL'))
+        ros = out is not None and shutil.which('ros2') is not None
+        found.append(NextStep(0.0, 'try it beside the robot (docs/nodes.md)', shlex.join([
+            'ros2', 'run', 'tudor_dynamics', 'monitor', '--ros-args', '-p', f'model:={out}'])
+            if ros else ''))
     return tuple(sorted(found, key=lambda step: -step.gain))
 
 
-def _elastic(result: FitResult) -> list[NextStep]:
+def _elastic(result: FitResult, out: Path | None) -> list[NextStep]:
     """Send to the elastic model what rings under a rigid one."""
     if not result.ringing or result.elastic is not None:
         return []
@@ -97,34 +104,34 @@ def _elastic(result: FitResult) -> list[NextStep]:
         fit = max(strain.validation.score.channels[loudest.channel].fit, 0.0)
         gain = (100.0 - fit) * (1.0 - math.sqrt(max(1.0 - loudest.share, 0.0)))
     advice = 'fit the elastic model as well'
+    command = True
     options = ['--models', 'analytical', 'elastic']
     if not result.arm.gauges:
         advice = 'damp the arm while it is recorded, or leave the ringing out'
         options = ['--filter', 'zero_phase', '--rate', '5']
     elif not result.arm.spec.links:
         advice = f'describe what bends (links and motors, docs/elastic.md) and {advice}'
+        command = False
     return [NextStep(
         gain, f'{loudest.channel} rings at {loudest.frequency:.2f} Hz, {100 * loudest.share:.0f} '
         f'% of what is left above 0.5 Hz, and no rigid model can know it: {advice}',
-        _fit(result, options=options))]
+        _fit(result, out, options) if command else '')]
 
 
-def _of_model(result: FitResult, item: FittedOutput) -> list[NextStep]:
+def _of_model(result: FitResult, item: FittedOutput, out: Path | None) -> list[NextStep]:
     name, validation = f'{item.output} {item.kind}', item.validation.score
     found = []
     gap = item.training.score.fit - validation.fit
     if gap > LARGEST_GAP:
         found.append(NextStep(
-            gap, f'{name}: {gap:.0f} points worse than in training: more bags, of more motion',
-            _fit(result, more='BAG')))
+            gap, f'{name}: {gap:.0f} points worse than in training: more bags, of more motion'))
     known = item.model.conditioning()
     if known.unexcited:
         shown = ', '.join(known.unexcited[:3]) + (' ...' if len(known.unexcited) > 3 else '')
         found.append(NextStep(
             settings.UNEXCITED_GAIN, f'{name}: the motion does not show {shown}: record one that '
-            'does; the condition numbers of planned motions say how well', 'tudor record --arm '
-            f'{shlex.quote(result.arm.source)} --stimuli 2 --seconds 20 --best-of 3 --conditions '
-            '--out none'))
+            'does, such as one that is planned (with limits of the joints, and the height of what '
+            'the arm must not touch)', _excite(result, out)))
     held = [(channel, score, score.standing_rmse, score.moving_rmse)
             for channel, score in validation.channels.items()
             if score.standing_rmse is not None and score.moving_rmse is not None
@@ -140,17 +147,22 @@ def _of_model(result: FitResult, item: FittedOutput) -> list[NextStep]:
     return found
 
 
-def _fit(result: FitResult, more: str = '', options: Sequence[str] = ()) -> str:
-    """Write the command of a fit like this one, with something else."""
-    words = ['tudor', 'fit', *_names(result.learned)]
-    if result.judged:
-        # what follows --test would be a test as well
-        words += [more] if more else []
-        words += ['--test', *_names(result.judged)]
-    elif more:
-        words.append(more)
-    words += ['--arm', result.arm.source, *options, '--out', 'MODEL']
-    return shlex.join(words)
+def _fit(result: FitResult, out: Path | None, options: Sequence[str]) -> str:
+    """Write the command of a fit like this one, with other options, beside this one."""
+    test = ['--test', *_names(result.judged)] if result.judged else []
+    return shlex.join(['tudor', 'fit', *_names(result.learned), *test, '--arm', result.arm.source,
+                       *options, '--out', str(other_name(out or Path('model')))])
+
+
+def _excite(result: FitResult, out: Path | None) -> str:
+    """Write the command that plans motion; nothing where it would lack limits or a file."""
+    try:
+        motion_limits(result.arm)
+    except TudorError:
+        return ''
+    plan = other_name((out or Path('model')).with_name('plan'))
+    return '' if not os.path.isfile(result.arm.source) else shlex.join(
+        ['tudor', 'excite', result.arm.source, '--floor', '0', '--out', str(plan)])
 
 
 def _names(bags: Sequence[BagFacts]) -> list[str]:
@@ -186,8 +198,8 @@ class Assessment:
                 'next_steps': [asdict(step) for step in self.steps]}
 
 
-def assess(result: FitResult) -> Assessment:
-    """Judge a fit by what it is to be used for."""
+def assess(result: FitResult, out: Path | None = None) -> Assessment:
+    """Judge a fit by what it is to be used for; out: where its model is written."""
     # on the robot filters are causal: thresholds are those of the models that run there
     live = result if result.causal is None else result.causal
     learned, reasons = learn_all([(item.output, item.kind, item.unseen) for item in live.fitted],
@@ -208,7 +220,7 @@ def assess(result: FitResult) -> Assessment:
             found += marks(model, result.arm, bag)
     missing = tuple(f'{method} {kind}: {why}' for (method, kind), why in reasons.items())
     return Assessment(tuple(uses), learned, missing, tuple(found),
-                      next_steps(result, uses, learned, missing))
+                      next_steps(result, uses, learned, missing, out))
 
 
 @dataclass(frozen=True)

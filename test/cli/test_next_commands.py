@@ -1,0 +1,80 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a command says is to be run next can be run as it is printed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import shlex
+import shutil
+
+import draft_making
+import pytest
+from tudor_dynamics.cli.main import main
+
+
+def commands(said: str) -> list[list[str]]:
+    """Find the commands that were printed, as a shell would take them."""
+    lines = [line.strip().removeprefix('next: ') for line in said.splitlines()]
+    return [shlex.split(line) for line in lines if line.startswith(('tudor ', 'ros2 '))]
+
+
+@pytest.mark.parametrize('ros', [False, True])
+def test_after_a_fit(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], ros: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Names with blanks, a model that is there, no ros2: each command ends with 0 or 1."""
+    which = shutil.which
+    monkeypatch.setattr(shutil, 'which', lambda name: (
+        ('/bin/ros2' if ros else None) if name == 'ros2' else which(name)))
+    place = tmp_path / "an arm's"
+    place.mkdir()
+    shutil.copytree(root / 'bags' / 'two_blade_test', place / 'a bag')
+    arm = place / 'my arm.yaml'
+    text = (root / 'config' / 'two_blade_arm.yaml').read_text()
+    arm.write_text(text.partition('# From here on')[0])
+    said = []
+    words = ['fit', f'{place / "a bag"}@0-50%', '--arm', str(arm), '--out', str(place / 'model'),
+             '--friction', 'viscous', '--test', f'{place / "a bag"}@50-100%']
+    for _ in range(2):
+        assert main(words) in (0, 1)
+        said.append(capsys.readouterr().out)
+        for command in commands(said[-1]):
+            if command[0] == 'ros2':
+                assert command[-1] == f'model:={place / "model"}'
+                assert ros
+            else:
+                assert main(command[1:]) in (0, 1), command
+        capsys.readouterr()
+        words += ['--overwrite']
+    assert not any(word in text for text in said for word in ('MODEL', ' BAG', '--out none'))
+
+
+def test_after_a_draft(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The first fit, unless something is still to be written into the description."""
+    monkeypatch.chdir(tmp_path)
+    Path('model').mkdir()
+    Path('r 1.urdf').write_text(draft_making.urdf())
+    draft_making.write(Path('a bag'), effort=draft_making.torques(draft_making.motion()[1]))
+    assert main(['init', 'a bag', '--urdf', 'r 1.urdf', '--out', 'my arm.yaml']) == 0
+    command, = commands(capsys.readouterr().out)
+    assert command[-1] == 'model_2' and main(command[1:]) in (0, 1)
+    capsys.readouterr()
+    assert main(['init', 'a bag', '--out', 'open.yaml']) == 0
+    said = capsys.readouterr().out
+    assert "left as '?'" in said and not commands(said)
