@@ -56,13 +56,13 @@ def header_fault(text: str) -> str | None:
 @pytest.mark.copyright
 @pytest.mark.linter
 def test_headers(root: Path) -> None:
-    """Every Python file of the package begins with the Apache header."""
+    """Every Python file that is not empty begins with the Apache header."""
     files = [root / 'setup.py']
     for place in ('tudor_dynamics', 'papers', 'test', 'bench'):
         files += sorted((root / place).rglob('*.py'))
     assert len(files) > 10
     faults = {str(file.relative_to(root)): fault for file in files
-              if (fault := header_fault(file.read_text(encoding='utf-8')))}
+              if (text := file.read_text(encoding='utf-8')) and (fault := header_fault(text))}
     assert not faults
 
 

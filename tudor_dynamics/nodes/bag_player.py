@@ -81,15 +81,13 @@ class BagPlayerNode(TudorNode):
 
     def _open(self) -> None:
         if not self.value('bag'):
-            msg = 'no bag: set the parameter bag'
-            raise BagError(msg)
+            raise BagError('no bag: set the parameter bag')
         self.track = track = read_track(self.value('bag'), self.value('topics'))
         self._first = int(np.searchsorted(
             track.time, track.time[0] + round(float(self.value('start_offset')) * 1e9)))
         if self._first == len(track.time):
-            msg = (f'start_offset {self.value("start_offset"):g} s: the bag is over after '
-                   f'{(track.time[-1] - track.time[0]) * 1e-9:.3f} s')
-            raise BagError(msg)
+            raise BagError(f'start_offset {self.value("start_offset"):g} s: the bag is over after '
+                           f'{(track.time[-1] - track.time[0]) * 1e-9:.3f} s')
         for topic, msgtype in track.topics.items():
             try:
                 kind = message_class(msgtype)

@@ -50,8 +50,7 @@ class BagRecorderNode(TudorNode):
         self.recorded: dict[str, Any] = {}
         try:
             if not self.value('bag'):
-                msg = 'no bag: set the parameter bag to the directory to make'
-                raise BagError(msg)
+                raise BagError('no bag: set the parameter bag to the directory to make')
             self.writer = LiveWriter(self.value('bag'), self.value('storage'))
         except TudorError as err:
             self.fail(err)

@@ -81,8 +81,7 @@ class SignTester(Trial):
                 watching = False
         response = self._response(gauge)
         if response is None:
-            msg = f'no strain of {self.arm.gauge_names[gauge]} for {seconds:g} s'
-            raise TudorError(msg)
+            raise TudorError(f'no strain of {self.arm.gauge_names[gauge]} for {seconds:g} s')
         return response
 
     def _response(self, gauge: int) -> StepResponse | None:
@@ -141,8 +140,7 @@ def tested_joints(arm: Arm, wanted: Sequence[str] | None) -> list[str]:
     able = [name for name in arm.active_joints if name in damped]
     for name in wanted or ():
         if name not in able:
-            msg = f'joint {name!r} has no damper with a gauge; those that have: {able}'
-            raise ArmError(msg)
+            raise ArmError(f'joint {name!r} has no damper with a gauge; those that have: {able}')
     return list(wanted) if wanted else able
 
 

@@ -125,8 +125,7 @@ class MonitorsNode(TudorNode):
         refused = [f'{arm.namespace}: {arm.fault}' for arm in self.arms if arm.fault]
         if refused and len(refused) == len(self.arms):
             self.close()
-            msg = f'no arm can be watched; {"; ".join(refused)}'
-            raise TudorError(msg)
+            raise TudorError(f'no arm can be watched; {"; ".join(refused)}')
         self._cpu = time.process_time(), self.steady()
         self._looking = self.every(ARMS_LOOK, self._look)
 

@@ -320,8 +320,7 @@ class DetectNode(ModelNode):
 
     def _calibrate(self) -> str:
         if self.watch is None or self.bundle is None:
-            msg = f'nothing to calibrate: {self.fault or "no model"}'
-            raise TudorError(msg)
+            raise TudorError(f'nothing to calibrate: {self.fault or "no model"}')
         if self.meter.stale(float(self.value('timeout'))):
             msg = 'nothing to learn from: no samples come in; start the robot and call again'
             raise TudorError(msg)

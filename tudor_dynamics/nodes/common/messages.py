@@ -349,8 +349,7 @@ class _Encoder:
     def _put(self, field: str, values: FloatArray) -> None:
         start, size = self._fields[field]
         if len(values) != size:
-            msg = f'{len(values)} values for {field}; expected {size}'
-            raise ValueError(msg)
+            raise ValueError(f'{len(values)} values for {field}; expected {size}')
         self._buffer[start:start + 8 * size] = values.astype(self._kind, copy=False).tobytes()
 
     def _put_time(self, place: int, time: int) -> None:

@@ -142,8 +142,7 @@ class PayloadPort:
 
     def _expect(self) -> str:
         if not isinstance(self.load, PayloadStage):
-            msg = 'there is no model yet that could tell a load; see the diagnostics'
-            raise TudorError(msg)
+            raise TudorError('there is no model yet that could tell a load; see the diagnostics')
         self.announce()
         return 'a load may come or go within 3 s without being a collision'
 
@@ -217,8 +216,7 @@ class ModelNode(TudorNode):
 
     def _load(self) -> ModelBundle:
         if not self.source:
-            msg = 'no model: set the parameter model to a bundle made by tudor fit'
-            raise ModelError(msg)
+            raise ModelError('no model: set the parameter model to a bundle made by tudor fit')
         arm = None if self.bundle is None else self.bundle.arm
         return self.choose(load_bundle(self.source, arm=arm))
 
@@ -261,8 +259,7 @@ class ModelNode(TudorNode):
     def _reload(self) -> str:
         """Load beside the running model, and answer at once: the diagnostics have the outcome."""
         if self._loader is not None:
-            msg = 'still loading'
-            raise TudorError(msg)
+            raise TudorError('still loading')
 
         def load() -> Callable[[], None]:
             whole = self._load()

@@ -37,8 +37,7 @@ EXECUTORS = ('events', 'single')
 def new_executor(kind: str, context: Any = None) -> Any:
     """Make an executor; kind: where this rclpy has none, ``single`` is taken."""
     if kind not in EXECUTORS:
-        msg = f'--executor {kind}: expected one of {", ".join(EXECUTORS)}'
-        raise TudorError(msg)
+        raise TudorError(f'--executor {kind}: expected one of {", ".join(EXECUTORS)}')
     if kind == 'events':
         try:
             from rclpy.experimental import EventsExecutor
@@ -102,8 +101,7 @@ def _take_executor(args: Sequence[str]) -> tuple[str, list[str]]:
     if '--executor' in rest:
         at = rest.index('--executor')
         if at + 1 >= len(rest):
-            msg = f'--executor without a value; expected one of {", ".join(EXECUTORS)}'
-            raise TudorError(msg)
+            raise TudorError(f'--executor without a value; expected one of {", ".join(EXECUTORS)}')
         kind = rest[at + 1]
         del rest[at:at + 2]
     return kind, rest

@@ -55,8 +55,7 @@ class Trial(Node):
 
     def __init__(self, name: str, arm: Arm, **kwargs: Any) -> None:
         if arm.spec.damper is None:
-            msg = f'{arm.source}: no damper is described, so there is none to test'
-            raise ArmError(msg)
+            raise ArmError(f'{arm.source}: no damper is described, so there is none to test')
         refuse_interfaces(arm, name)
         super().__init__(name, **kwargs)
         self.arm = arm
@@ -99,9 +98,8 @@ class Trial(Node):
         """Wait for the arm and the nodes; a TudorError says what is missing."""
         for done, what in self.needs():
             if not self.spin_until(done, PATIENCE):
-                msg = (f'{what} did not come within {PATIENCE:g} s; start the arm and its '
-                       'nodes first')
-                raise TudorError(msg)
+                raise TudorError(f'{what} did not come within {PATIENCE:g} s; start the arm and '
+                                 'its nodes first')
 
     def call(self, client: Any, request: Any, what: str) -> Any:
         """Call a service; a TudorError says that it did not answer."""
@@ -109,8 +107,7 @@ class Trial(Node):
             future = client.call_async(request)
             if self.spin_until(future.done, PATIENCE):
                 return future.result()
-        msg = f'{what} did not answer within {PATIENCE:g} s'
-        raise TudorError(msg)
+        raise TudorError(f'{what} did not answer within {PATIENCE:g} s')
 
     def parameter(self, node: str, name: str) -> ParameterValue:
         """Read a parameter of another node."""
@@ -125,8 +122,7 @@ class Trial(Node):
         request = SetParameters.Request(
             parameters=[Parameter('damping', value=float(share)).to_parameter_msg()])
         if not self.call(self._damping, request, DAMPER).results[0].successful:
-            msg = f'{DAMPER} did not take damping {share:g}; the test stops here'
-            raise TudorError(msg)
+            raise TudorError(f'{DAMPER} did not take damping {share:g}; the test stops here')
 
     def roomy(self, joint: int, place: float, step: float) -> float:
         """Give a step, or the one to the other side where there is no room for it."""
