@@ -16,23 +16,23 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import dataclasses
 from functools import lru_cache
 from itertools import pairwise
-from pathlib import Path
 
 from hypothesis import strategies as st
 from hypothesis.stateful import initialize, invariant, rule, RuleBasedStateMachine
+from lying import acceleration, BEYOND, FASTER, Liar, Lie, LIES, NOISY, PATH, SAMPLES, VELOCITIES
 import numpy as np
-
 from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.control.references import REACTIONS
 from tudor_dynamics.control.settings import WATCH_PERIOD
+from tudor_dynamics.errors import TudorError
 from tudor_dynamics.mechanics.closed_loop import Sample
 from tudor_dynamics.mechanics.rig import Rig
 
-PATH = Path(__file__).parent.parent / 'config' / 'tudor.yaml'
 FIRST, SECOND = np.radians([20.0, -60.0]), np.radians([170.0, 60.0])
 """Ends of a long move of both joints, within what is planned."""
 
@@ -71,6 +71,37 @@ def broken_limits(rig: Rig, begin: int = 0) -> list[str]:
     return found
 
 
+def left_envelope(rig: Rig, deepest: np.ndarray, runaway: bool, begin: int) -> list[str]:
+    """
+    Say which samples were truly beyond the envelope of an arm about which something has lied.
+
+    That is ``BEYOND`` farther than it was when the lie began (deepest, (joints,) [rad]), and
+    ``FASTER``. What the loop's delay keeps from a controller is added, at the speed from which the
+    plan brakes within ``BEYOND``; and where a drive takes its commands for 57 times as much, what
+    its motor does with all of its current in the meantime (``lying.bounds``).
+    """
+    limits, trace, joints = hard_limits(rig.arm), rig.trace, range(len(deepest))
+    blind = rig.delay + (2.0 / rig.rate if rig.loss > 0.0 else 0.0)
+    near = np.sqrt(2.0 * planned_limits(rig.arm).acceleration * BEYOND)
+    beyond = np.maximum(deepest, 0.0) + BEYOND + near * blind
+    speed = FASTER * limits.velocity
+    if runaway:
+        late = SAMPLES / rig.rate + 0.01 + blind
+        most = np.array([acceleration(rig.arm, j) for j in joints])
+        beyond, speed = beyond + most * late**2 + 2.0 * near * late, speed + most * late
+    q = np.array(trace.q[max(begin - 1, 0):])
+    found = []
+    for what, values, bound in (
+            ('below', limits.lower - q, beyond), ('above', q - limits.upper, beyond),
+            ('speed', np.abs(np.diff(q, axis=0)) * rig.rate, speed)):
+        wrong = values > bound
+        if wrong.any():
+            k, j = np.argwhere(wrong)[0]
+            found.append(f'{what}: joint {j} at {trace.t[max(begin - 1, 0) + k]:.3f} s: '
+                         f'{np.degrees(values[k, j]):.1f} of {np.degrees(bound[j]):.1f} deg')
+    return found
+
+
 def go(rig: Rig, goal: np.ndarray) -> None:
     """Send a goal, which must be taken."""
     assert rig.source is not None
@@ -96,17 +127,69 @@ class MotionMachine(RuleBasedStateMachine):
         super().__init__()
         self.rig: Rig | None = None
         self.seen = 0
+        self.lied = self.runaway = False
+        self.deepest = np.zeros(2)
 
     @initialize(payload=st.sampled_from([0.0, 0.2, 0.4]), delay=st.sampled_from([0.0, 0.02, 0.06]),
                 loss=st.sampled_from([0.0, 0.0, 0.05]), seed=st.integers(0, 99))
     def start(self, payload: float, delay: float, loss: float, seed: int) -> None:
         """Begin with an arm, its controller and a source of references."""
         self.rig = Rig(tudor(), rate=100.0, payload=payload, delay=delay, loss=loss, seed=seed)
+        self.liar = Liar(self.rig)
         self.rig.run(0.3)
 
     def _run(self, seconds: float) -> None:
         assert self.rig is not None
         self.rig.run(seconds)
+
+    def _truth(self) -> None:
+        """
+        End a lie.
+
+        What begins again (a reset, a new controller) takes the positions that it is given, so
+        nothing could know the true ones.
+        """
+        self.within_limits()
+        self.liar.end()
+
+    @rule(lie=st.sampled_from([*LIES, NOISY]), velocity=st.sampled_from(VELOCITIES),
+          sign=st.sampled_from([-1.0, 1.0]), seconds=st.floats(0.1, 4.0))
+    def lie(self, lie: Lie, velocity: str, sign: float, seconds: float) -> None:
+        """Let a drive or an encoder begin to lie, and go on with it."""
+        assert self.rig is not None
+        self._truth()
+        limits, q = hard_limits(self.rig.arm), self.rig.trace.q[-1]
+        self.deepest = np.maximum(limits.lower - q, q - limits.upper)
+        self.lied, self.runaway = True, self.runaway or lie.kind == 'runaway'
+        self.liar.begin(lie, velocity, sign)
+        self._run(seconds)
+
+    @rule(lie=st.sampled_from(LIES), velocity=st.sampled_from(VELOCITIES),
+          shares=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
+          sign=st.sampled_from([-1.0, 1.0]), before=st.floats(0.0, 2.0))
+    def lie_in_a_move(self, lie: Lie, velocity: str, shares: tuple[float, float], sign: float,
+                      before: float) -> None:
+        """Let a drive or an encoder begin to lie at any moment of a move."""
+        self.goal(shares, before)
+        self.lie(lie, velocity, sign, 2.0)
+
+    @rule()
+    def truth(self) -> None:
+        """Let nothing lie any more."""
+        self._truth()
+        self._run(0.3)
+
+    @rule(late=st.floats(0.05, 0.8), seconds=st.floats(0.05, 2.0), times=st.integers(1, 4))
+    def busy(self, late: float, seconds: float, times: int) -> None:
+        """Let positions wait on a busy machine, and all arrive at once."""
+        assert self.rig is not None
+        self._truth()
+        self.lied = True  # in the sense that positions are not the true ones
+        for _ in range(times):
+            self.rig.late = late
+            self._run(seconds)
+            self.rig.late = 0.0
+            self._run(0.1)
 
     @rule(shares=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)), seconds=st.floats(0.1, 3.0))
     def goal(self, shares: tuple[float, float], seconds: float) -> None:
@@ -142,6 +225,8 @@ class MotionMachine(RuleBasedStateMachine):
     def kill(self, who: str, seconds: float, reaction: str) -> None:
         """Let a process die, and come back."""
         assert self.rig is not None
+        if who == 'controller':
+            self._truth()
         setattr(self.rig, who, None)
         self._run(seconds)
         if who == 'controller':
@@ -165,7 +250,8 @@ class MotionMachine(RuleBasedStateMachine):
     def fault(self, kind: str, seconds: float, size: float) -> None:
         """Let sensors or their driver fail for a while."""
         assert self.rig is not None
-        kept = self.rig.trace.q[-1].copy()
+        self._truth()
+        kept, honest = self.rig.trace.q[-1].copy(), self.rig.alter
 
         def alter(sample: Sample) -> Sample | None:
             if kind == 'driver':
@@ -176,23 +262,27 @@ class MotionMachine(RuleBasedStateMachine):
             return dataclasses.replace(sample, q=q)
         self.rig.alter = alter
         self._run(seconds)
-        self.rig.alter = None
+        self.rig.alter = honest
         self._run(0.3)
 
-    @rule(gain=st.floats(0.0, 100.0), share=st.floats(0.0, 2.0), timeout=st.floats(0.02, 0.5))
+    @rule(gain=st.floats(0.0, 100.0), share=st.floats(0.0, 10.0), timeout=st.floats(0.02, 60.0))
     def configure(self, gain: float, share: float, timeout: float) -> None:
         """Change gains and times while it moves."""
         assert self.rig is not None
         if self.rig.controller is not None:
-            self.rig.controller.gains.set_position_gain(gain)
-            self.rig.controller.gains.share = share
-            self.rig.controller.timeout = timeout
+            with suppress(TudorError, ValueError):
+                self.rig.controller.gains.set_position_gain(gain)
+            with suppress(TudorError, ValueError):
+                self.rig.controller.gains.share = share
+            with suppress(TudorError, ValueError):
+                self.rig.controller.timeout = timeout
         self._run(0.5)
 
     @rule()
     def reset(self) -> None:
         """Call ~/reset of both."""
         assert self.rig is not None
+        self._truth()
         if self.rig.controller is not None:
             self.rig.controller.reset()
         if self.rig.source is not None:
@@ -203,6 +293,7 @@ class MotionMachine(RuleBasedStateMachine):
     def deactivate(self, seconds: float) -> None:
         """Deactivate the controller, and activate it again."""
         assert self.rig is not None
+        self._truth()
         self.rig.active = False
         self._run(seconds)
         if self.rig.controller is not None:
@@ -234,7 +325,8 @@ class MotionMachine(RuleBasedStateMachine):
     @invariant()
     def within_limits(self) -> None:
         """Find no sample since the last look beyond a limit."""
-        if self.rig is not None:
-            found = broken_limits(self.rig, self.seen)
+        if self.rig is not None and self.seen < len(self.rig.trace.t):
+            found = (left_envelope(self.rig, self.deepest, self.runaway, self.seen) if self.lied
+                     else broken_limits(self.rig, self.seen))
             assert not found, found
             self.seen = len(self.rig.trace.t)

@@ -38,7 +38,7 @@ def drive(meter: DelayMeter, delay: float, dt: float, seconds: float, seed: int 
         fine = t[k] - np.linspace(0.0, dt, 50, endpoint=False) - delay
         index = np.clip(np.floor(fine / dt + 1e-9).astype(int) + 1, 0, k)
         meter.add_motion(t[k], dt, held[index].mean(axis=0) + random.normal(0, 0.01, 2))
-        meter.add_command(t[k], wave[k])
+        meter.commands.add(t[k], wave[k])
 
 
 @settings(max_examples=15, deadline=None)
@@ -55,12 +55,12 @@ def test_says_nothing_without_motion_or_connection() -> None:
     meter = DelayMeter(SPEED)
     for k in range(2000):
         meter.add_motion(0.002 * k, 0.002, np.zeros(2))
-        meter.add_command(0.002 * k, np.zeros(2))
+        meter.commands.add(0.002 * k, np.zeros(2))
     assert meter.delay is None
     random = np.random.default_rng(1)
     for k in range(2000, 6000):
         meter.add_motion(0.002 * k, 0.002, random.normal(0.0, 0.5, 2))
-        meter.add_command(0.002 * k, np.sin(0.01 * k) * SPEED)
+        meter.commands.add(0.002 * k, np.sin(0.01 * k) * SPEED)
     assert meter.delay is None
     other = DelayMeter(SPEED)
     drive(other, 0.03, 0.002, 4.0)

@@ -470,11 +470,14 @@ def test_no_timeout_lets_a_reference_run_on() -> None:
 
 
 def test_no_timeout_leaves_an_arm_without_positions() -> None:
-    """Standstill is commanded within a quarter of a second."""
+    """It slows down after a period and a half, and stops for good after a quarter of a second."""
     controller = moving().controller
     controller.timeout = 60.0
-    begin = controller._at
-    assert controller.watch(begin + 0.2) is None
+    begin, before = controller._at, controller.envelope.command
+    assert controller.watch(begin + 0.005) is None
+    slower = controller.watch(begin + 0.0065)
+    assert slower is not None and np.all(np.abs(slower) < np.abs(before))
+    assert controller.watch(begin + 0.24) is not None and not controller.missing
     assert controller.watch(begin + 0.26) is not None and controller.missing
 
 
@@ -500,3 +503,48 @@ def test_positions_hiccup_while_their_stamps_go_on() -> None:
         assert controller.missing and controller.state is State.HOLDING
         samples(200)
         assert not controller.missing and controller.state is State.FOLLOWING
+
+
+@pytest.mark.parametrize('late', [0.3, 0.6])
+def test_positions_that_come_late(late: float) -> None:
+    """A backlog counts as no positions: it brakes, says why, and follows when it is over."""
+    rig = moving()
+    before = rig.trace.q[-1].copy()
+    rig.late = late
+    rig.run(1.5)
+    assert rig.controller.state is State.HOLDING and 'ms late' in rig.controller.cause
+    assert np.degrees(np.abs(rig.trace.q[-1] - before)).max() < 70.0 * 0.1 + 24.5 + 5.0
+    still(rig)
+    rig.late = 0.0
+    rig.run(3.0)
+    follows_again(rig)
+    judge(rig)
+
+
+def test_untested_joints_are_nudged_only() -> None:
+    """A joint test that is required is needed again after the driver was gone."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.controller.required = True
+    rig.run(1.0)
+    begin = rig.trace.q[-1].copy()
+    go(rig, begin + np.radians([0.5, -0.5]))
+    rig.run(2.0)
+    assert rig.trace.q[-1] == pytest.approx(begin + np.radians([0.5, -0.5]), abs=3e-3)
+    go(rig, FIRST)
+    causes = set()
+    for _ in range(20):
+        rig.run(0.1)
+        causes.add(rig.controller.cause)
+    assert np.degrees(np.abs(rig.trace.q[-1] - begin)).max() < 4.0
+    assert any('run joint_test' in cause for cause in causes)
+    rig.controller.tested = True
+    rig.run(2.0)
+    follows_again(rig)
+    altered(rig, lambda sample: None, 1.0)
+    rig.run(1.0)
+    assert rig.controller.tested  # a silent driver may be the same one
+    rig.controller = None
+    rig.run(1.0)
+    rig.start_controller()
+    assert not rig.controller.tested
+    judge(rig)

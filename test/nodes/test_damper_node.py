@@ -28,6 +28,7 @@ from rclpy.parameter import Parameter
 from ros_world import joint_message, JOINTS, values_of, World
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+from tudor_dynamics.control.motion_controller import State
 from tudor_dynamics.control.schedule import columns_of, Schedule, ScheduleFile
 from tudor_dynamics.nodes.common.base import ClockWatch, latched
 from tudor_dynamics.nodes.oscillation_damper import OscillationDamperNode
@@ -81,10 +82,12 @@ class Arm:
         for _ in range(LOOKED_AT if begins else 1):  # a moving arm is not taken over at once
             self._publish(strain, names, reference)
             assert self.world.spin(lambda: self.node.gate.last == self.stamp)
-        assert self.world.spin(lambda: len(self.commands) > before)
+        assert self.world.spin(lambda: len(self.commands) > before
+                               or self.node.controller.state is State.FAULT)  # silent in the end
         if begins:
             self.world.rest(0.1)  # several commands are under way
-        self.speed = np.array(self.commands[-1].data)
+        if self.commands:
+            self.speed = np.array(self.commands[-1].data)
         return self.speed
 
     def _publish(
@@ -205,7 +208,7 @@ def test_reference_stops(world: World, tudor: Path) -> None:
     arm = Arm(world, tudor, damping=0.0)
     arm.run(20)
     arm.dq_ref = np.array([0.5, 0.0])
-    assert arm.run(150)[-1, 0] == pytest.approx(0.5, abs=0.05)
+    assert arm.run(700)[-1, 0] == pytest.approx(0.5, abs=0.05)  # slow until its drive has answered
     seen = arm.run(400, reference=False)
     assert np.abs(np.diff(seen, axis=0)).max() <= 17.4532925 * 0.002 + 1e-9
     assert np.abs(seen[-20:]).max() < 1e-3
@@ -246,11 +249,13 @@ def test_encoder_fault_needs_a_reset(world: World, tudor: Path) -> None:
     arm = Arm(world, tudor)
     arm.run(20)
     arm.q = arm.q + [0.9, 0.0]
+    arm.run(60)
+    arm.commands.clear()  # drives hold by themselves after standstill was commanded for a while
     arm.run(20)
+    assert not arm.commands
     status = arm.told()
     assert status.level == DiagnosticStatus.ERROR
     assert all(text in status.message for text in ('joint2', 'jumped', '~/reset'))
-    assert not arm.run(50)[-10:].any()
     arm.node._reset()
     arm.q_ref = arm.q.copy()
     arm.begun = False
@@ -346,7 +351,7 @@ def test_clock_of_ros_stands_still(world: World, tudor: Path) -> None:
 @pytest.mark.parametrize('period', [100_000_000, 500_000])
 def test_rates_and_losses(period: int, world: World, tudor: Path) -> None:
     """At 10 Hz and 2 kHz, with bursts, losses and the clock set back: finite, bounded commands."""
-    arm = Arm(world, tudor, timeout=60.0)
+    arm = Arm(world, tudor, timeout=1.0)
     random = np.random.default_rng(2)
     count = 300 if period > 10_000_000 else 1500
     for k in range(count):

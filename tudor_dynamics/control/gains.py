@@ -23,6 +23,7 @@ import numpy as np
 from tudor_dynamics.arm.schema import DamperSpec
 from tudor_dynamics.control import settings
 from tudor_dynamics.control.cascade import velocity_lag
+from tudor_dynamics.control.commanded import Commanded
 from tudor_dynamics.typing import FloatArray
 
 
@@ -44,58 +45,26 @@ class DelayMeter:
         self._errors = np.zeros(len(self._lags))
         self._energy = self._time = 0.0
         self._estimate: float | None = None
-        self._at = np.zeros(512)
-        self._commands = np.zeros((512, len(speed)))
-        self._way = np.zeros((512, len(speed)))  # that the commands before have made
-        self._count = 0
+        self.commands = Commanded(len(speed))
 
     def reset(self) -> None:
         """Forget commands, but not the delay."""
-        self._count = 0
-
-    def add_command(self, now: float, command: FloatArray) -> None:
-        """
-        Take a command [rad/s] into account, the answer to the sample of a time [s].
-
-        command (joints,) [rad/s].
-        """
-        if self._count == len(self._at):
-            first = int(np.searchsorted(self._at, now - 2.0 * settings.DELAY_LONGEST))
-            keep = max(first, self._count // 4)
-            rest = self._count - keep
-            for kept in (self._at, self._commands, self._way):
-                kept[:rest] = kept[keep:]
-            self._count = rest
-        k = self._count
-        self._way[k] = 0.0 if k == 0 else (
-            self._way[k - 1] + (now - self._at[k - 1]) * self._commands[k - 1])
-        self._at[k], self._commands[k] = now, command
-        self._count += 1
-
-    def commanded(self, now: float, lag: float) -> FloatArray:
-        """Give the command in force a time [s] before now; nothing before the first [rad/s]."""
-        place = int(np.searchsorted(self._at[:self._count], now - lag, 'right')) - 1
-        return self._commands[place] if place >= 0 else np.zeros(len(self._scale))
+        self.commands.count = 0
 
     def add_motion(self, now: float, dt: float, dq: FloatArray) -> None:
         """Take measured speeds into account: now, dt [s], dq (joints,) [rad/s]."""
         dq = dq / self._scale
-        if np.abs(dq).max(initial=0.0) < settings.DELAY_MOVING or self._count == 0 or (
-                self._at[0] > now - settings.DELAY_LONGEST):
+        commands = self.commands
+        if np.abs(dq).max(initial=0.0) < settings.DELAY_MOVING or commands.count == 0 or (
+                commands.at[0] > now - settings.DELAY_LONGEST):
             return
-        means = (self._made(now - self._lags) - self._made(now - dt - self._lags)) / dt
+        means = (commands.made(now - self._lags) - commands.made(now - dt - self._lags)) / dt
         off = means / self._scale - dq
         kept = np.exp(-dt / settings.DELAY_MEMORY)
         self._errors *= kept
         self._errors += dt * np.einsum('ij,ij->i', off, off)
         self._energy = kept * self._energy + dt * float(dq @ dq)
         self._time = kept * self._time + dt
-
-    def _made(self, times: FloatArray) -> FloatArray:
-        """Give the way that commands, each held until the next, have made by some times [rad]."""
-        places = np.maximum(np.searchsorted(self._at[:self._count], times, 'right') - 1, 0)
-        since = (times - self._at[places])[:, np.newaxis]
-        return np.asarray(self._way[places] + since * self._commands[places])
 
     @property
     def delay(self) -> float | None:
@@ -215,16 +184,20 @@ class LoopGains:
         self.period = self._clock = 0.0
         self._ringing = RingingWatch(speed)
         self._lag = velocity_lag(spec)
+        self._shortest = settings.DELAY_LONGEST
+        self._longest = settings.CAREFUL_DELAY + self._lag
 
     def reset(self) -> None:
         """Try the damper again."""
         self.excited = ''
         self.begin()
 
-    def begin(self) -> None:
-        """Take the next sample for a first one."""
+    def begin(self, speed: FloatArray | None = None) -> None:
+        """Take the next sample for a first one, of an arm at a known speed [rad/s]."""
         self._ringing.reset()
         self.delay.reset()
+        if speed is not None:
+            self.delay.commands.add(self._clock - settings.DELAY_LONGEST, speed)
 
     def set_position_gain(self, gain: float) -> None:
         """Ask for a speed per position error [1/s], 0 for that of description or schedule."""
@@ -263,17 +236,31 @@ class LoopGains:
         return (settings.CAREFUL_DELAY if delay is None else delay) + self._lag + self.period
 
     @property
+    def lags(self) -> tuple[float, float]:
+        """Shortest and longest time from a command to its motion, by what is known [s]."""
+        return max(self._shortest - settings.LAG_MARGIN, 0.0), self._longest
+
+    def _learn_lags(self, dt: float, delay: float | None) -> None:
+        """Take a measured delay into account: loads, and what lies, make it longer than it is."""
+        if delay is None:
+            self._shortest = 0.0
+            self._longest = settings.CAREFUL_DELAY + self._lag + self.period
+            return
+        self._shortest = min(self._shortest or delay, delay)
+        self._longest = min(delay + settings.LAG_MARGIN, self._longest + settings.LAG_RISE * dt)
+
+    @property
     def position_gain_in_use(self) -> float:
         """Speed per position error that the loop allows [1/s]."""
         gain = self.described if self.excited else self.position_gain
         return min(gain, position_gain_limit(self.assumed_delay + self._lag + self.period))
 
-    def sampled(self, dt: float) -> tuple[float, FloatArray, float]:
-        """Take a sample: give the clock [s], the command in force [rad/s], the delay [s]."""
+    def sampled(self, dt: float) -> tuple[float, float]:
+        """Take a sample: give the clock, and the delay of the loop [s]."""
         self.period = learned_period(self.period, dt)
         self._clock += dt  # stamps alone: a simulated arm may be slower than this machine
-        delay = self.assumed_delay
-        return self._clock, self.delay.commanded(self._clock, delay), delay
+        self._learn_lags(dt, self.delay.delay)
+        return self._clock, self.assumed_delay
 
     def step(self, dt: float, dq: FloatArray) -> tuple[float, float]:
         """
@@ -283,8 +270,13 @@ class LoopGains:
         """
         self.delay.add_motion(self._clock, dt, dq)
         change = dt / settings.SHARE_RAMP_TIME
-        self.weight += min(max(self.share * self.allowed_share - self.weight, -change), change)
+        share = min(self.share, settings.LARGEST_SHARE) * self.allowed_share
+        self.weight += min(max(share - self.weight, -change), change)
         return self.weight, self.position_gain_in_use
+
+    def took(self, waited: float, command: FloatArray) -> None:
+        """Take a command [rad/s] that was given a time after the last sample [s]."""
+        self.delay.commands.add(self._clock + waited, command)
 
     def commanded(
         self, dt: float, command: FloatArray, added: FloatArray, moving: bool, cut: bool,
@@ -295,5 +287,5 @@ class LoopGains:
         dt [s], command, added (joints,) [rad/s]; returns the longest time to its motion [s].
         """
         self.excited = self._ringing.step(dt, added, moving, cut) or self.excited
-        self.delay.add_command(self._clock, command)
+        self.delay.commands.add(self._clock, command)
         return self.response_time

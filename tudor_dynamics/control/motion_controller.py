@@ -23,14 +23,15 @@ import math
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.limits import drive_stop, hard_limits, Limits
+from tudor_dynamics.arm.limits import drive_stop, effort_limits, hard_limits, Limits
 from tudor_dynamics.control import settings
 from tudor_dynamics.control.cascade import BY_SPEED, Envelope, SATURATING
 from tudor_dynamics.control.damper import arm_damping, Damper, moving_share
-from tudor_dynamics.control.gains import LoopGains
+from tudor_dynamics.control.gains import learned_period, LoopGains
+from tudor_dynamics.control.plausibility import AgeWatch, Doubt, MotionWatch
 from tudor_dynamics.control.schedule import Adaptation
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
+from tudor_dynamics.signals.motion_profile import motion_limits, MotionLimits, MotionPlanner
 from tudor_dynamics.typing import FloatArray
 
 
@@ -142,55 +143,6 @@ class ReferenceGate:
         return ''
 
 
-class EncoderWatch:
-    """
-    Judges the readings of encoders against the commands that the joints were given.
-
-    owed (joints,) [rad or m].
-    """
-
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
-        self._speed = limits.velocity
-        self.reset()
-
-    def reset(self) -> None:
-        """Take the next reading for a first one."""
-        self._last: FloatArray | None = None
-        self._same = np.zeros(len(self._speed), dtype=np.intp)
-        self.owed, self._stood, self._jumped = np.zeros((3, len(self._speed)))
-
-    def step(self, dt: float, q: FloatArray, commanded: FloatArray) -> list[tuple[int, str]]:
-        """
-        Judge one reading.
-
-        dt [s], q (joints,) [rad or m], commanded (joints,) [rad/s or m/s].
-        """
-        found: list[tuple[int, str]] = []
-        far = self._speed * settings.RANGE_TIME
-        for j in np.flatnonzero((q < self._limits.lower - far) | (q > self._limits.upper + far)):
-            found.append((int(j), f'its position {q[j]:.4g} is no pose of the arm, with limits of '
-                          f'{self._limits.lower[j]:.4g} .. {self._limits.upper[j]:.4g}'))
-        if self._last is not None:
-            change = q - self._last
-            allowed = self._speed * (settings.JUMP_SPEED * dt + settings.JUMP_TIME)
-            for j in np.flatnonzero(np.abs(change) > allowed):
-                found.append((int(j), f'its position jumped by {change[j]:.4g} within '
-                              f'{1e3 * dt:.3g} ms'))
-                self._jumped[j] -= change[j] - dt * commanded[j]
-            still = change == 0.0
-            self._same = np.where(still, self._same + 1, 0)
-            self._stood = np.where(still, self._stood + dt * commanded, 0.0)
-            self.owed = self._stood + self._jumped
-            frozen = (self._same >= settings.FROZEN_SAMPLES) & (
-                np.abs(self._stood) > self._speed * settings.FROZEN_TIME)
-            for j in np.flatnonzero(frozen):
-                found.append((int(j), 'it does not move although it is commanded to: encoder '
-                              'frozen, brake on, or a driver that does not listen'))
-        self._last = q.copy()
-        return found
-
-
 class Takeover:
     """
     Says when an arm of unknown motion can be commanded, and at which speed.
@@ -246,18 +198,26 @@ class MotionController:
         self.gains = LoopGains(arm.spec.damper, self.limits.velocity, share)
         self.adaptation: Adaptation | None = None
         self.envelope = Envelope(self.limits, self.gains.response_time, drive_stop(arm))
-        self.encoders = EncoderWatch(self.limits)
+        self.watched = MotionWatch(self.joints, self.limits, effort_limits(arm))
         self.reference = ReferenceGate(self.joints, self.limits, self.planned.velocity)
         self._takeover = Takeover(self.planned.acceleration)
         self._to = [self.joints.index(name) for name in self.damper.joints]
         self._from = [self.gauges.index(name) for name in self.damper.gauges]
         self._hold = MotionPlanner(self.planned, np.zeros(len(self.joints)))
         self._q: FloatArray | None = None
+        self._guess = np.zeros(len(self.joints))  # where it is while positions do not come
         self._at = -math.inf
+        self._arrival = 0.0  # time between samples by the clock of this machine
+        self.ages = AgeWatch()
         self._gave = -math.inf  # when the last command was given
         self._unknown = True  # the speed of the arm
         self._blind = False  # commands are given without positions
+        self._stood = 0.0  # for which a fault has commanded standstill [s]
+        self.required = self.tested = False  # whether joint_test has to be passed first, and is
+        self._origin = np.zeros(len(self.joints))
         self.takeovers = 0
+        self._doubts: list[Doubt] = []
+        self._told = -math.inf  # until when the cause of a fault is looked for
         self.cuts: Counter[str] = Counter()
         self.state, self.cause = State.HOLDING, 'no reference yet'
 
@@ -265,6 +225,8 @@ class MotionController:
         """Leave a fault and restart: hold, and fade the damper in."""
         self.state, self.cause = State.HOLDING, 'no reference yet'
         self._q = None
+        self.ages.reset()
+        self._hold = MotionPlanner(self.planned, np.zeros(len(self.joints)))
         self.reference.reset()
         self.gains.reset()
         self.damper.reset()
@@ -283,7 +245,7 @@ class MotionController:
 
     def step(
         self, now: float, dt: float, q: FloatArray, strain: FloatArray, fresh: FloatArray, *,
-        age: float | None = None, dq: FloatArray | None = None,
+        age: float | None = None, dq: FloatArray | None = None, effort: FloatArray | None = None,
     ) -> FloatArray | None:
         """
         Give the commands for one sample.
@@ -291,30 +253,47 @@ class MotionController:
         now [s], q (joints,) [rad or m], strain, fresh (gauges,); dt [s]: 0 where nothing before it
         counts; age [s]: of its stamp by the node's clock, None where that is not known; dq
         (joints,) [rad/s or m/s]: what the driver itself says, None or no numbers where it says
-        nothing; returns (joints,) [rad/s or m/s], None until it is known how fast the arm is.
+        nothing; effort (joints,): as dq; returns (joints,) [rad/s or m/s], None until it is known
+        how fast the arm is.
         """
-        self._at = now
         gains = self.gains
+        if math.isfinite(self._at):
+            self._arrival = learned_period(self._arrival, now - self._at)
+        self._at = now
+        if dt <= 0.0:
+            self.ages.reset()
+        if age is not None and self.ages.step(now, age) > settings.LONGEST_LATE:
+            self.cuts['late'] += 1
+            return None if self._q is None else self._brake(
+                now, f'positions come {1e3 * self.ages.late:.0f} ms late')
         gains.period = gains.period or max(dt, 0.0)
         if self._q is None or dt <= 0.0 or dt > self._patience or (
                 not self._unknown and (self._blind or self._slept(now))):
             self._take_first(now, q)
             return None
         speed = (q - self._q) / dt
-        self._q = q.copy()
-        clock, commanded, delay = gains.sampled(dt)
-        doubts = self.encoders.step(dt, q, commanded)
+        self._q = self._guess = q.copy()
+        clock, delay = gains.sampled(dt)
+        doubts = self.watched.step(
+            clock, dt, self._q, gains.delay.commands,
+            (gains.lags[0], gains.lags[1] + self.ages.late), dq, effort)
         if self._unknown:
             if not (doubts or self._takeover.step(clock, speed, delay)):
                 return None
             self.takeovers += 1
             self._begin(now, q, np.zeros_like(speed) if doubts else speed)
         if doubts and self.state is not State.FAULT:
-            self._fault('; '.join(f'{self.joints[j]}: {text}' for j, text in doubts))
+            self._fault(doubts)
+            self._told = clock + settings.TELLING_AFTER
+        elif self.state is State.FAULT and clock < self._told:
+            self._explain([self.watched.tell(doubt.joint, gains.delay.commands, gains.lags)
+                           if doubt.later else doubt for doubt in self._doubts])
         self._hold.step(dt)
         self._choose(now, q)
         self._gave = now
-        return self._command(now, dt, q, speed, strain, fresh)
+        command = self._command(now, dt, q, speed, strain, fresh)
+        self._stood = self._stood + dt if self.state is State.FAULT and not command.any() else 0.0
+        return command if self._stood < settings.SILENT_AFTER else None
 
     def watch(self, now: float) -> FloatArray | None:
         """
@@ -322,9 +301,17 @@ class MotionController:
 
         now [s]; returns (joints,) [rad/s or m/s], None while positions come.
         """
-        if self._q is None or now - self._at <= self._patience:
+        waited = now - self._at
+        if self._q is None or waited <= settings.MISSED_PERIODS * max(
+                self.gains.period, self._arrival):
             return None
-        return self._brake(now, 'no positions come')
+        if waited > self._patience:
+            return self._brake(now, 'no positions come')
+        if self._unknown or self._blind:
+            return None
+        command = self._slow_down(now)
+        self.gains.took(waited, command)
+        return command
 
     def stand_still(self, now: float) -> FloatArray | None:
         """
@@ -336,19 +323,27 @@ class MotionController:
             return None
         return self._brake(now, 'told to stand still')
 
+    def _slow_down(self, now: float) -> FloatArray:
+        """Give a slower command; a sample that is only late finds the arm following."""
+        dt, command = min(now - self._gave, 2.0 * settings.WATCH_PERIOD), self.envelope.command
+        self._gave = now
+        most = self.planned.acceleration * dt
+        slower = self.envelope.step(dt, command - np.clip(command, -most, most), self._guess)
+        self._guess = self._guess + dt * slower
+        return slower
+
     def _brake(self, now: float, cause: str) -> FloatArray | None:
         """Give a command of braking blindly; the arm is where it was commanded to go."""
         if self._slept(now):  # whoever drives the joints has stopped them meanwhile
             self._q = None
             return None
         if not self._blind:
-            self._interrupt(now, cause)
+            self._interrupt(now, cause, self.envelope.command)
             self._blind = True
-        waited = now - self._gave
-        self._gave = now
-        self._hold.step(waited)
+        elif self.state is State.HOLDING:
+            self.cause = cause
         self.gains.begin()
-        return self.envelope.step(min(waited, settings.WATCH_PERIOD), self._hold.dq, self._hold.q)
+        return self._slow_down(now)
 
     def _slept(self, now: float) -> bool:
         """Say whether drives have stopped by themselves."""
@@ -364,9 +359,10 @@ class MotionController:
         if self._slept(now) or not self._blind:
             self._unknown = True
             self._takeover.reset()
-        self._q = q.copy()
-        self.encoders.reset()
-        self.encoders.step(0.0, q, np.zeros_like(q))
+            self.watched.reset()
+            self.tested = False  # it may be another driver
+        self._q = self._guess = q.copy()
+        self.watched.restart(self._q, 0.0 if self._unknown else settings.FREE_AFTER)
         self.gains.begin()
         self.damper.reset()
         if self.adaptation is not None:
@@ -380,8 +376,12 @@ class MotionController:
         """Brake from a known motion, and hold where that ends."""
         self._unknown = self._blind = False
         self._gave = now
-        self.envelope.begin(np.clip(dq, -self.limits.velocity, self.limits.velocity))
-        self._hold.brake(q, self.envelope.command)
+        speed = np.clip(dq, -self.limits.velocity, self.limits.velocity)
+        self.envelope.begin(speed)
+        self.gains.begin(speed)
+        self.watched.trust(speed)
+        self._hold.brake(q, speed)
+        self._origin = q.copy()
 
     def _choose(self, now: float, q: FloatArray) -> None:
         """Follow, or hold, by what the reference is now."""
@@ -391,15 +391,25 @@ class MotionController:
                 self.cause = reference.refusal
             return
         if self.state is State.FOLLOWING:
-            cause = reference.stray(now, self.timeout, q)
+            cause = self._untested() or reference.stray(now, self.timeout, q)
             if cause:
                 self._interrupt(now, cause)
             return
-        self.cause = reference.obstacle(now, self.timeout, q, self._hold.dq)
+        self.cause = self._untested() or reference.obstacle(
+            now, self.timeout, q, self._hold.dq)
         if not self.cause:
             self.state, self.cause = State.FOLLOWING, 'follows the reference'
 
-    def _interrupt(self, now: float, cause: str) -> None:
+    def _untested(self) -> str:
+        """Say why the reference is too far for joints that were not tested; empty if it is not."""
+        if not self.required or self.tested:
+            return ''
+        away = np.abs(self.reference.q - self._origin) / self.limits.velocity
+        fast = np.abs(self.reference.dq) / self.limits.velocity
+        return 'joints were not tested since their driver started: run joint_test' if (
+            away.max() > settings.UNTESTED_TIME or fast.max() > settings.UNTESTED_SHARE) else ''
+
+    def _interrupt(self, now: float, cause: str, dq: FloatArray | None = None) -> None:
         """Brake from the motion that is in force, and hold where that ends."""
         reference = self.reference
         if self.state is State.FOLLOWING:
@@ -408,13 +418,26 @@ class MotionController:
             if self._q is not None:  # what the arm is away is not made up for after a stop
                 near = settings.NEAR_TIME * self.planned.velocity
                 place = np.clip(place, self._q - near, self._q + near)
-            self._hold.brake(place, reference.dq)
+            self._hold.brake(place, reference.dq if dq is None else dq)
         if self.state is not State.FAULT:
             self.state, self.cause = State.HOLDING, cause
 
-    def _fault(self, cause: str) -> None:
-        self._hold.brake(self._hold.q, self.envelope.command)
-        self.state, self.cause = State.FAULT, cause
+    def _fault(self, doubts: list[Doubt]) -> None:
+        assert self._q is not None
+        speed = np.abs(self.envelope.command)
+        astray = any(doubt.astray for doubt in doubts)  # each moment it goes farther astray
+        self._hold = MotionPlanner(
+            MotionLimits(self.planned.velocity, np.maximum(
+                self.planned.acceleration, speed / (
+                    settings.ASTRAY_STOP_TIME if astray else settings.FAULT_STOP_TIME))),
+            self._q)
+        self._hold.brake(self._q, self.envelope.command)
+        self.state = State.FAULT
+        self._explain(doubts)
+
+    def _explain(self, doubts: list[Doubt]) -> None:
+        self._doubts = doubts
+        self.cause = '; '.join(f'{self.joints[doubt.joint]}: {doubt.text}' for doubt in doubts)
 
     def _command(
         self, now: float, dt: float, q: FloatArray, dq: FloatArray, strain: FloatArray,
@@ -434,18 +457,22 @@ class MotionController:
         yielding[self._to] = self.damper.step(
             strain[self._from], fresh[self._from], limited[self._to], moving)
         weight, gain = gains.step(dt, dq)
-        place = q + self.encoders.owed
-        if self.state is State.FAULT:  # no position can be believed: the farther one counts
+        added = gain * (q_ref - q) + weight * yielding
+        if self.state is State.FAULT:
             added = np.zeros(len(q))
-            place = np.where(envelope.command < 0.0, np.minimum(q, place), np.maximum(q, place))
+        trusted = self.watched.trusted
+        wanted = np.clip(dq_ref + added, -trusted, trusted)
+        # Where readings and commands part, either may be right: the farther place counts.
+        place = q + self.watched.owed
+        toward = envelope.command if self.state is State.FAULT else wanted
+        place = np.where(toward < 0.0, np.minimum(q, place), np.maximum(q, place))
+        if self.state is State.FAULT:
             place = np.clip(place, self.limits.lower, self.limits.upper)
-        else:
-            added = gain * (q_ref - q) + weight * yielding
         # What a lost sample left out is not made up for in one command.
-        command = envelope.step(min(dt, gains.period), dq_ref + added, place)
+        command = envelope.step(min(dt, gains.period), wanted, place)
         cuts = envelope.cuts
         for j in np.flatnonzero(cuts):
             self.cuts[self.joints[j]] += 1
-        envelope.lag = gains.commanded(
+        envelope.lag = max(self.ages.late, 0.0) + gains.commanded(
             dt, command, added, moving > 0.0, bool((cuts & BY_SPEED).any()))
         return command

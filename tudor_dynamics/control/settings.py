@@ -80,22 +80,78 @@ SIGN_GROWTH = 1.5
 # 1.7 to 3.3 Hz (bench/damping_study.py).
 SIGN_HIGH_PASS = 0.7
 
-# -- Encoders that cannot be believed (found and never falsely: bench/motion_sequences.py)
+# -- Motion that is not as commanded (found and never falsely: bench/lying.py,
+#    bench/false_faults.py)
 
 # A reading that stands still is frozen where the joint should have gone on for so long at its
-# speed limit [s]: 1.8 deg at 120 deg/s; source: none known, held by bench/motion_sequences.py.
+# speed limit [s]: 1.8 deg at 120 deg/s; held by bench/lying.py.
 FROZEN_TIME = 0.015
 # Readings that must be the same: slow joints give the same count twice.
-FROZEN_SAMPLES = 3
-# A reading may change by so many times the speed limit...; source: none known, held by
-# bench/motion_sequences.py.
-JUMP_SPEED = 3.0
-# ... and in addition by what the speed limit makes of this time [s]; as JUMP_SPEED, held by
-# bench/motion_sequences.py.
-JUMP_TIME = 0.02
+FROZEN_SAMPLES = 3.0
+# A reading may change by so many times the speed limit, and in addition by what the speed limit
+# makes of this time [s]; more has jumped.
+JUMP_SPEED, JUMP_TIME = 3.0, 0.02
+# Less has jumped where one sample has more than this part of what nobody commanded.
+JUMP_SHARE = 0.8
 # Farther beyond a position limit than the speed limit goes in this time is no pose [s]; source:
 # none known.
 RANGE_TIME = 0.2
+# Excess that is no fault at rest, as what the speed limit makes of this time [s]: 0.84 deg at
+# 120 deg/s; free motion has up to 0.6, where 400 g swing undamped (bench/false_faults.py).
+EXCESS_TIME = 0.007
+# The same in motion, in addition, as what the commanded speed makes of this time [s].
+EXCESS_LATE = 0.01
+# Part of it from which on a joint counts as away from its commands.
+EXCESS_SMALL = 0.2
+# Uncertainty of the delay of the loop [s]; shorter ones raise false faults of arms that swing.
+LAG_MARGIN = 0.012
+# How fast it may rise [s/s]: an encoder that stops looks like a delay that grows by 1 s/s.
+LAG_RISE = 0.02
+# Drives wander off their commands at so much of the speed limit, and of their speed: slower lies
+# cannot be found. 0.24 deg/s at 120 deg/s.
+WANDER_SPEED, WANDER_SHARE = 0.002, 0.05
+# Part of the largest effort at which a drive may be held up by its load, and for how long after
+# it [s].
+OVERLOADED, OVERLOAD_LASTS = 0.9, 0.1
+# For so long after it a drive may be off its commands by more of its speed [s].
+OVERLOAD_AFTER, WANDER_LOADED = 1.0, 0.5
+# Until a joint has answered its commands they are at most this part of its speed limit: 2 deg/s of
+# 120, which a driver that takes radians for degrees makes 115 of.
+UNCONFIRMED_SPEED = 1.0 / 60.0
+# Joints that have to be tested first go no farther than the speed limit goes in this time [s]:
+# 2.4 deg at 120 deg/s, four nudges of joint_test; nor at more of the limit.
+UNTESTED_TIME, UNTESTED_SHARE = 0.02, 0.125
+# The speed grows with the way that was confirmed as if it were gone in this time [s].
+CONFIRMING_TIME = 0.05
+# Time in which an arm is braked at a fault, and where it moves as nobody commands it [s]; the
+# second is bounded by its largest acceleration.
+FAULT_STOP_TIME, ASTRAY_STOP_TIME = 0.3, 0.05
+# After positions did not come, commands may not have come either: for so long nothing is judged
+# [s], in which drives brake by themselves or take them up again.
+FREE_AFTER = 0.3
+# For so long standstill is commanded after a fault; then nothing is, and drives hold by themselves
+# [s], also one that creeps.
+SILENT_AFTER = 0.02
+# Time of readings from which a cause is told [s].
+TELLING_TIME = 0.6
+# For so long after a fault its cause is told again with what was seen meanwhile [s].
+TELLING_AFTER = 0.15
+# Delays of the loop that are tried for each explanation.
+LAGS_TRIED = 6
+# Part of the way below which a joint stands still.
+STANDS = 0.07
+# Times the commanded way from which on a joint runs away, and up to which it may be as far as it
+# is commanded, in the other direction.
+RUNAWAY, SAME_SIZE = 5.0, 2.5
+# Part of the motion that any other explanation of a runaway has to leave less than.
+RUNS = 0.3
+# Part of the speed limit above which a drift is less likely than another scale.
+FAST_DRIFT = 0.3
+# Part of the excess from which on positions contradict the driver's own speeds.
+CONTRADICTS = 0.5
+# An explanation with a figure that is fitted has to leave so many times less; one that leaves less
+# than this part of what counts as small is as good as any.
+FREE, ROUGH = 1.5, 0.3
 
 # -- A damper that excites
 
@@ -150,8 +206,19 @@ LONGEST_EXTRAPOLATED = 0.1
 # Without positions for so long standstill is commanded, whatever the timeout [s]; source: none
 # known, longer than machines without real time hold up a process as a rule.
 LONGEST_BLIND = 0.25
-# Period at which `MotionController.watch` wants to be called [s]: ten times in a timeout.
-WATCH_PERIOD = 0.01
+# A sample so much later than usual counts as none [s]: 12 deg at 120 deg/s; source: none known, a
+# quarter of the 0.4 s with which an arm went 48 deg past its goal.
+LONGEST_LATE = 0.1
+# For which the smallest age of samples is known [s]: clocks drift by 1 ms meanwhile.
+AGE_MEMORY = 10.0
+# Ages are judged once their least was the same, within this, in two such times [s]: a simulated
+# arm may be slower than the clock.
+AGE_STEADY, AGE_LEARNED = 0.02, 0.5
+# Periods without a sample after which commands slow down.
+MISSED_PERIODS = 1.5
+# Period at which `MotionController.watch` wants to be called [s]: with MISSED_PERIODS, an arm
+# slows down within two periods at 100 Hz.
+WATCH_PERIOD = 0.005
 # Without a command for so long beyond the timeout, drives have stopped by themselves [s]: their
 # own timeout (docs/operation.md).
 ASLEEP_TIME = 0.1
@@ -182,6 +249,9 @@ DELAY_FADES, DELAY_GONE = 4.0, 5.0
 # Position gain times delay: 14 deg of phase at the corner of the position loop; commands decay for
 # delays of 0 to 80 ms (bench/damper_delay.py --moves).
 DELAY_PHASE = 0.25
+# Parts of the damper's gains that the loop stands at most: twice them is 26 deg past a goal with
+# 400 g at 100 Hz and 20 ms (test/mechanics/test_lying.py).
+LARGEST_SHARE = 1.25
 # In which the damper's share comes up or goes away [s]; source: none known.
 SHARE_RAMP_TIME = 0.5
 # Delay of the loop that is assumed until it was measured [s]; source: none known.

@@ -229,7 +229,7 @@ class Rig:
         dt = sample.t - stamp if stamp is not None else 0.0
         self._command(controller.step(
             self.t, dt, sample.q, sample.strain, np.ones(len(sample.strain), dtype=bool),
-            age=self.t - sample.t, dq=sample.dq))
+            age=self.t - sample.t, dq=sample.dq, effort=sample.current))
 
     def _watch(self) -> None:
         if self.t < self._due - 1e-9:

@@ -35,9 +35,10 @@ from tudor_dynamics.control.damper import MEANING, SEEN, STATUS, Status
 from tudor_dynamics.control.motion_controller import MotionController, State
 from tudor_dynamics.control.schedule import Adaptation, load_schedule
 from tudor_dynamics.control.settings import WATCH_PERIOD
+from tudor_dynamics.errors import UsageError
 from tudor_dynamics.nodes.common.base import ClockWatch, ERROR, Figure, latched, STALE, WARN
 from tudor_dynamics.nodes.common.interfaces import (
-    JOINT_REFERENCE, PAYLOAD_TOPIC, RESET, VELOCITY_COMMANDS)
+    JOINT_REFERENCE, JOINTS_TESTED, PAYLOAD_TOPIC, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import floats, NamedReader
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
@@ -84,6 +85,7 @@ class OscillationDamperNode(MovingNode):
             node.controller.reference.refused, node.reported_refusals)),
         Figure('damper JOINT', lambda controller: dict(zip(
             controller.damper.joints, controller.damper.report(), strict=True)), 'controller'))
+    feels = True
     ending = 'shut down: the joints are braked to standstill, and no more is commanded'
 
     def __init__(self, **kwargs: Any) -> None:
@@ -96,6 +98,7 @@ class OscillationDamperNode(MovingNode):
         self.reported_refusals: Counter[str] = Counter()
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
         self.serve(RESET, self._reset)
+        self.serve(JOINTS_TESTED, self._tested)
         self.crowded: tuple[bytes, str] | None = None
         self._watchdog = self.every(WATCH_PERIOD, self._watch)
         self._look_timer = self.every(PUBLISHERS_LOOK, self._look)
@@ -135,6 +138,7 @@ class OscillationDamperNode(MovingNode):
             return
         self.controller.gains.share = self.value('damping')
         self.controller.timeout = self.value('timeout')
+        self.controller.required = self.value('require_joint_test')
         if self.controller.adaptation is not None:
             self.controller.adaptation.timeout = self.value('payload_timeout')
         self.controller.gains.set_position_gain(self.value('position_gain'))
@@ -146,6 +150,12 @@ class OscillationDamperNode(MovingNode):
         self.clocks.reset()
         self._faults = {}
         return 'the arm is held, and the damper fades in anew'
+
+    def _tested(self) -> str:
+        if self.controller is None or not self.active:
+            raise UsageError('the damper is not active', remedy='activate it, and test again')
+        self.controller.tested = True
+        return 'any motion is taken until the driver starts again'
 
     def _on_reference(self, message: JointState) -> None:
         q = self._references.read(message, 'position')
@@ -166,7 +176,10 @@ class OscillationDamperNode(MovingNode):
         """Command velocities."""
         controller = self.controller
         assert controller is not None
-        command = controller.step(self.steady(), tick.dt, q, self._strain, self._fresh)
+        command = controller.step(
+            self.steady(), tick.dt, q, self._strain, self._fresh,
+            age=self.clocks.newest, dq=self._joints.read(message, 'velocity', optional=True),
+            effort=self._effort)
         state = controller.damper.state
         for place in np.flatnonzero((state[:, STATUS] >= Status.MISSING) & (state[:, SEEN] > 0)):
             # a jump is over before anybody looks: remembered until the gauge is trusted again
@@ -215,23 +228,29 @@ class OscillationDamperNode(MovingNode):
                                   f'{", ".join(sorted(sources))}; there may be one')
 
     def _worst(self, controller: MotionController) -> tuple[bytes, str] | None:
-        """Give the level and the words of what matters most; None where all is well."""
+        """
+        Give the level and the words of what matters most; None where all is well.
+
+        docs/operation.md has the table of causes: what to do, and the test that shows each.
+        """
         if controller.state is State.FAULT:
             return ERROR, f'{controller.cause}; the joints stand, ~/reset takes them up again'
-        gains = controller.gains
-        if gains.excited:
-            return ERROR, (f'the damper is off: {gains.excited}; look at its sign, its gain '
-                           'and the delay of the loop, then ~/reset')
-        if self.crowded:
-            return self.crowded
-        bad = self._gauge_faults(controller)
-        if bad:
-            return ERROR, '; '.join(bad)
         clock = self.clocks.fault()
         if clock:
             return ERROR, clock
         if controller.missing:
             return STALE, f'{controller.cause}: standstill is commanded'
+        if self.crowded and self.crowded[0] == ERROR:
+            return self.crowded
+        gains = controller.gains
+        if gains.excited:
+            return ERROR, (f'the damper is off: {gains.excited}; look at its sign, its gain '
+                           'and the delay of the loop, then ~/reset')
+        bad = self._gauge_faults(controller)
+        if bad:
+            return ERROR, '; '.join(bad)
+        if self.crowded:
+            return self.crowded
         if controller.state is State.HOLDING:
             return (STALE if controller.unreferenced else WARN,
                     f'{controller.cause}: the joints are held')

@@ -147,6 +147,7 @@ class ClockWatch:
     def reset(self) -> None:
         """Forget the past."""
         self.age: float | None = None
+        self.newest: float | None = None  # age of the last stamp; None before a clock runs [s]
         self._zeros = self._count = 0
 
     def step(self, stamp: int, now: int) -> None:
@@ -154,6 +155,7 @@ class ClockWatch:
         self._count += 1
         self._zeros = self._zeros + 1 if stamp == 0 else 0
         age = 1e-9 * (now - stamp)
+        self.newest = age if now and stamp else None
         self.age = age if self.age is None else self.age + AGE_SHARE * (age - self.age)
 
     def text(self) -> str:

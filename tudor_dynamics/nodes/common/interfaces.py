@@ -52,7 +52,7 @@ DIAGNOSTICS = '/diagnostics'
 CLOCK = '/clock'
 
 RESET, CALIBRATE, RELOAD, RETREAT = '~/reset', '~/calibrate', '~/reload', '~/retreat'
-EXPECT_PAYLOAD = '~/expect_payload'
+EXPECT_PAYLOAD, JOINTS_TESTED = '~/expect_payload', '~/joints_tested'
 STATE, FOLLOW = '~/state', '~/follow_joint_trajectory'
 
 FIELD = {'effort': 'effort', 'momentum': 'effort', 'strain': 'position'}
@@ -87,7 +87,7 @@ TIMEOUT = Param('timeout', 0.5, 'input older than this is stale', 's', 0.01, 60.
 COMMON = (ROBOT, TIMEOUT)
 COMMAND_TIMEOUT = Param('timeout', 0.1, 'a reference or positions older than this are missing: '
                         'the arm brakes and is held; positions after 0.25 s at the latest', 's',
-                        0.01, 60.0, dynamic=True)
+                        0.01, 1.0, dynamic=True)
 MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
 KIND = Param('kind', 'analytical', 'model that predicts', choices=KINDS)
 OBSERVER = Param('observer', 'ringing', 'what measured strain corrects in the elastic model: '
@@ -174,7 +174,9 @@ AUTOSTART = Param('autostart', True, 'configure and activate at the start')
 DAMP = (
     ARM,
     Param('autostart', True, 'configure and activate at the start'),
-    Param('damping', 1.0, "part of the damper's gains", '', 0.0, 10.0, dynamic=True),
+    Param('require_joint_test', False, 'joints go no farther than a nudge until joint_test has '
+          'found them right, since their driver started', dynamic=True),
+    Param('damping', 1.0, "part of the damper's gains", '', 0.0, 1.25, dynamic=True),
     Param('position_gain', 0.0, 'speed per position error, 0 for that of the arm', '1/s', 0.0,
           100.0, dynamic=True),
     Param('gain_schedule', '', 'file of tudor tune: gains follow the topic payload and the pose'),

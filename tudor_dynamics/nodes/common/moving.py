@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import partial
 from typing import Any
 
@@ -43,6 +43,8 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
     """
 
     FIGURES: tuple[Figure, ...] = (Figure('phase', lambda node: node.phase),)
+    feels = False
+    """Whether efforts are heard."""
     ending = ''
     """What a node that was shut down says."""
 
@@ -57,6 +59,8 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self._read = np.zeros(0)  # stamps of the strains [s]
         self._fresh = np.zeros(0, dtype=bool)  # strains since the last answer
         self._gauges: dict[str, tuple[NamedReader, list[int]]] = {}
+        self._motors: dict[str, tuple[NamedReader, list[int]]] = {}
+        self._effort = np.zeros(0)
         self._inputs: list[Subscription] = []
 
     def autostart(self) -> None:
@@ -102,17 +106,15 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self._strain = np.full(len(arm.gauges), np.nan)
         self._read = np.full(len(arm.gauges), -np.inf)
         self._fresh = np.zeros(len(arm.gauges), dtype=bool)
-        heard = {topic: [name for name in names if name in gauges]
-                 for topic, names in arm.topics['strain'].items()}
-        topics = {topic: names for topic, names in heard.items() if names}
-        self._gauges = {
-            topic: (NamedReader(names, self.drops), [arm.gauge_names.index(n) for n in names])
-            for topic, names in topics.items()}
+        self._effort = np.full(len(arm.active_joints), np.nan)
+        self._gauges = self._sources(arm.topics['strain'], arm.gauge_names, gauges)
+        self._motors = self._sources(
+            arm.topics['effort'], arm.active_joints, arm.active_joints if self.feels else ())
         self._own = arm.spec.joint_topic
         self._inputs = [self.subscribe(JointState, self._own, self._on_joints),
                         *self.subscribe_inputs()]
-        self._inputs += [self.subscribe(JointState, topic, partial(self._on_strains, topic))
-                         for topic in topics if topic != self._own]
+        self._inputs += [self.subscribe(JointState, topic, partial(self._on_values, topic))
+                         for topic in self._gauges | self._motors if topic != self._own]
         self.phase = 'inactive'
         return TransitionCallbackReturn.SUCCESS
 
@@ -143,12 +145,27 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self.end(self.ending)
         return TransitionCallbackReturn.SUCCESS
 
-    def _on_strains(self, topic: str, message: JointState) -> None:
-        reader, index = self._gauges[topic]
-        values = reader.read(message, 'position')
-        if values is not None:
-            self._strain[index], self._fresh[index] = values, True
-            self._read[index] = nanoseconds(message.header.stamp) * 1e-9
+    def _sources(
+        self, topics: dict[str, list[str]], names: Sequence[str], wanted: Collection[str],
+    ) -> dict[str, tuple[NamedReader, list[int]]]:
+        """Give a reader for each topic that carries something wanted, and where it belongs."""
+        heard = {topic: [name for name in some if name in wanted]
+                 for topic, some in topics.items()}
+        return {topic: (NamedReader(some, self.drops), [names.index(name) for name in some])
+                for topic, some in heard.items() if some}
+
+    def _on_values(self, topic: str, message: JointState) -> None:
+        if topic in self._gauges:
+            reader, index = self._gauges[topic]
+            values = reader.read(message, 'position')
+            if values is not None:
+                self._strain[index], self._fresh[index] = values, True
+                self._read[index] = nanoseconds(message.header.stamp) * 1e-9
+        if topic in self._motors:
+            reader, index = self._motors[topic]
+            values = reader.read(message, 'effort', optional=True)
+            if values is not None:
+                self._effort[index] = values
 
     def _on_joints(self, message: JointState) -> None:
         begun = self.meter.begin()
@@ -161,8 +178,7 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
             self.drops['not_finite'] += 1
             self.gate.unusable()
             return
-        if self._own in self._gauges:
-            self._on_strains(self._own, message)
+        self._on_values(self._own, message)
         stamp = nanoseconds(message.header.stamp)
         self.stamped(stamp)
         tick = self.gate.step(stamp)

@@ -1,0 +1,205 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Whatever lies, the arm truly stays safe, and the text says what lied.
+
+Arm, controller and source of references in lock-step on a simulated clock, a drive or an encoder
+lying in between (``lying``, which says what must hold). Here each lie has one rate, payload and
+driver's velocity in each situation; bench/lying.py has all of them.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from itertools import groupby
+import re
+
+from lying import BEYOND, Case, cases, false_motion, FASTER, Liar, NOISY, resting, run
+from motion_machine import FIRST, go, moving, SECOND
+import numpy as np
+import pytest
+from tudor_dynamics.arm.limits import hard_limits, planned_limits
+from tudor_dynamics.control.motion_controller import State
+from tudor_dynamics.errors import TudorError
+from tudor_dynamics.mechanics.rig import Rig
+
+
+def some() -> list[Case]:
+    """Give one case of each lie in each situation; the rest takes turns, 500 Hz less often."""
+    found = []
+    for k, (_, group) in enumerate(groupby(
+            cases(), key=lambda case: (case.lie.name, case.start))):
+        chosen = [case for case in group if case.rate == (500.0 if k % 3 == 2 else 100.0)]
+        found.append(chosen[(2 * k + k // len(chosen)) % len(chosen)])
+    return found
+
+
+def judge(rig: Rig) -> None:
+    """Check the true envelope."""
+    limits, q = hard_limits(rig.arm), rig.trace.array('q')
+    assert np.all(q > limits.lower - BEYOND) and np.all(q < limits.upper + BEYOND)
+    assert np.all(np.abs(np.diff(q, axis=0)) * rig.rate < FASTER * limits.velocity)
+
+
+@pytest.mark.parametrize('case', some(), ids=str)
+def test_a_lie(case: Case) -> None:
+    """The true state stays within its bounds, and the text names the joint and the cause."""
+    outcome = run(case)
+    if case.lie.kind == 'runaway' and case.start == 'moving':
+        # shortfall: what three samples show is within what the delay of the loop may be; found
+        # after 5 to 6 samples at 100 Hz (docs/operation.md)
+        outcome.broken = [text for text in outcome.broken if 'deg/s' not in text]
+        assert outcome.speed < 2.4 * 120.0
+    assert not outcome.broken, outcome.cause
+
+
+@pytest.mark.parametrize('rate, payload', [(100.0, 0.4), (500.0, 0.0)])
+def test_a_count_of_noise_is_no_lie(rate: float, payload: float) -> None:
+    """No fault, the move is driven, and by its own definition hardly any motion is false."""
+    rig = Rig(resting(tuple(np.radians([25.0, -60.0]))), rate=rate, payload=payload)
+    liar = Liar(rig)
+    liar.begin(NOISY)
+    rig.run(0.5)
+    go(rig, SECOND)
+    rig.run(4.0)
+    assert rig.controller.state is State.FOLLOWING, rig.controller.cause
+    assert State.FAULT not in rig.trace.state
+    assert np.degrees(rig.trace.q[-1] - SECOND) == pytest.approx(0.0, abs=0.5)
+    false = np.degrees(false_motion(rig, np.array(liar.readings), 0)[-1])
+    assert false.max() < 1.5
+    judge(rig)
+
+
+@pytest.mark.parametrize('rate', [100.0, 500.0])
+@pytest.mark.parametrize('timeout', [0.1, 60.0])
+def test_positions_are_lost_under_any_timeout(rate: float, timeout: float) -> None:
+    """It brakes two periods after the last sample: as far as the plan brakes, and the delay."""
+    rig = moving(rate=rate)
+    with suppress(TudorError, ValueError):
+        rig.controller.timeout = timeout
+    begin, speed = len(rig.trace.q), np.abs(np.diff(rig.trace.q[-2:], axis=0))[0] * rig.rate
+    rig.alter = lambda sample: None
+    rig.run(2.5)
+    way = np.abs(rig.trace.q[-1] - rig.trace.q[begin - 1])
+    # two periods, one of a watch, the drive's lag and what the damper had added
+    late = 2.0 / rate + 0.01 + 0.02
+    assert np.all(way < 0.5 * speed**2 / planned_limits(rig.arm).acceleration + late * speed
+                  + np.radians(3.0)), np.degrees(way)
+    assert pace(rig) < 1.0
+    judge(rig)
+
+
+@pytest.mark.parametrize('payload', [0.0, 0.4])
+@pytest.mark.parametrize('share', [2.0, 10.0])
+def test_too_much_damping(share: float, payload: float) -> None:
+    """What the loop does not stand is refused or bounded: no swing, and the goal is reached."""
+    rig = Rig(resting(tuple(FIRST)), rate=100.0, payload=payload, delay=0.02)
+    rig.run(0.5)
+    with suppress(TudorError, ValueError):
+        rig.controller.gains.share = share
+    goal = np.radians([110.0, 0.0])
+    go(rig, goal)
+    rig.run(7.0)
+    q = rig.trace.array('q')
+    assert np.degrees((q - goal).max()) < 15.0  # 10.7 with the described share and 0.4 kg
+    assert np.degrees(np.ptp(q[-100:], axis=0)).max() < 1.0
+    judge(rig)
+
+
+def pace(rig: Rig) -> float:
+    """Give the speed of the motors over 50 ms, in which links swing out [deg/s]."""
+    return float(np.degrees(np.abs(
+        rig.trace.q[-1] - rig.trace.q[-1 - round(0.05 * rig.rate)]).max()) / 0.05)
+
+
+def past(rig: Rig, goal: np.ndarray) -> float:
+    """Give how far the arm was past its goal [deg]."""
+    return float(np.degrees((rig.trace.array('q') - goal).max()))
+
+
+@pytest.mark.parametrize('rate', [100.0, 500.0])
+@pytest.mark.parametrize('late', [0.3, 0.6])
+def test_positions_are_late(late: float, rate: float) -> None:
+    """A backlog in the middle of a move: braked for, said, and all goes on after it."""
+    rig = moving(rate=rate, payload=0.2)
+    rig.late = late
+    rig.run(late + 0.4)
+    assert pace(rig) < 3.0
+    assert rig.controller.state is not State.FOLLOWING
+    assert re.search(r'\blate\b|\bold\b|\bage\b|delay|behind|missing', rig.controller.cause)
+    rig.run(1.0)
+    rig.late = 0.0
+    rig.run(3.0)
+    assert past(rig, SECOND) < 2.0
+    assert rig.controller.state is State.FOLLOWING, rig.controller.cause
+    go(rig, FIRST)
+    rig.run(4.5)
+    assert np.degrees(rig.trace.q[-1] - FIRST) == pytest.approx(0.0, abs=0.5)
+    judge(rig)
+
+
+@pytest.mark.parametrize('grows', [False, True])
+def test_positions_come_in_heaps(grows: bool) -> None:
+    """A busy machine: nothing for 0.3 to 0.6 s, then all at once, again and again."""
+    rig = moving(rate=100.0, payload=0.2)
+    for pause in (0.3, 0.6, 0.3, 0.6, 0.45):
+        for share in np.linspace(0.0, 1.0, 20) if grows else (1.0,):
+            rig.late = share * pause
+            rig.run(pause / (20 if grows else 1))
+        rig.late = 0.0
+        rig.run(0.05)
+    rig.run(3.0)
+    assert past(rig, SECOND) < 2.0
+    assert rig.controller.state is State.FOLLOWING, rig.controller.cause
+    judge(rig)
+
+
+@pytest.mark.parametrize('late', [0.3, 0.6])
+def test_positions_were_always_late(late: float) -> None:
+    """Stamps alone cannot tell it from another clock; the arm stays within its envelope."""
+    rig = Rig(resting(tuple(np.radians([25.0, -60.0]))), rate=100.0, payload=0.2)
+    rig.late = late
+    rig.run(late + 1.0)
+    rig.source.go(np.radians([110.0, 0.0]))
+    rig.run(6.0)
+    judge(rig)
+    assert past(rig, np.radians([110.0, 0.0])) < 10.0
+
+
+def test_positions_hiccup_while_stamps_go_on() -> None:
+    """Each loss brakes, and after each it follows again; nothing is left over from the first."""
+    rig = moving(rate=100.0)
+    for pause in (0.2, 0.3, 1.0):
+        rig.alter = lambda sample: None
+        rig.run(pause)
+        assert rig.controller.state is not State.FOLLOWING
+        rig.alter = None
+        rig.run(2.5)
+        assert rig.controller.state is State.FOLLOWING, rig.controller.cause
+        go(rig, FIRST if rig.trace.q[-1][0] > 1.6 else SECOND)
+        rig.run(0.8)
+    judge(rig)
+
+
+def test_reset_during_a_collision() -> None:
+    """While the collision lasts, a reset does not let goals be taken."""
+    rig = Rig(resting(tuple(FIRST)), rate=100.0)
+    rig.run(0.3)
+    rig.source.collide(True)
+    with suppress(TudorError):
+        rig.source.reset(rig.t)
+    assert rig.source.go(SECOND) != ''
+    rig.run(0.5)
+    assert np.degrees(np.abs(rig.trace.q[-1] - FIRST)).max() < 0.5

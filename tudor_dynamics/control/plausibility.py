@@ -1,0 +1,346 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Whether joints move as they are commanded, and what lies where they do not.
+
+The way of the readings has to be that of the commands of some time ago, within what is known of
+the delay of the loop. What is beyond is the excess of a joint. A real drive wanders off its
+commands slowly, which is forgotten; what comes faster, and too far, is a fault.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm.limits import Limits
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.control import settings
+from tudor_dynamics.control.commanded import Commanded, way_at
+from tudor_dynamics.typing import FloatArray
+
+# Columns of the state of one joint.
+OFFSET = 0  # of the readings from the way that was commanded; no number before the first [rad]
+EXCESS = 1  # how far readings are ahead of all that the commands can have made [rad]
+ALLOWED = 2  # excess that is no fault [rad]
+CONFIRMED = 3  # way that the readings have gone as commanded [rad]
+LAST = 4  # reading before [rad]
+ONSET = 5  # time at which the excess was small last [s]
+SAME, STOOD = 6, 7  # equal readings, and the way that was commanded meanwhile [rad]
+UNSURE = 8  # time until which its offset is less sure, after a load that held it up [s]
+WATCHED = 9
+
+
+@compiled
+def watch_law(
+    at: NDArray, way: NDArray, commands: NDArray, count: int, now: float, dt: float,
+    earliest: float, latest: float, q: NDArray, speed: NDArray, overloaded: NDArray,
+    state: NDArray,
+) -> bool:
+    """
+    Compare the readings of all joints with what commands can have made of them.
+
+    at, way, commands: see `Commanded`; earliest, latest: lags of the motion [s]; speed (joints,)
+    [rad/s]: limits; overloaded (joints,): sign of an effort that is at its end, else 0; state
+    (joints, WATCHED). Returns whether a joint is beyond what is allowed.
+    """
+    found = False
+    for j in range(len(q)):
+        row, fastest = state[j], 0.0
+        low = way_at(at, way, commands, count, j, now - latest)
+        high = way_at(at, way, commands, count, j, now - earliest)
+        low, high = min(low, high), max(low, high)
+        k = count - 1
+        while k >= 0:
+            if at[k] < now - earliest:
+                low, high = min(low, way[k, j]), max(high, way[k, j])
+                fastest = max(fastest, abs(commands[k, j]))
+            if at[k] < now - latest:
+                break
+            k -= 1
+        if math.isnan(row[OFFSET]):
+            row[OFFSET], row[LAST], row[ONSET] = q[j] - 0.5 * (low + high), q[j], now
+        moved, middle = q[j] - row[LAST], 0.5 * (earliest + latest)
+        asked = way_at(at, way, commands, count, j, now - middle) - way_at(
+            at, way, commands, count, j, now - dt - middle)
+        offset = min(max(row[OFFSET], q[j] - high), q[j] - low)
+        excess = offset - row[OFFSET]
+        # A drive that pushes with all it has yields to its load.
+        held_up = excess * overloaded[j] < 0.0
+        share = settings.WANDER_LOADED if now < row[UNSURE] else settings.WANDER_SHARE
+        forgotten = dt * (settings.WANDER_SPEED * speed[j] + share * fastest)
+        if held_up:
+            row[OFFSET] = q[j] - way_at(at, way, commands, count, j, now - middle)
+            row[UNSURE], excess = now + settings.OVERLOAD_AFTER, 0.0
+        else:
+            row[OFFSET] += min(max(excess, -forgotten), forgotten)
+        row[EXCESS] = excess
+        row[ALLOWED] = settings.EXCESS_TIME * speed[j] + settings.EXCESS_LATE * fastest
+        if abs(row[EXCESS]) < settings.EXCESS_SMALL * row[ALLOWED]:
+            row[ONSET] = now
+        if asked != 0.0:
+            right = moved if asked > 0.0 else -moved
+            right = min(max(right, -abs(asked)), abs(asked))
+            row[CONFIRMED] = min(max(row[CONFIRMED] + right, 0.0), speed[j])
+        if moved == 0.0:
+            row[SAME], row[STOOD] = row[SAME] + 1.0, row[STOOD] + asked
+        else:
+            row[SAME], row[STOOD] = 0.0, 0.0
+        row[LAST] = q[j]
+        if abs(row[EXCESS]) > row[ALLOWED] or (
+                row[SAME] >= settings.FROZEN_SAMPLES
+                and abs(row[STOOD]) > speed[j] * settings.FROZEN_TIME and overloaded[j] == 0.0):
+            found = True
+    return found
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Why a joint, or its readings, cannot be believed."""
+
+    joint: int
+    text: str
+    astray: bool  # whether the joint may move as nobody commands it: braked as fast as it can be
+    later: bool = True  # whether what is seen later may tell the cause better
+    swapped: bool = False
+
+
+class MotionWatch:
+    """
+    Judges readings against the commands that the joints were given.
+
+    effort (joints,): largest of each, in the unit that it is measured in, infinite where unknown;
+    owed (joints,) [rad or m]: what readings lack of where commands have led.
+    """
+
+    def __init__(self, joints: tuple[str, ...], limits: Limits, effort: FloatArray) -> None:
+        self._joints, self._limits = joints, limits
+        self.speed = np.where(np.isfinite(limits.velocity), limits.velocity, math.pi)
+        self._effort = settings.OVERLOADED * np.where(effort > 0.0, effort, np.inf)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all readings, and what was confirmed."""
+        self.state = np.zeros((len(self._joints), WATCHED))
+        self.restart(None)
+
+    def restart(self, q: FloatArray | None, free: float = 0.0) -> None:
+        """
+        Take a reading for the first one; what was confirmed stays.
+
+        q (joints,) [rad]; free [s]: for which drives may have braked by themselves meanwhile.
+        """
+        self.state[:, [EXCESS, SAME, STOOD, UNSURE]] = 0.0
+        self.state[:, OFFSET] = math.nan
+        self.owed = np.zeros(len(self._joints))
+        self._loaded = np.full(len(self._joints), -math.inf)
+        self._push = np.zeros(len(self._joints))
+        self._seen: deque[tuple[float, FloatArray, FloatArray | None]] = deque()
+        if q is not None:
+            self._seen.append((-math.inf, q, None))
+        self._free = free
+
+    def trust(self, speed: FloatArray) -> None:
+        """Let speeds that the joints have already be commanded: speed (joints,) [rad/s]."""
+        self.state[:, CONFIRMED] = np.maximum(
+            self.state[:, CONFIRMED], settings.CONFIRMING_TIME * np.abs(speed))
+
+    @property
+    def trusted(self) -> FloatArray:
+        """Speeds that may be commanded by what was confirmed so far, (joints,) [rad/s]."""
+        return np.asarray(settings.UNCONFIRMED_SPEED * self.speed
+                          + self.state[:, CONFIRMED] / settings.CONFIRMING_TIME)
+
+    def step(
+        self, now: float, dt: float, q: FloatArray, commanded: Commanded,
+        lags: tuple[float, float], dq: FloatArray | None = None, effort: FloatArray | None = None,
+    ) -> list[Doubt]:
+        """
+        Judge one reading.
+
+        now, dt [s]: by the clock of the commands; q, dq (joints,): readings, and the driver's own
+        speeds; lags [s]: shortest and longest from a command to its motion; effort (joints,).
+        """
+        far = self.speed * settings.RANGE_TIME
+        outside = (q < self._limits.lower - far) | (q > self._limits.upper + far)
+        if effort is not None:
+            at_end = np.abs(effort) >= self._effort
+            self._loaded[at_end], self._push[at_end] = now, np.sign(effort[at_end])
+        step = q - self._seen[-1][1] if self._seen else np.zeros_like(q)
+        jumped = np.abs(step) > self.speed * (settings.JUMP_SPEED * dt + settings.JUMP_TIME)
+        self._seen.append((now, q, dq))
+        while self._seen[0][0] < now - settings.TELLING_TIME:
+            self._seen.popleft()
+        self._free -= dt
+        if self._free > 0.0:
+            self.state[:, OFFSET], self.state[:, STOOD] = math.nan, 0.0
+        overloaded = np.where(self._loaded > now - settings.OVERLOAD_LASTS, self._push, 0.0)
+        found = commanded.count > 0 and watch_law(
+            commanded.at, commanded.way, commanded.commands, commanded.count, now, dt, *lags, q,
+            self.speed, overloaded, self.state)
+        self.owed = -self.state[:, EXCESS]
+        if not (found or outside.any() or jumped.any()):
+            return []
+        doubts = [Doubt(int(j), f'its position {q[j]:.4g} is no pose of the arm, with limits of '
+                        f'{self._limits.lower[j]:.4g} .. {self._limits.upper[j]:.4g}', False,
+                        later=False)
+                  for j in np.flatnonzero(outside)]
+        doubts += [Doubt(int(j), f'its position jumped by {step[j]:.3g} within {1e3 * dt:.3g} ms',
+                         False, later=False) for j in np.flatnonzero(jumped)]
+        beyond = np.abs(self.state[:, EXCESS]) > self.state[:, ALLOWED]
+        frozen = np.abs(self.state[:, STOOD]) > self.speed * settings.FROZEN_TIME
+        for j in np.flatnonzero((beyond | frozen) & ~jumped):
+            self.owed[j] = -self.state[j, EXCESS] or self.state[j, STOOD]
+            doubts.append(self.tell(int(j), commanded, lags))
+        return doubts
+
+    def tell(self, j: int, commanded: Commanded, lags: tuple[float, float]) -> Doubt:
+        """Tell what explains best how a joint moved since it left its commands."""
+        seen = [item for item in self._seen if item[0] >= self.state[j, ONSET] - 1e-9]
+        seen = seen if len(seen) > 2 else list(self._seen)[-3:]
+        times = np.array([item[0] for item in seen])
+        moved = np.array([item[1] for item in seen])
+        moved -= moved[0]
+        own = np.array([math.nan if item[2] is None else item[2][j] for item in seen])
+        made = np.concatenate([[0.0], np.cumsum(np.diff(times) * 0.5 * (own[1:] + own[:-1]))])
+        best, least = Doubt(j, '', True), math.inf
+        for lag in np.linspace(*lags, settings.LAGS_TRIED):
+            asked = commanded.made(times - lag)
+            asked -= asked[0]
+            for error, doubt in self._explanations(j, times, moved, asked):
+                if error < least:
+                    least, best = error, doubt
+        if not best.swapped and (text := self._contradiction(j, times, moved[:, j], made)):
+            return Doubt(j, text, False)
+        return best
+
+    def _explanations(
+        self, j: int, times: FloatArray, moved: FloatArray, asked: FloatArray,
+    ) -> Iterator[tuple[float, Doubt]]:
+        """Give explanations with what they leave of the motion; simple ones come first."""
+        mine, wanted, since = moved[:, j], asked[:, j], times - times[0]
+        floor = settings.EXCESS_SMALL * self.state[j, ALLOWED] * settings.ROUGH
+
+        def left(explained: FloatArray) -> float:
+            rest = mine - explained
+            return float(np.std(rest)) + floor
+
+        def fast(rate: float) -> float:
+            return settings.FREE + abs(rate) / (settings.FAST_DRIFT * self.speed[j])
+        change = mine - wanted
+        sizes = float(np.ptp(mine)), float(np.ptp(wanted))
+        fastest = float(np.abs(np.diff(mine) / np.diff(times)).max())
+        if sizes[0] > settings.RUNAWAY * sizes[1] and (
+                fastest > 2.0 * settings.RUNAWAY * settings.UNCONFIRMED_SPEED * self.speed[j]):
+            yield settings.RUNS * float(np.std(mine)), Doubt(
+                j, f'it runs away, {sizes[0] / max(sizes[1], 1e-9):.2g} times as far as it is '
+                'commanded: its driver takes radians for degrees, or the scale of its encoder is '
+                'wrong', True, later=False)
+        place = int(np.abs(np.diff(change)).argmax())
+        step = float(change[place + 1] - change[place])
+        yield left(wanted + step * (np.arange(len(mine)) > place)) + (
+            math.inf if abs(step) < settings.JUMP_SHARE * max(
+                np.ptp(change), self.state[j, ALLOWED]) else 0.0), Doubt(
+                j, f'its position jumped by {step:.3g} within '
+                f'{1e3 * (times[place + 1] - times[place]):.3g} ms', False)
+        for i in range(len(self._joints)):
+            if i != j and np.ptp(asked[:, i] - wanted) > self.state[j, ALLOWED] and (
+                    2.0 * np.ptp(moved[:, i] - asked[:, i]) > self.state[i, ALLOWED]):
+                both = max(left(asked[:, i]), float(np.std(moved[:, i] - wanted)))
+                yield both / settings.FREE, Doubt(
+                    j, f'it and {self._joints[i]} move as the other is commanded: their driver '
+                    'swaps commands, or readings are swapped', True, swapped=True)
+        if sizes[0] < settings.SAME_SIZE * sizes[1]:
+            yield left(-wanted), Doubt(
+                j, 'it moves against its commands: its driver negates them, or its encoder counts '
+                'backwards', True)
+        ratio = float(np.cov(mine, wanted)[0, 1] / max(np.var(wanted, ddof=1), 1e-12))
+        if ratio < 0.0:  # as fast as it answers, or faster: drives saturate
+            ratio = math.copysign(sizes[0] / max(sizes[1], 1e-9), ratio)
+        rate = float(change @ since / max(since @ since, 1e-12))
+        yield fast(rate) * left(wanted + rate * since), Doubt(
+            j, f'it moves by {rate:.3g} a second that nobody commands: its encoder drifts, or its '
+            'drive creeps', True)
+        common = settings.FREE * (2.0 if 2.0 / 3.0 < ratio < 1.5 else 1.0)
+        yield common * left(ratio * wanted), Doubt(j, self._scaled(ratio), (
+            ratio < 0.0 or ratio > 1.0))
+
+    def _scaled(self, ratio: float) -> str:
+        """Say what a joint means that moves by a part, or a multiple, of what is commanded."""
+        if abs(ratio) < settings.STANDS:
+            return (f'it does not move although it is commanded to ({ratio:.2g} times as far): '
+                    'encoder frozen or slipping, brake on, a driver that does not listen or takes '
+                    'degrees for radians')
+        if ratio < 0.0:
+            return (f'it moves against its commands, {-ratio:.2g} times as far: its driver '
+                    'negates them, or its encoder counts backwards')
+        return (f'it moves {ratio:.2g} times as far as it is commanded: the scale of its driver '
+                'or of its encoder is wrong')
+
+    def _contradiction(
+        self, j: int, times: FloatArray, moved: FloatArray, made: FloatArray,
+    ) -> str:
+        """Say how positions contradict the way by the driver's speeds; empty where they do not."""
+        if not np.isfinite(made).all():
+            return ''
+        way, mine = float(made[-1]), float(moved[-1])
+        if abs(way - mine) < settings.CONTRADICTS * abs(self.state[j, EXCESS]) or (
+                abs(way - mine) < settings.ROUGH * np.abs(np.diff(made)).sum()):
+            return ''
+        steps = np.diff(moved - made)
+        if np.abs(steps).max() > settings.JUMP_SHARE * np.ptp(moved - made):
+            return (f'its position jumped by {steps[np.abs(steps).argmax()]:.3g} off the speed '
+                    'that its driver reports')
+        if abs(mine) < settings.STANDS * abs(way):
+            return (f'its position stands still ({mine / way:.2g} times what its driver reports): '
+                    'encoder frozen or slipping')
+        rate = (mine - way) / (times[-1] - times[0])
+        steady = np.std(moved - made - rate * (times - times[0])) * (
+            1.0 + abs(rate) / (settings.FAST_DRIFT * self.speed[j]))
+        if abs(way) < settings.STANDS * abs(mine) or steady < np.std(moved - mine / way * made):
+            return (f'its position drifts by {rate:.3g} a second from the speed that its driver '
+                    'reports: its encoder drifts')
+        if mine * way < 0.0:
+            return 'its encoder counts backwards: its position goes against the reported speed'
+        return (f'its encoder counts {mine / way:.2g} times the way that its driver reports: its '
+                'scale is wrong, or it slips')
+
+
+class AgeWatch:
+    """Says how much later samples come than the quickest of the last while: late [s]."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget which age is usual."""
+        self.late = 0.0
+        self._usual = False  # whether stamps go as fast as the clock: only then ages can be judged
+        self._begun = -math.inf
+        self._before = self._least = math.inf
+
+    def step(self, now: float, age: float) -> float:
+        """Take the age of a stamp; it contains how clocks differ, which drifts: now, age [s]."""
+        if now - self._begun > (settings.AGE_MEMORY if self._usual else settings.AGE_LEARNED):
+            self._usual |= abs(self._least - self._before) < settings.AGE_STEADY
+            self._before, self._least, self._begun = self._least, math.inf, now
+        self._least = min(self._least, age)
+        self.late = age - min(self._before, self._least) if self._usual else 0.0
+        return self.late
