@@ -326,3 +326,22 @@ def test_orders_and_poses() -> None:
     assert 'the joints are other ones' in order_fault(joints, ['joint1', 'joint2', 'joint3'])
     assert pose_fault(arm(), AT) == ''
     assert 'joint2 is at 0, outside its limits' in pose_fault(arm(), np.zeros(2))
+
+
+def test_what_answers_its_own_commands_is_not_moved_by_others() -> None:
+    """A joint that runs away from its own commands meanwhile is what is wrong."""
+    record, dt = JointRecord(arm(), 0, STEP), 0.01
+    q, ways = np.zeros(2), nudges('joint2', 0.0, STEP)
+    for k in range(round((1.0 + ways.t[-1] + LATER) / dt)):
+        t = k * dt
+        if k == round(1.0 / dt):
+            record.begin()
+        nudge_speed = float(np.gradient(np.interp(
+            t - 1.0 + dt * np.arange(3), ways.t, ways.q[:, 0], left=0.0), dt)[1])
+        speed = np.array([nudge_speed, 0.0 if t < 1.0 else 0.3 * nudge_speed - 2.0 * q[1]])
+        record.positions(t, q)
+        record.command(speed)
+        q = q + dt * speed * [1.0, -1.0]
+    answer = record.judge()
+    assert answer.right is False and answer.joint == 'joint3', answer
+    assert 'it moves the other way, the sign is turned' in answer.text

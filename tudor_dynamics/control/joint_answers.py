@@ -220,6 +220,10 @@ class JointRecord:
         factor, unit = self._units[j]
         way = np.ptp(self._ways[:, j])
         if way < settings.LEAST_WAY * self._step:
+            moved = np.ptp(self._moved[:, j])
+            if way and moved > settings.RUNAWAY * settings.LEAST_WAY * self._step:
+                return JointAnswer(name, False, f'{name}: {_times(moved / way)}: look at the '
+                                   'scale of the drive')
             return JointAnswer(name, None, f'{name}: it was hardly commanded, by '
                                f'{factor * way:.2g} of {factor * self._step:.2g} {unit}')
         if not clear:
@@ -228,7 +232,8 @@ class JointRecord:
         k = j if fits[j].near(1.0) else min(clear, key=lambda k: fits[k].unexplained)
         fit = fits[k]
         gaps = self._gaps / self._time[-1]
-        too = [i for i in clear if i != k and abs(fits[i].scale) > settings.MOVES_TOO]
+        too = [i for i in clear if i != k and abs(fits[i].scale) > settings.MOVES_TOO
+               and not self._own(i).unexplained < fits[i].unexplained]
         if fit.unexplained > settings.UNEXPLAINED or gaps > settings.UNEXPLAINED:
             right, text = None, f'{self._figures(j, fit)}; {100 * gaps:.0f} % of it are gaps'
         elif k != j:
@@ -252,6 +257,9 @@ class JointRecord:
         return JointAnswer(name, right, f'{name}: {text}', self._joints[k],
                            1 if fit.scale > 0.0 else -1, abs(fit.scale), fit.error, fit.delay,
                            fit.noise)
+
+    def _own(self, j: int) -> _Fit:
+        return _fit(self._time, self._moved[:, j], self._ways[:, j], back=self._turned[j])
 
     def _figures(self, j: int, fit: _Fit) -> str:
         factor, unit = self._units[j]
