@@ -205,7 +205,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     try:
         processes.start('arm_simulator', arm=args.arm, rate=args.rate, factor=args.factor,
                         clock=simulated, payload=PAYLOAD, seed=1)
-        processes.start('oscillation_damper', arm=args.arm, timeout=2.0, **common)
+        processes.start('oscillation_damper', arm=args.arm, timeout=1.0, **common)
         processes.start('reference_generator', arm=args.arm, rate=args.rate,
                         reaction=args.reaction, **common)
         processes.start('monitor', model=args.model, methods=['strain'], **common)

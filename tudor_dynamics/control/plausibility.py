@@ -196,7 +196,11 @@ class MotionWatch:
             commanded.at, commanded.way, commanded.commands, commanded.count, now, dt, *lags, q,
             self.speed, overloaded, self.state)
         self.owed = -self.state[:, EXCESS]
-        if not (found or outside.any() or jumped.any()):
+        ends = q + self.state[:, EXCESS]
+        past = ((ends > self._limits.upper) & (self.state[:, EXCESS] > 0.0)
+                | (ends < self._limits.lower) & (self.state[:, EXCESS] < 0.0))
+        past &= np.abs(self.state[:, EXCESS]) > settings.EXCESS_AT_END * self.state[:, ALLOWED]
+        if not (found or past.any() or outside.any() or jumped.any()):
             return []
         doubts = [Doubt(int(j), f'its position {q[j]:.4g} is no pose of the arm, with limits of '
                         f'{self._limits.lower[j]:.4g} .. {self._limits.upper[j]:.4g}', False,
@@ -205,6 +209,7 @@ class MotionWatch:
         doubts += [Doubt(int(j), f'its position jumped by {step[j]:.3g} within {1e3 * dt:.3g} ms',
                          False, later=False) for j in np.flatnonzero(jumped)]
         beyond = np.abs(self.state[:, EXCESS]) > self.state[:, ALLOWED]
+        beyond |= past
         frozen = np.abs(self.state[:, STOOD]) > self.speed * settings.FROZEN_TIME
         for j in np.flatnonzero((beyond | frozen) & ~jumped):
             self.owed[j] = -self.state[j, EXCESS] or self.state[j, STOOD]
@@ -284,7 +289,7 @@ class MotionWatch:
 
     def _scaled(self, ratio: float) -> str:
         """Say what a joint means that moves by a part, or a multiple, of what is commanded."""
-        if abs(ratio) < settings.STANDS:
+        if -2.0 * settings.STANDS < ratio < settings.STANDS:  # held against its load it gives way
             return (f'it does not move although it is commanded to ({ratio:.2g} times as far): '
                     'encoder frozen or slipping, brake on, a driver that does not listen or takes '
                     'degrees for radians')
