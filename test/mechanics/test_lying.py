@@ -26,7 +26,7 @@ from contextlib import suppress
 from itertools import groupby
 import re
 
-from lying import BEYOND, Case, cases, false_motion, FASTER, Liar, NOISY, resting, run
+from lying import BEYOND, Case, cases, false_motion, FASTER, Liar, NOISY, resting, run, STARTS
 from motion_machine import FIRST, go, moving, SECOND
 import numpy as np
 import pytest
@@ -37,12 +37,17 @@ from tudor_dynamics.mechanics.rig import Rig
 
 
 def some() -> list[Case]:
-    """Give one case of each lie in each situation; the rest takes turns, 500 Hz less often."""
+    """
+    Give each lie in two of its situations; the rest takes turns, 500 Hz less often.
+
+    bench/lying.py runs all of them.
+    """
     found = []
     for k, (_, group) in enumerate(groupby(
             cases(), key=lambda case: (case.lie.name, case.start))):
         chosen = [case for case in group if case.rate == (500.0 if k % 3 == 2 else 100.0)]
-        found.append(chosen[(2 * k + k // len(chosen)) % len(chosen)])
+        if (k + k // len(STARTS)) % len(STARTS) in (0, 2):
+            found.append(chosen[(2 * k + k // len(chosen)) % len(chosen)])
     return found
 
 
