@@ -335,7 +335,7 @@ class _Problem:
         scales[self.unknown] = -logs
         grams = []
         for gram, log in zip(self.grams, scales, strict=True):
-            factor = np.where(self.columns, np.exp(log), 1.0)
+            factor = np.where(self.columns, np.exp(min(max(log, -50.0), 50.0)), 1.0)
             grams.append(gram * np.outer(factor, factor))
         total = sum(w * gram for w, gram in zip(self.weights, grams, strict=True))
         total = np.asarray(total)
