@@ -234,27 +234,7 @@ def is_table(path: Path) -> bool:
 
 
 def read_trajectories(path: Path, topic: str = '') -> list[Sent]:
-    """
-    Read the trajectories of a file.
-
-    Parameters
-    ----------
-    path : Path
-        CSV table, or bag.
-    topic : str, optional
-        Topic of the bag; by default the only one with trajectories.
-
-    Returns
-    -------
-    list of Sent
-        One of a table; those of the bag in their order.
-
-    Raises
-    ------
-    TudorError
-        If it cannot be read, or a trajectory cannot be used; which, and why.
-
-    """
+    """Read the one of a CSV table, or those of a bag's topic, the only one with any by default."""
     if is_table(path):
         return [Sent(read_trajectory(path))]
     bag = open_bag(path)
@@ -294,24 +274,7 @@ def _decode(data: bytes, topic: str, time: int, place: str) -> Sent:
 
 
 def write_trajectories(path: Path, sent: Sequence[Sent]) -> None:
-    """
-    Write trajectories, as a table or a bag by the name of the file.
-
-    Parameters
-    ----------
-    path : Path
-        File ``.csv``, or directory of a bag, which must not exist.
-    sent : sequence of Sent
-        Trajectories of one topic; one for a table.
-
-    Raises
-    ------
-    UsageError
-        If there are several for a table.
-    BagError, OSError
-        If it cannot be written.
-
-    """
+    """Write one as a table (``.csv``), or several as a bag: a directory that must not exist."""
     if not is_table(path):
         topics: dict[str, list[Sent]] = {}
         for item in sent:

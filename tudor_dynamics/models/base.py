@@ -154,20 +154,10 @@ SLIDING = 0.05
 
 @dataclass(frozen=True)
 class Conditioning:
-    """
-    How well the training data showed the parameters of a model.
+    """How well the training data showed the parameters of a model."""
 
-    Attributes
-    ----------
-    condition : float
-        Largest condition number among its regressions; 1 where it has none.
-    unexcited : tuple of str
-        Parameters that the motion does not show.
-
-    """
-
-    condition: float = 1.0
-    unexcited: tuple[str, ...] = ()
+    condition: float = 1.0  # largest among its regressions; 1 where it has none
+    unexcited: tuple[str, ...] = ()  # parameters that the motion does not show
 
 
 class Live(Protocol):
@@ -262,24 +252,10 @@ class Model(ABC):
 
     def predict(self, motion: FloatArray) -> FloatArray:
         """
-        Predict samples that have no past; a model with a memory refuses.
+        Predict samples (n_samples, 3 n_joints) that have no past; gives (n_samples, n_channels).
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
-        Raises
-        ------
-        FitError
-            If it has a memory.
-
+        Motion is ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2],
+        outputs have their units. A model with a memory refuses, by a FitError.
         """
         raise FitError(f'{type(self).__name__} has a memory, and samples alone have no past: use '
                        'follow, with a gapless stretch')
@@ -292,20 +268,9 @@ class Model(ABC):
         """
         List the coefficients that mean something by themselves, where it has some.
 
-        Parameters
-        ----------
-        arm : Arm
-            Arm that was recorded, for units.
-        output : {'effort', 'strain'}
-            What the model predicts.
-
-        Returns
-        -------
-        list of dict
-            For each group of channels that share them: ``channels``, ``condition`` number, and
-            ``coefficients`` with ``name``, ``value``, ``standard_error``, ``unit`` and whether
-            the motion has ``excited`` them.
-
+        For each group of channels that share them: ``channels``, ``condition`` number, and
+        ``coefficients`` with ``name``, ``value``, ``standard_error``, ``unit`` (by the arm that
+        was recorded, and what is predicted) and whether the motion has ``excited`` them.
         """
         return []
 
@@ -314,19 +279,9 @@ class Model(ABC):
         Say how far an effort may lie off its prediction while the joint stands.
 
         A joint that stands keeps whatever friction it has come to rest with, which no motion
-        shows: anything up to what friction jumps by where it begins to slide either way.
-
-        Parameters
-        ----------
-        q : ndarray of shape (n_samples, n_joints)
-            Positions of the active joints [rad or m].
-
-        Returns
-        -------
-        ndarray of shape (n_channels,)
-            Half of that jump, the median over the positions, in the unit of each joint's effort;
-            zeros for an output that knows no friction.
-
+        shows: anything up to what friction jumps by where it begins to slide either way. Gives
+        half of that jump (n_channels,), the median over positions (n_samples, n_joints)
+        [rad or m], in the unit of each effort; zeros for an output that knows no friction.
         """
         return np.zeros(len(self.channels))
 

@@ -62,13 +62,8 @@ class Regressor(ABC):
 
         With friction in proportion to what the bodies ask of a joint, the effort is no linear
         function of all parameters. For given loads it is: rows by the parameters of the last
-        estimate, and an estimate by these rows, settle within a few turns.
-
-        Parameters
-        ----------
-        parameters : ndarray of shape (n_channels, n_columns) or None
-            Parameters of each channel; None for bodies whose parameters all are 1.
-
+        estimate (n_channels, n_columns), and an estimate by these rows, settle within a few
+        turns. None stands for bodies whose parameters all are 1.
         """
 
     @abstractmethod

@@ -86,20 +86,7 @@ class ThresholdsPart(BundlePart):
 
 
 def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
-    """
-    Make plain values of thresholds.
-
-    Parameters
-    ----------
-    thresholds : MethodThresholds
-        Thresholds of one method.
-
-    Returns
-    -------
-    dict
-        YAML-ready; numbers of ten digits.
-
-    """
+    """Make plain values of the thresholds of a method: YAML-ready, numbers of ten digits."""
     def short(x: float) -> float:
         return float(f'{x:.{DIGITS}g}')
 
@@ -160,20 +147,9 @@ def thresholds_from_dict(
 
 def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresholds]:
     """
-    Give the thresholds that a bundle carries for one kind of model.
+    Give the thresholds that a bundle has for one kind of model, by method.
 
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Fitted models, with facts of their thresholds.
-    kind : str
-        Kind of model; the momentum observer always goes with the analytical one.
-
-    Returns
-    -------
-    dict of str to MethodThresholds
-        Method to thresholds; methods without any are left out.
-
+    Methods without any are left out; momentum always goes with the analytical model.
     """
     stored = bundle.facts.get('thresholds')
     found: dict[str, MethodThresholds] = {}
