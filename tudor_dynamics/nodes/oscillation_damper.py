@@ -216,16 +216,8 @@ class OscillationDamperNode(MovingNode):
 
     def _look(self) -> None:
         """Count who commands the arm, and who says where it is: of each there may be one."""
-        rivals, sources = self.rivals(self._output), []
-        if self.controller is not None:
-            sources = self.publishing(self.resolve_topic_name(self._own))
-        self.crowded = None
-        if rivals:
-            self.crowded = ERROR, (f'{", ".join(rivals)} can command the joints, too, on '
-                                   f'{self._output.topic_name}: end all but one')
-        elif len(sources) > 1:
-            self.crowded = WARN, (f'{len(sources)} nodes publish positions on {self._own}: '
-                                  f'{", ".join(sorted(sources))}; there may be one')
+        self.crowded = self.crowd(self._output, 'command the joints',
+                                  '' if self.controller is None else self._own)
 
     def _worst(self, controller: MotionController) -> tuple[bytes, str] | None:
         """

@@ -277,15 +277,7 @@ class ReferenceGeneratorNode(MovingNode):
         """See who leads the arm, who says where it is, and who publishes collisions."""
         if self.source is None:
             return
-        rivals, sources = self.rivals(self._output), self.publishing(
-            self.resolve_topic_name(self._own))
-        self.crowded = None
-        if rivals:
-            self.crowded = ERROR, (f'{", ".join(rivals)} can lead the arm, too, on '
-                                   f'{self._output.topic_name}: end all but one')
-        elif len(sources) > 1:
-            self.crowded = WARN, (f'{len(sources)} nodes publish positions on {self._own}: '
-                                  f'{", ".join(sorted(sources))}; there may be one')
+        self.crowded = self.crowd(self._output, 'lead the arm', self._own)
         self.monitors = self.publishing(self.resolve_topic_name(COLLISION))
         now = self.steady()
         heard = [self._heard.get(name) for name in self.monitors]

@@ -34,7 +34,7 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.trajectory import braking, Follower, MotionState, of_all, Path
 from tudor_dynamics.errors import SignalError, TudorError, UsageError
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, strong, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import Figure, latched, OK, strong, TudorNode, WARN
 from tudor_dynamics.nodes.common.following import follow_action, FollowServer, since_start
 from tudor_dynamics.nodes.common.interfaces import COLLISION, JOINT_TRAJECTORY, RESET
 from tudor_dynamics.nodes.common.messages import floats, NamedReader, trajectory_of
@@ -70,7 +70,7 @@ class TrajectoryRelayNode(TudorNode):
         self.collision = self.held = False
         self._q: FloatArray | None = None
         self._at, self._stepped = -math.inf, self.steady()
-        self._rivals: list[str] = []
+        self._crowded: tuple[bytes, str] | None = None
         self._payload = float(self.value('payload'))
         self._goal: Any = None  # what the controller drives of ours: its handle, once it has one
         controller = self.value('controller')
@@ -287,16 +287,15 @@ class TrajectoryRelayNode(TudorNode):
 
     def _look(self) -> None:
         """See who else leads the controller."""
-        self._rivals = self.rivals(self._output)
+        self._crowded = self.crowd(self._output, 'lead the controller', '')
 
     def verdict(self) -> tuple[bytes, str]:
         """Say what was refused, and who else leads the controller."""
         level, message = super().verdict()
         if self.follower is None:
             return level, message
-        if self._rivals:
-            return ERROR, (f'{", ".join(self._rivals)} can lead the controller, too, on '
-                           f'{self._output.topic_name}: end all but one')
+        if self._crowded is not None:
+            return self._crowded
         if level != OK:
             return level, message
         if self.held or self.collision:

@@ -416,6 +416,17 @@ class TudorNode(Node):
             names.remove(self.get_fully_qualified_name())
         return sorted(names)
 
+    def crowd(self, publisher: Publisher, verb: str, positions: str) -> tuple[bytes, str] | None:
+        """Say who else does what a publisher does, or that several give positions on a topic."""
+        rivals, sources = self.rivals(publisher), sorted(
+            self.publishing(self.resolve_topic_name(positions)) if positions else ())
+        if rivals:
+            return ERROR, (f'{", ".join(rivals)} can {verb}, too, on {publisher.topic_name}: end '
+                           'all but one')
+        return None if len(sources) < 2 else (WARN, (
+            f'{len(sources)} nodes publish positions on {positions}: {", ".join(sources)}; there '
+            'may be one'))
+
     def serve(self, name: str, action: Callable[[], str]) -> None:
         """Offer a Trigger service."""
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
