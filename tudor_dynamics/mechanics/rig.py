@@ -138,28 +138,14 @@ class Rig:
         self._stamp = None
 
     def start_source(self, reaction: str = 'retreat') -> None:
-        """
-        Start the source of references, as a process that was not there before.
-
-        Parameters
-        ----------
-        reaction : str
-            What a collision leads to.
-
-        """
+        """Start the source of references, as a new process, with a reaction to collisions."""
         self.source = ReferenceSource(self.arm, reaction=reaction)
 
     def follow(self, schedule: Schedule, payload: float) -> None:
         """
-        Let the gains of the controller follow a schedule from now on.
+        Let the gains of the controller follow a schedule, as ``design`` computes it, from now on.
 
-        Parameters
-        ----------
-        schedule : Schedule
-            Gains by payload and pose, as ``design`` computes them.
-        payload : float
-            Mass at the tip that the controller is given, which need not be the true one [kg].
-
+        The payload that the controller is given need not be the true one [kg].
         """
         assert self.controller is not None
         adaptation = Adaptation(schedule, self.controller.planned.acceleration)
@@ -173,15 +159,7 @@ class Rig:
         self.active, self._stamp = True, None
 
     def run(self, seconds: float) -> None:
-        """
-        Let time pass [s].
-
-        Parameters
-        ----------
-        seconds : float
-            Simulated time that passes [s].
-
-        """
+        """Let simulated time pass [s]."""
         for _ in range(round(seconds * self.rate)):
             self.step()
 
