@@ -18,8 +18,9 @@ CPU time of one sample in the controller of `oscillation_damper`, at 1 kHz on th
     python bench/controller_cost.py
     python bench/controller_cost.py --against ../before
 
-A move is simulated once; then its samples are given to a new controller again and again. With
-another checkout both run by turns, each in a process of its own; the ratio is now / before.
+A move is simulated in closed loop; then its samples are given to a new controller, which is timed
+in blocks: reading the clock costs as much as a sample. With another checkout both run by turns,
+each in a process of its own; the ratio is now / before.
 """
 
 from __future__ import annotations
@@ -35,34 +36,43 @@ import time
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
+BLOCK = 500  # samples between two readings of the clock
 
 
 def sample_cost(seconds: float) -> float:
     """Give the median over blocks of the time of a sample [us]."""
     from tudor_dynamics.arm.description import load_arm
-    from tudor_dynamics.control.motion_controller import MotionController
-    from tudor_dynamics.mechanics.closed_loop import ArmProcess
+    from tudor_dynamics.control.motion_controller import MotionController, State
+    from tudor_dynamics.mechanics.closed_loop import ArmProcess, Sample
 
     arm = load_arm(ROOT / 'config' / 'tudor.yaml')
     process = ArmProcess(arm, rate=1000.0, payload=0.2)
-    samples = []
-    for k in range(round(1000.0 * seconds)):
-        speed = np.array([0.5, -0.4]) * np.sin(0.002 * k)
-        process.command(speed)
-        samples.append((process.step(), speed))
     controller = MotionController(arm)
     more = 'effort' in inspect.signature(controller.step).parameters
-    fresh = np.ones(len(samples[0][0].strain), dtype=bool)
-    taken = []
-    for k, (sample, speed) in enumerate(samples):
-        now = 0.001 * k
-        controller.reference.add(now, sample.q, 0.0 * speed)
+    fresh = np.ones(len(arm.gauge_names), dtype=bool)
+    sample, samples = process.step(), []
+    rest, size = sample.q, np.array([0.25, -0.2])
+
+    def step(controller: MotionController, k: int, sample: Sample) -> np.ndarray | None:
+        now, phase = 0.001 * k, 2.0 * max(0.001 * k - 0.5, 0.0)
+        controller.reference.add(
+            now, rest + size * (1.0 - np.cos(phase)), 2.0 * size * np.sin(phase))
         extra = {'age': 0.0, 'dq': sample.dq, 'effort': sample.current} if more else {}
-        begun = time.process_time_ns()
-        controller.step(now, 0.001 * min(k, 1), sample.q, sample.strain, fresh, **extra)
-        taken.append(time.process_time_ns() - begun)
-    blocks = np.array(taken[1000:]).reshape(-1, 500)
-    return 1e-3 * float(np.median(np.median(blocks, axis=1)))
+        return controller.step(now, 0.001 * min(k, 1), sample.q, sample.strain, fresh, **extra)
+
+    for k in range(round(1000.0 * seconds)):
+        command = step(controller, k, sample)
+        samples.append(sample)
+        process.command(np.zeros(len(rest)) if command is None else command)
+        sample = process.step()
+    assert controller.state is State.FOLLOWING, controller.cause
+    taken, controller = [], MotionController(arm)
+    for k, sample in enumerate(samples):  # the same samples make the same commands
+        if k % BLOCK == 0:
+            taken.append(time.process_time_ns())
+        step(controller, k, sample)
+    assert controller.state is State.FOLLOWING, controller.cause
+    return 1e-3 * float(np.median(np.diff(taken)[2:])) / BLOCK
 
 
 def main() -> int:

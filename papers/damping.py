@@ -230,6 +230,8 @@ def rig_of(
     if schedule is not None:
         rig.follow(schedule, max(given, 0.0))
     rig.run(1.5)
+    assert rig.controller is not None  # of an arm that has moved before, and has answered
+    rig.controller.watched.trust(rig.controller.limits.velocity)
     return rig
 
 

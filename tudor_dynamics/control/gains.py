@@ -44,7 +44,8 @@ class DelayMeter:
         self._lags = np.arange(0.0, settings.DELAY_LONGEST, settings.DELAY_STEP)
         self._errors = np.zeros(len(self._lags))
         self._energy = self._time = 0.0
-        self._estimate: float | None = None
+        # Delay of the loop, the last that could be estimated [s]; None before the first.
+        self.delay: float | None = None
         self.commands = Commanded(len(speed))
 
     def reset(self) -> None:
@@ -65,21 +66,16 @@ class DelayMeter:
         self._errors += dt * np.einsum('ij,ij->i', off, off)
         self._energy = kept * self._energy + dt * float(dq @ dq)
         self._time = kept * self._time + dt
-
-    @property
-    def delay(self) -> float | None:
-        """Delay of the loop, the last that could be estimated [s]; None before the first."""
-        best = int(np.argmin(self._errors))
+        best = int(self._errors.argmin())
         if (self._time < settings.DELAY_MOTION
                 or self._errors[best] > settings.DELAY_CLEAR * self._energy):
-            return self._estimate
-        self._estimate = float(self._lags[best])
+            return
+        self.delay = float(self._lags[best])
         if 0 < best < len(self._lags) - 1:
             before, at, after = self._errors[best - 1:best + 2]
             bend = before - 2.0 * at + after
             if bend > 0.0:
-                self._estimate += settings.DELAY_STEP * 0.5 * (before - after) / bend
-        return self._estimate
+                self.delay += settings.DELAY_STEP * 0.5 * float((before - after) / bend)
 
 
 def damping_share(delay: float, full: float) -> float:
@@ -182,6 +178,7 @@ class LoopGains:
         self.adapts = True
         self.excited = ''
         self.period = self._clock = 0.0
+        self.late = 0.0  # by which samples come later than usual [s]
         self._ringing = RingingWatch(speed)
         self._lag = velocity_lag(spec)
         self._shortest = settings.DELAY_LONGEST
@@ -227,7 +224,7 @@ class LoopGains:
         if self.excited:
             return 0.0
         delay = self.delay.delay
-        return 1.0 if delay is None else damping_share(delay, self.full_delay)
+        return 1.0 if delay is None else damping_share(delay + self.late, self.full_delay)
 
     @property
     def response_time(self) -> float:
@@ -253,7 +250,8 @@ class LoopGains:
     def position_gain_in_use(self) -> float:
         """Speed per position error that the loop allows [1/s]."""
         gain = self.described if self.excited else self.position_gain
-        return min(gain, position_gain_limit(self.assumed_delay + self._lag + self.period))
+        return min(gain, position_gain_limit(
+            self.assumed_delay + self._lag + self.period + self.late))
 
     def sampled(self, dt: float) -> tuple[float, float]:
         """Take a sample: give the clock, and the delay of the loop [s]."""

@@ -217,7 +217,8 @@ class MotionController:
         self._origin = np.zeros(len(self.joints))
         self.takeovers = 0
         self._doubts: list[Doubt] = []
-        self._told = -math.inf  # until when the cause of a fault is looked for
+        # Until when the cause of a fault is looked for, and when next.
+        self._told = self._again = -math.inf
         self.cuts: Counter[str] = Counter()
         self.state, self.cause = State.HOLDING, 'no reference yet'
 
@@ -262,10 +263,11 @@ class MotionController:
         self._at = now
         if dt <= 0.0:
             self.ages.reset()
-        if age is not None and self.ages.step(now, age) > settings.LONGEST_LATE:
+        if age is not None and self.ages.step(now, age) > self._latest:
             self.cuts['late'] += 1
             return None if self._q is None else self._brake(
                 now, f'positions come {1e3 * self.ages.late:.0f} ms late')
+        gains.late = max(self.ages.late, 0.0)
         gains.period = gains.period or max(dt, 0.0)
         if self._q is None or dt <= 0.0 or dt > self._patience or (
                 not self._unknown and (self._blind or self._slept(now))):
@@ -276,16 +278,19 @@ class MotionController:
         clock, delay = gains.sampled(dt)
         doubts = self.watched.step(
             clock, dt, self._q, gains.delay.commands,
-            (gains.lags[0], gains.lags[1] + self.ages.late), dq, effort)
+            (gains.lags[0], gains.lags[1] + self.ages.late), dq, effort,
+            telling=self.state is not State.FAULT)
         if self._unknown:
             if not (doubts or self._takeover.step(clock, speed, delay)):
                 return None
             self.takeovers += 1
             self._begin(now, q, np.zeros_like(speed) if doubts else speed)
-        if doubts and self.state is not State.FAULT:
+        if doubts:
             self._fault(doubts)
             self._told = clock + settings.TELLING_AFTER
-        elif self.state is State.FAULT and clock < self._told:
+            self._again = clock + settings.TELLING_EVERY
+        elif self.state is State.FAULT and self._again < clock < self._told:
+            self._again = clock + settings.TELLING_EVERY
             self._explain([self.watched.tell(doubt.joint, gains.delay.commands, gains.lags)
                            if doubt.later else doubt for doubt in self._doubts])
         self._hold.step(dt)
@@ -353,6 +358,12 @@ class MotionController:
     def _patience(self) -> float:
         """Longest time between samples that is no interruption [s]."""
         return max(min(self.timeout, settings.LONGEST_BLIND), 3.0 * self.gains.period)
+
+    @property
+    def _latest(self) -> float:
+        """By how much a sample may come later than usual, by how far joints go meanwhile [s]."""
+        share = float(np.max(np.abs(self.envelope.command) / self.watched.speed))
+        return min(settings.LATE_AT_SPEED / max(share, 1e-3), settings.LONGEST_LATE)
 
     def _take_first(self, now: float, q: FloatArray) -> None:
         """Take a sample before which nothing counts: the next one tells how fast the arm is."""
@@ -473,6 +484,6 @@ class MotionController:
         cuts = envelope.cuts
         for j in np.flatnonzero(cuts):
             self.cuts[self.joints[j]] += 1
-        envelope.lag = max(self.ages.late, 0.0) + gains.commanded(
+        envelope.lag = gains.late + gains.commanded(
             dt, command, added, moving > 0.0, bool((cuts & BY_SPEED).any()))
         return command

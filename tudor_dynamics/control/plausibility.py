@@ -171,9 +171,10 @@ class MotionWatch:
     def step(
         self, now: float, dt: float, q: FloatArray, commanded: Commanded,
         lags: tuple[float, float], dq: FloatArray | None = None, effort: FloatArray | None = None,
+        *, telling: bool = True,
     ) -> list[Doubt]:
         """
-        Judge one reading.
+        Judge one reading; without telling, what is found is followed but not explained.
 
         now, dt [s]: by the clock of the commands; q, dq (joints,): readings, and the driver's own
         speeds; lags [s]: shortest and longest from a command to its motion; effort (joints,).
@@ -200,7 +201,7 @@ class MotionWatch:
         past = ((ends > self._limits.upper) & (self.state[:, EXCESS] > 0.0)
                 | (ends < self._limits.lower) & (self.state[:, EXCESS] < 0.0))
         past &= np.abs(self.state[:, EXCESS]) > settings.EXCESS_AT_END * self.state[:, ALLOWED]
-        if not (found or past.any() or outside.any() or jumped.any()):
+        if not telling or not (found or past.any() or outside.any() or jumped.any()):
             return []
         doubts = [Doubt(int(j), f'its position {q[j]:.4g} is no pose of the arm, with limits of '
                         f'{self._limits.lower[j]:.4g} .. {self._limits.upper[j]:.4g}', False,

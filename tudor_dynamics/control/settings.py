@@ -139,6 +139,8 @@ SILENT_AFTER = 0.02
 TELLING_TIME = 0.6
 # For so long after a fault its cause is told again with what was seen meanwhile [s].
 TELLING_AFTER = 0.15
+# Not with each sample, since telling takes up to 3 ms (bench/controller_cost.py) [s].
+TELLING_EVERY = 0.02
 # Delays of the loop that are tried for each explanation.
 LAGS_TRIED = 6
 # Part of the way below which a joint stands still.
@@ -209,9 +211,10 @@ LONGEST_EXTRAPOLATED = 0.1
 # Without positions for so long standstill is commanded, whatever the timeout [s]; source: none
 # known, longer than machines without real time hold up a process as a rule.
 LONGEST_BLIND = 0.25
-# A sample so much later than usual counts as none [s]: 12 deg at 120 deg/s; source: none known, a
-# quarter of the 0.4 s with which an arm went 48 deg past its goal.
-LONGEST_LATE = 0.1
+# A sample so much later than usual counts as none, at the speed limit [s]: 12 deg at 120 deg/s;
+# source: none known, a quarter of the 0.4 s with which an arm went 48 deg past its goal. Slower
+# joints go as far in a longer time, up to the second number.
+LATE_AT_SPEED, LONGEST_LATE = 0.1, 0.2
 # For which the smallest age of samples is known [s]: clocks drift by 1 ms meanwhile.
 AGE_MEMORY = 10.0
 # Ages are judged once their least was the same, within this, in two such times [s]: a simulated

@@ -38,7 +38,7 @@ from tudor_dynamics.control.damper import check_sign, grows, Sign, SignResult, S
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.nodes.common.base import weak
 from tudor_dynamics.nodes.common.messages import floats, NamedReader, nanoseconds
-from tudor_dynamics.nodes.common.trial import run_trial, step_size, Trial, trial_parser
+from tudor_dynamics.nodes.common.trial import DAMPER, run_trial, step_size, Trial, trial_parser
 from tudor_dynamics.nodes.settings import RECORD
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 
@@ -106,11 +106,20 @@ class SignTester(Trial):
         planner = MotionPlanner(self._limits, self._goal)  # the one that the reference follows
         self._goal[index] += step
         planner.go(self._goal)
-        self._goals.publish(JointTrajectory(
-            joint_names=[joint],
-            points=[JointTrajectoryPoint(positions=floats(self._goal[index:index + 1]))]))
+        self._go(index)
         self.spin_until(lambda: False, planner.remaining + 0.1)
-        return self.listen(self._gauge(joint), RECORD, watch=share > 0.0)
+        response = self.listen(self._gauge(joint), RECORD, watch=share > 0.0)
+        assert self.q is not None
+        if abs(self.q[index] - self._goal[index]) > 0.5 * abs(step):
+            msg = (f'{joint} is at {self.q[index]:.3g} and was sent to {self._goal[index]:.3g}: '
+                   f'the diagnostics of {DAMPER} say why it was held; test again')
+            raise TudorError(msg)
+        return response
+
+    def _go(self, index: int) -> None:
+        self._goals.publish(JointTrajectory(
+            joint_names=[self.arm.active_joints[index]],
+            points=[JointTrajectoryPoint(positions=floats(self._goal[index:index + 1]))]))
 
     def test(self, joint: str, step: float) -> SignResult:
         """Test one joint."""
@@ -124,6 +133,9 @@ class SignTester(Trial):
         """Test joints, and switch the damper on if all are right."""
         assert self.q is not None
         self._goal = self.q.copy()
+        for index in range(len(self._goal)):  # the reference comes to an arm that was held
+            self._go(index)
+        self.spin_until(lambda: False, 1.0)
         right = True
         for joint in joints:
             result = self.test(joint, step_size(self.arm, joint, options))

@@ -249,8 +249,9 @@ class OscillationDamperNode(MovingNode):
         delay = gains.delay.delay
         if gains.allowed_share < 1.0 and delay is not None:
             off = 'is off' if gains.allowed_share == 0.0 else 'takes less'
-            return WARN, (f'the damper {off}: the loop has a delay of {1e3 * delay:.0f} ms, its '
-                          f'gains hold up to {1e3 * gains.full_delay:.0f} ms')
+            return WARN, (f'the damper {off}: the loop has a delay of '
+                          f'{1e3 * (delay + gains.late):.0f} ms, its gains hold up to '
+                          f'{1e3 * gains.full_delay:.0f} ms')
         gain = gains.position_gain_in_use
         if gain < gains.position_gain:
             return WARN, (f'position gain {gain:.2g} 1/s instead of {gains.position_gain:.2g}: '
