@@ -17,21 +17,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from sample_arms import gauge, multisine, planar_arm, recording_of
+from sample_arms import gauge, LENGTH_1, LENGTH_2, multisine, planar_arm, recording_of
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.cli.fit import _print
 from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.doctor.findings import found
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.next_steps import assess, Assessment, next_steps
 from tudor_dynamics.identification.ringdowns import Ringing
-from tudor_dynamics.identification.uses import short
+from tudor_dynamics.identification.uses import short, Use, uses_of
 from tudor_dynamics.identification.validation import Grade, noise_floor
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
+from tudor_dynamics.online.thresholds import MethodThresholds, Tail
 from tudor_dynamics.signals.preprocessing import prepare
 
 ARM = planar_arm([{'name': 'j1', 'friction': ['viscous', 'coulomb']},
@@ -82,13 +86,86 @@ def test_uses(assessment: Assessment) -> None:
         ('strain', 'prediction'), ('strain', 'collision detection (strain)'),
         ('strain', 'payload')]
     assert assessment.missing == () and assessment.detects is Grade.GOOD
-    said = next(use for use in assessment.uses if use.name == 'collision detection (strain)')
-    assert 'g1' in said.why and 'um/m in motion' in said.why and 's of free motion' in said.why
-    assert all(use.level is Grade.GOOD for use in assessment.uses if use.name == 'payload')
-    left = next(use for use in assessment.uses if use.name == 'feed-forward')
-    assert left.level is Grade.GOOD and 'left to the controller (j1' in left.why
+    by_name = {(use.output, use.name): use for use in assessment.uses}
+    # gauges of unknown gain show no newtons, and no kilograms
+    said = by_name['strain', 'collision detection (strain)']
+    assert said.level is None and 'newtons need' in said.why
+    assert 'g1' in said.why and 'um/m' in said.why and 's of free motion' in said.why
+    assert by_name['strain', 'payload'].level is None
+    said = by_name['effort', 'collision detection (effort)']
+    assert said.level is Grade.GOOD and 'N at the tip)' in said.why
+    assert set(said.channels.values()) == {Grade.GOOD}
+    left = by_name['effort', 'feed-forward']
+    assert left.level is Grade.GOOD and 'feed all joints; left to the controller: j1' in left.why
     plain = assessment.as_dict()
     assert plain['uses']['effort']['analytical'][0]['use'] == 'prediction'
+
+
+def test_a_joint_that_keeps_most_of_its_effort_is_not_fed(result: FitResult) -> None:
+    """No verdict is better than its worst joint, and joints to feed are named."""
+    item = result.fitted[0]
+    score = item.validation.score
+
+    def judged(*left: float) -> Use:
+        channels = {name: replace(own, relative_error=value) for (name, own), value in zip(
+            score.channels.items(), left, strict=True)}
+        one = replace(item, validation=replace(
+            item.validation, score=replace(score, channels=channels)))
+        return next(use for use in uses_of(one, ARM, {}, {}) if use.name == 'feed-forward')
+
+    use = judged(0.05, 0.59)
+    assert use.level is Grade.USABLE and use.why.startswith('feed j1; left to the controller: j1')
+    assert use.channels == {'j1': Grade.GOOD, 'j2': Grade.DO_NOT_USE}
+    assert judged(2.14, 0.59).level is Grade.DO_NOT_USE
+    assert judged(float('nan'), 0.1).channels['j1'] is Grade.DO_NOT_USE
+    assert judged(0.05, 0.4).level is Grade.USABLE and 'all joints' in judged(0.05, 0.4).why
+
+
+@pytest.mark.parametrize(('size', 'level'), [
+    (10.0, Grade.GOOD), (70.0, Grade.USABLE), (400.0, Grade.DO_NOT_USE)])
+def test_detection_by_the_force_that_is_noticed(
+    result: FitResult, size: float, level: Grade,
+) -> None:
+    """A step is as large as the threshold, its force that over the lever of the joint."""
+    n, tail = 2, Tail(1.0, 1e-9, 0.0, 0.2, 1.0, 20.0)
+    profile = np.zeros((2 * n, 1 + 4 * n))
+    profile[:n, 0], profile[n:, 0] = size, 1e9
+    learned = MethodThresholds(
+        ('j1', 'j2'), 0.01, np.zeros((20, n, n)), profile, (tail,) * 4, 3600.0, np.ones(n),
+        np.ones(n), np.array([0.0, 1.0]))
+    use = next(use for use in uses_of(result.fitted[0], ARM, {'effort': learned}, {})
+               if use.name == 'collision detection (effort)')
+    assert use.level is level and f'j1 {short(size)} N m' in use.why
+    assert f'j2 {short(size + 1)} N m' in use.why
+    # stretched along joint 2's way: by whichever joint notices it first
+    force = float(use.why.partition('j2 ')[2].partition('(')[2].partition(' N at')[0])
+    assert size / (LENGTH_1 + LENGTH_2) * 0.9 < force < 1.05 * (size + 1) / LENGTH_2
+    # an onset that comes in over ten steps notices a tenth of its threshold
+    profile[n:, 0] = size
+    learned = replace(learned, taps=np.repeat(np.eye(n)[None], 20, axis=0))
+    use = next(use for use in uses_of(result.fitted[0], ARM, {'effort': learned}, {})
+               if use.name == 'collision detection (effort)')
+    assert f'j1 {short(size / 10)} N m' in use.why
+
+
+def test_a_payload_in_kilograms(result: FitResult) -> None:
+    """The error of a mean over what a kilogram at the tip adds."""
+    use = next(use for use in uses_of(result.fitted[0], ARM, {}, {}) if use.name == 'payload')
+    kilograms = float(use.why.split(' kg off')[0])
+    item = result.fitted[0].validation
+    error = 2.0 * np.concatenate([trace.measured - trace.predicted for trace in item.traces])
+    means = error[:len(error) // 20 * 20].reshape(-1, 20, 2).mean(axis=1)
+    most = 9.81 * np.array([LENGTH_1 + LENGTH_2, LENGTH_2])
+    assert (np.sqrt(np.mean(means**2, axis=0)) / most).min() * 0.95 < kilograms < 0.2
+
+
+def test_no_verdict_beside_a_finding_of_units(result: FitResult) -> None:
+    """Newtons, kilograms and efforts to feed are in doubt, and that is all that is said."""
+    said = assess(replace(result, findings=(found('effort_unit', 'N m, not A'),)))
+    levels = {use.name: use.level for use in said.uses if use.output == 'effort'}
+    assert levels.pop('prediction') is Grade.GOOD and set(levels.values()) == {None}
+    assert 'effort in another unit' in next(use for use in said.uses if use.level is None).why
+    assert said.detects is None
 
 
 def test_noise_floor(result: FitResult) -> None:
@@ -146,3 +223,16 @@ def test_a_negative_inertia_is_marked(assessment: Assessment) -> None:
 def test_two_digits_without_a_power_of_ten(value: float, text: str) -> None:
     """As people write thresholds."""
     assert short(value) == text
+
+
+def test_what_runs_beside_the_robot_comes_first(
+    result: FitResult, assessment: Assessment, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The headline is that of the causal models; the offline figure follows."""
+    _print(replace(result, causal=result), assessment, Path('report.html'))
+    said = capsys.readouterr().out
+    places = [said.index(f'effort analytical {where}: good') for where in (
+        'beside the robot', '(offline)')]
+    assert places == sorted(places)
+    _print(result, assessment, Path('report.html'))
+    assert 'offline' not in capsys.readouterr().out

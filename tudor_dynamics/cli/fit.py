@@ -203,7 +203,8 @@ def run(args: argparse.Namespace) -> int:
     from tudor_dynamics.show.page import headline  # plots are slow to import
 
     report = out / 'report.html'
-    levels = [item.verdict.level for item in headline(result.fitted)]
+    live = result.causal or result
+    levels = [item.verdict.level for one in (live, result) for item in headline(one.fitted)]
     if assessment.detects is Grade.GOOD:
         levels.append(Grade.USABLE)  # to detect collisions, whatever its figures are
     if args.json:
@@ -213,7 +214,8 @@ def run(args: argparse.Namespace) -> int:
                            'choices': choices_to_list(result.choices),
                            **({} if fit.plan is None else {'plan': fit.plan.content()}),
                            'unused': [asdict(bag) for bag in result.unused],
-                           **assessment.as_dict(), **figures(result)}))
+                           **assessment.as_dict(), **figures(result),
+                           'beside_robot': figures(live)}))
     else:
         _print(result, assessment, report)
         if fit.plan is not None:
@@ -270,15 +272,23 @@ def kept_report(model: Path) -> dict[str, bytes]:
 
 def _print(result: FitResult, assessment: Assessment, report: Path) -> None:
     rows = []
+    # first what runs beside the robot, then the offline figures
+    live = () if result.causal is None else result.causal.fitted
+    offline = ' (offline)' if live else ''
+    for item in live:
+        rows.append((item.output, f'{item.kind} beside the robot', item.validation.score,
+                     output_units(result.arm, item.output)))
     for item in result.fitted:
         units = output_units(result.arm, item.output)
-        rows.append((item.output, item.kind, item.validation.score, units))
+        rows.append((item.output, f'{item.kind}{offline}', item.validation.score, units))
         if item.random is not None:
             rows.append((item.output, f'{item.kind}, random half (optimistic)',
                          item.random.score, units))
     print_table(score_table(f'{result.arm.name}: {result.fitted[0].validation.method}', rows))
+    for item in live:
+        print(f'{item.output} {item.kind} beside the robot: {item.verdict}')
     for item in result.fitted:
-        print(f'{item.output} {item.kind}: {item.verdict}')
+        print(f'{item.output} {item.kind}{offline}: {item.verdict}')
     for choice in result.choices:
         print(f'chosen: {choice}')
     for use in assessment.uses:

@@ -84,7 +84,7 @@ def next_steps(
         found.append(NextStep(
             settings.UNTESTED_GAIN, 'one bag cannot tell how the model does on another day: '
             'record a second, of another motion, and fit it too'))
-    if not found and any(use.level is not Grade.DO_NOT_USE for use in uses):
+    if not found and any(use.level in (Grade.GOOD, Grade.USABLE) for use in uses):
         ros = out is not None and shutil.which('ros2') is not None
         found.append(NextStep(0.0, 'try it beside the robot (docs/nodes.md)', shlex.join([
             'ros2', 'run', 'tudor_dynamics', 'monitor', '--ros-args', '-p', f'model:={out}'])
@@ -206,6 +206,8 @@ def assess(result: FitResult, out: Path | None = None) -> Assessment:
                                  live.preprocessing)
     uses: list[Use] = []
     found: list[str] = []
+    units = next((item for item in result.findings if item.kind in settings.UNITS), None)
+    doubt = '' if units is None else f'first of all: {units.title}'
     for item in result.fitted:
         by_momentum = item.output == 'effort' and item.kind == 'analytical'
         methods = (item.output, 'momentum') if by_momentum else (item.output,)
@@ -214,7 +216,7 @@ def assess(result: FitResult, out: Path | None = None) -> Assessment:
             {method: learned[method, item.kind] for method in methods
              if (method, item.kind) in learned},
             {method: reasons[method, item.kind] for method in methods
-             if (method, item.kind) in reasons})
+             if (method, item.kind) in reasons}, doubt)
         if by_momentum and item.validation.cases:
             model, bag = item.validation.cases[0]
             found += marks(model, result.arm, bag)

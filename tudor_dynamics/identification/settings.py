@@ -30,7 +30,6 @@ import numpy as np
 # Poses of a bag at which the friction of joints is looked at; source: none known.
 STICTION_POSES = 200
 PHYSICS_POSES = 200  # poses at which inertias and weights are looked at; source: none known
-POSES = 2000  # poses at which the range of an arm's own weight is found; source: none known
 # Share of poses at which an inertia may be negative, where parameters are uncertain; source: none
 # known.
 NEGATIVE_SHARE = 0.02
@@ -48,12 +47,18 @@ FALSE_ALARMS = 1.0
 # Factor between thresholds of a short recording and those of hours from which on that is said;
 # source: none known.
 WIDE = 1.2
-# Good and usable: threshold over the range of the output, at half of the largest speed; source:
-# none known.
-THRESHOLD_SHARE = (0.25, 1.0)
-# Good and usable: relative error of the efforts, which feed-forward leaves to the controller;
-# source: none known.
-LEFT_TO_CONTROL = (0.3, 0.7)
+NOTICED = 0.1  # time within which a push is to be noticed [s]; source: none known
+TIP_POSES = 50  # poses of a bag at which forces at the tip are looked at; source: none known
+LEVER = 0.01  # levers below are none: a force at the tip does not move this joint [m]
+# Good and usable: force at the tip that is noticed [N], the smallest quasi-static limit of a body
+# region of ISO/TS 15066:2016, Table A.2 (face), and that of neck and upper arms.
+TIP_FORCE = (65.0, 150.0)
+# Good and usable: relative error of a joint's effort, which feed-forward leaves to the controller;
+# beyond a half it is not fed; source: none known.
+LEFT_TO_CONTROL = (0.3, 0.5)
+# Findings by which units, and so newtons and kilograms, are in doubt.
+UNITS = ('effort_unit', 'dh_in_millimetres', 'dh_in_degrees', 'gauge_in_millimetres',
+         'joint_scale', 'time_scale')
 # Good and usable: error of a mean over `MEAN` over the range of what weight makes; source: none
 # known.
 WEIGHT_SHARE = (0.05, 0.2)

@@ -16,22 +16,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+import math
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.arm.schema import GaugeSpec, PreprocessingSpec
+from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.errors import FitError, SignalError
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FittedOutput
 from tudor_dynamics.identification.validation import Grade
+from tudor_dynamics.load.rows import find_scale, LoadRows, LoadWorth
+from tudor_dynamics.mechanics.mechanism import beam_properties
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.online.contact_levers import gauge_gain, torque_scale
 from tudor_dynamics.online.monitor import MomentumObserver
 from tudor_dynamics.online.threshold_learning import (
     FreeMotion, learn_thresholds, thresholds_to_dict)
@@ -178,6 +185,7 @@ class Use:
     name: str  # `prediction`, `feed-forward`, `collision detection (METHOD)` or `payload`
     level: Grade | None  # may it be used; None where that cannot be said
     why: str  # figures that it is from
+    channels: Mapping[str, Grade | None] = field(default_factory=dict)  # the same of each channel
 
     def __str__(self) -> str:
         """Write it on one line."""
@@ -186,8 +194,9 @@ class Use:
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values."""
-        return {'use': self.name, 'verdict': None if self.level is None else self.level.value,
-                'why': self.why}
+        words = {name: None if level is None else level.value
+                 for name, level in {'': self.level, **self.channels}.items()}
+        return {'use': self.name, 'verdict': words.pop(''), 'why': self.why, 'channels': words}
 
 
 def short(value: float) -> str:
@@ -195,23 +204,29 @@ def short(value: float) -> str:
     return f'{float(f"{value:.2g}"):g}'
 
 
+Said = tuple[Grade | None, str, Mapping[str, Grade | None]]
+
+
 def uses_of(
     item: FittedOutput, arm: Arm, thresholds: Mapping[str, MethodThresholds],
-    missing: Mapping[str, str],
+    missing: Mapping[str, str], doubt: str = '',
 ) -> list[Use]:
-    """Judge a model by each of its uses."""
-    said: dict[str, tuple[Grade | None, str]] = {
-        'prediction': (item.verdict.level, '; '.join(item.verdict.reasons))}
+    """Judge a model by each of its uses; doubt: why newtons and kilograms cannot be relied on."""
+    said: dict[str, Said] = {'prediction': (
+        item.verdict.level, '; '.join(item.verdict.reasons), item.verdict.channels)}
     if item.output == 'effort':
         said['feed-forward'] = _feedforward(item)
+    tip = _tip(item, arm)
     for method, learned in thresholds.items():
-        said[f'collision detection ({method})'] = _collisions(item, arm, learned)
+        said[f'collision detection ({method})'] = _collisions(arm, item.output, learned, tip)
     for method, why in missing.items():
-        said[f'collision detection ({method})'] = None, f'no thresholds: {why}'
-    payload = _payload(item, arm)
+        said[f'collision detection ({method})'] = None, f'no thresholds: {why}', {}
+    payload = _payload(item, tip)
     if payload is not None:
         said['payload'] = payload
-    return [Use(item.output, item.kind, name, *verdict) for name, verdict in said.items()]
+    return [Use(item.output, item.kind, name, *(
+        (None, doubt, {}) if doubt and name != 'prediction' else verdict))
+        for name, verdict in said.items()]
 
 
 def _grade(value: float, bounds: tuple[float, float]) -> Grade:
@@ -220,54 +235,146 @@ def _grade(value: float, bounds: tuple[float, float]) -> Grade:
     return Grade.GOOD if value <= good else Grade.USABLE if value <= usable else Grade.DO_NOT_USE
 
 
-def _feedforward(item: FittedOutput) -> tuple[Grade, str]:
+def _worst(levels: Iterable[Grade | None]) -> Grade | None:
+    known = [level for level in levels if level is not None]
+    return max(known, key=list(Grade).index, default=None)
+
+
+def _feedforward(item: FittedOutput) -> Said:
     """
-    Say what a controller still has to do where efforts are fed forward.
+    Say what a controller still has to do where efforts are fed forward, and at which joints.
 
-    It gives what is missing either way: an effort of which a model knows a half is no good
-    prediction, and half of the work.
+    It gives what is missing either way: a joint of whose effort more is missing than is fed is
+    left to it.
     """
-    score = item.validation.score
-    each = ', '.join(f'{name} {100.0 * own.relative_error:.0f} %'
-                     for name, own in score.channels.items())
-    return _grade(score.relative_error, settings.LEFT_TO_CONTROL), (
-        f'{100.0 * score.relative_error:.0f} % of the efforts are left to the controller ({each})')
+    left = {name: own.relative_error for name, own in item.validation.score.channels.items()}
+    levels = {name: _grade(value, settings.LEFT_TO_CONTROL) for name, value in left.items()}
+    fed = [name for name in left if levels[name] is not Grade.DO_NOT_USE]
+    each = ', '.join(f'{name} {100.0 * value:.0f} %' for name, value in left.items())
+    joints = 'all joints' if len(fed) == len(left) else ', '.join(fed) or 'no joint'
+    level = Grade.DO_NOT_USE if not fed else (
+        Grade.GOOD if _worst(levels.values()) is Grade.GOOD else Grade.USABLE)
+    return level, f'feed {joints}; left to the controller: {each}', levels
 
 
-def _collisions(item: FittedOutput, arm: Arm, learned: MethodThresholds) -> tuple[Grade, str]:
-    n, per_hour = len(learned.channels), settings.FALSE_ALARMS
-    ratios = learned.ratios(per_hour)[:n]
-    rest = learned.profile[:n, 0] * ratios + learned.stiction
-    columns = np.zeros(learned.profile.shape[1])
-    reach = np.where(np.isfinite(learned.reach), learned.reach, 0.0)
-    columns[0], columns[1:1 + learned.n_joints] = 1.0, 0.5 * reach
-    moving = learned.profile[:n] @ columns * ratios
-    measured = np.vstack([trace.measured for trace in item.validation.traces])
-    span = np.maximum(np.ptp(np.quantile(measured, [0.005, 0.995], axis=0), axis=0), 1e-300)
-    share = np.maximum(moving, rest) / span
-    # a touch is felt by all joints before it, so the better half decides
-    half = float(np.sort(share)[(n - 1) // 2])
-    units = output_units(arm, item.output)
-    each = ', '.join(
-        f'{name} {short(a)} at rest, {short(b)} {units[name]} in motion '
-        f'({100 * c:.0f} % of its range)'
-        for name, a, b, c in zip(learned.channels, rest, moving, share, strict=True))
-    doubt = learned.doubt(per_hour)
-    wide = '' if doubt < settings.WIDE else (
-        f', and {doubt:.1f} times as wide as they would be from hours')
-    return _grade(half, settings.THRESHOLD_SHARE), (
-        f'told at {per_hour:g} false alarm per hour: {each}; thresholds from '
-        f'{learned.seconds:.0f} s of free motion{wide}')
+@dataclass(frozen=True, eq=False)
+class _Tip:
+    """What forces at the tip add to the readings of each channel; NaN where nobody knows."""
+
+    still: FloatArray  # arm at rest, (poses, 3 joints)
+    torque: FloatArray  # (channels,): readings per N m, or per N of a joint that moves along
+    force: FloatArray  # (poses, channels, 3): readings per N along the axes of the base
+    mass: FloatArray  # (poses, channels): readings per kg
 
 
-def _payload(item: FittedOutput, arm: Arm) -> tuple[Grade, str] | None:
-    """Say from which share of an arm's own weight another weight shows."""
+def _tip(item: FittedOutput, arm: Arm) -> _Tip | None:
+    """Find what forces at the tip do, at poses of the bag that the model was judged by."""
     if not item.validation.cases:
         return None
-    model, bag = item.validation.cases[0]
-    if model.has_memory:
+    _, bag = item.validation.cases[0]
+    still = _at_rest(bag, settings.TIP_POSES)
+    scale = _scale(item, arm, bag)
+    sides = []
+    for axis in np.eye(3):
+        # a kilogram in this gravity is a newton
+        model = arm.full_model.copy()
+        model.gravity.linear = axis
+        sides.append(LoadRows(replace(arm, full_model=model), item.output).point(still) * scale)
+    if item.output == 'effort':
+        torque = scale / [joint.effort.torque_constant or 1.0 for joint in arm.joints]
+    else:
+        torque = scale
+    return _Tip(still, torque, np.stack(sides, axis=2),
+                LoadRows(arm, item.output).point(still) * scale)
+
+
+def _scale(item: FittedOutput, arm: Arm, bag: BagData) -> FloatArray:
+    """Find the unit of an output by that of the rows of a load, (channels,)."""
+    model = item.model
+    kept = [(s.motion[s.decimation.keep], s.decimation(getattr(s, item.output)))
+            for s in bag.stretches]
+    motion, measured = (np.vstack(part) for part in zip(*kept, strict=True))
+    if isinstance(model, AnalyticalModel) and model.payload_range is not None:
+        plain = LoadRows(arm, item.output).point(motion)
+        return np.asarray(LoadWorth(arm, item.output, model).along(
+            np.hstack([motion, np.zeros((len(motion), 1))])).std(axis=0) / plain.std(axis=0))
+    scale = find_scale(arm, item.output, motion, measured).factor
+    other = (1.0 / torque_scale(arm) if item.output == 'effort' else
+             np.array([_gain(arm, gauge) for gauge in arm.gauges]))
+    if isinstance(model, ElasticModel) and item.output == 'strain':
+        other = gauge_gain(arm, model)
+    return np.where(scale != 0.0, scale, other)
+
+
+def _gain(arm: Arm, gauge: GaugeSpec) -> float:
+    """Give the reading of a gauge per N m, by the link that it sits on; NaN if unknown."""
+    if gauge.unit == 'N m':
+        return 1.0
+    beam = next((link.flexible for link in arm.spec.links if link.joint == gauge.joint),
+                None)
+    if beam is None or gauge.unit not in STRAIN_SCALE:
+        return math.nan
+    known = beam_properties(beam)
+    return STRAIN_SCALE[gauge.unit] * known.surface_y / known.EIz
+
+
+def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | None) -> Said:
+    """
+    Say which torque, and which force at the tip, is noticed within `settings.NOTICED`.
+
+    It is a step, on the arm in motion or at rest, whichever hides more. The force acts along the
+    way that a joint moves the tip, in the median over the poses.
+    """
+    n, per_hour = len(learned.channels), settings.FALSE_ALARMS
+    ratios = learned.ratios(per_hour)[:2 * n]
+    columns = np.zeros(learned.profile.shape[1])
+    columns[0] = 1.0
+    rest = learned.profile @ columns * ratios + np.append(learned.stiction, np.zeros(n))
+    columns[1:1 + learned.n_joints] = 0.5 * np.where(
+        np.isfinite(learned.reach), learned.reach, 0.0)
+    levels = np.maximum(rest, learned.profile @ columns * ratios)
+    # readings of a step by the residual, and by the onset statistic while its steps come in
+    within = max(1, min(len(learned.taps), math.floor(settings.NOTICED / learned.step)))
+    seen = np.hstack([np.eye(n), *np.cumsum(learned.taps[:within], axis=0)])
+    levels = np.concatenate([levels[:n], np.tile(levels[n:], within)])
+    torques = 1.0 / np.max(np.abs(seen) / levels, axis=1)
+    units, doubt = output_units(arm, output), learned.doubt(per_hour)
+    grades: dict[str, Grade | None] = {}
+    each = []
+    for i, name in enumerate(learned.channels):
+        force, grades[name] = math.nan, None
+        if tip is not None and np.isfinite(tip.torque[i]):
+            lever = np.linalg.norm(tip.force[:, i], axis=1)
+            way = tip.force[:, i] / np.maximum(lever, 1e-300)[:, None]
+            known = np.nan_to_num(tip.force)
+            least = 1.0 / np.max(np.abs(np.einsum('pck,pk->pc', known, way) @ seen) / levels
+                                 + 1e-300, axis=1)
+            if np.median(lever) > settings.LEVER * abs(tip.torque[i]):
+                force = float(np.median(least))
+                grades[name] = _grade(force, settings.TIP_FORCE)
+            along = output == 'effort' and arm.is_prismatic(name)
+            tipped = '' if math.isnan(force) else f' ({short(force)} N at the tip)'
+            each.append(f'{name} {short(torques[i] / abs(tip.torque[i]))} '
+                        f'{"N" if along else "N m"}{tipped}')
+        else:
+            each.append(f'{name} {short(torques[i])} {units[name]}')
+    wide = '' if doubt < settings.WIDE else (
+        f', and {doubt:.1f} times as wide as they would be from hours')
+    level = _worst(grades.values())
+    unknown = '' if level is not None else (
+        'newtons need torque constants, gains of gauges, or masses of the description; ')
+    return level, (
+        f'{unknown}noticed within {1e3 * settings.NOTICED:.0f} ms at {per_hour:g} false alarm per '
+        f'hour: {", ".join(each)}; thresholds from {learned.seconds:.0f} s of free motion{wide}'
+        ), grades
+
+
+def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
+    """Say how many kilograms a mean is off, by the channel that shows a load best."""
+    if tip is None:
         return None
-    weight = model.predict(_at_rest(bag, settings.POSES))
+    model = item.validation.cases[0][0]
+    weight = np.zeros_like(tip.mass) if model.has_memory else model.predict(tip.still)
     span = np.ptp(weight, axis=0)
     if not np.any(span > settings.WEIGHTLESS * np.max(np.abs(weight), initial=1e-300)):
         return None  # a level axis carries no weight
@@ -280,11 +387,15 @@ def _payload(item: FittedOutput, arm: Arm) -> tuple[Grade, str] | None:
         means.append(error.reshape(-1, step, error.shape[1]).mean(axis=1))
     if not sum(map(len, means)):
         return None  # no stretch is as long as the mean
-    error = np.sqrt(np.mean(np.vstack(means) ** 2, axis=0))
-    share = 2.0 * error / np.maximum(span, 1e-300)
-    best = int(np.argmin(share))
-    name, unit = model.channels[best], output_units(arm, item.output)[model.channels[best]]
-    return _grade(float(share[best]), settings.WEIGHT_SHARE), (
-        f'best seen by {name}: its own weight makes {span[best]:.3g} {unit} over these poses, a '
-        f'mean over {settings.MEAN:g} s is off by {short(error[best])}, so that '
-        f'{100.0 * share[best]:.0f} % of it show')
+    error = 2.0 * np.sqrt(np.mean(np.vstack(means) ** 2, axis=0))
+    column = np.sqrt(np.mean(tip.mass ** 2, axis=0))
+    kilograms = np.where(column > 0.0, error / np.maximum(column, 1e-300), np.nan)
+    if not np.isfinite(kilograms).any():
+        return None, ('kilograms need torque constants, gains of gauges, masses of the '
+                      'description, or bags of two payloads (--payload-of)'), {}
+    best = int(np.nanargmin(kilograms))
+    share = float(error[best] / max(span[best], 1e-300))
+    return _grade(share, settings.WEIGHT_SHARE), (
+        f'{short(kilograms[best])} kg off (two standard deviations of a mean over '
+        f'{settings.MEAN:g} s, by {model.channels[best]}), {100.0 * share:.0f} % of what its own '
+        'weight changes over these poses'), {}

@@ -176,7 +176,8 @@ def render(
     return rendered(
         'page', arm=result.arm.name, date=date, joints=result.arm.active_joints,
         sections=[(anchor, title) for anchor, title, there in sections if there],
-        overall=overall(result.fitted, assessment.detects), ringing=_ringing(result),
+        overall=overall((result.causal or result).fitted, assessment.detects),
+        ringing=_ringing(result),
         analytical=any(item.kind == 'analytical' for item in result.fitted),
         fitted=result.fitted, outputs=outputs, elastic=elastic, before=before,
         assessment=assessment, findings=result.findings, uncertain=UNCERTAIN,
