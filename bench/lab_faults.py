@@ -111,8 +111,12 @@ def shared_bags(data: Path) -> Iterator[tuple[str, Path, Any]]:
         if isinstance(description, Path) and name.startswith(('quanser', 'tx40')):
             description = amended(description)
         yield name, bags / name, description
-    for bag in sorted(bags.glob('beam_*')):
-        yield bag.name, bag, arms / 'panda.yaml'
+
+
+def beam_bags(data: Path) -> Iterator[tuple[str, Path, Any]]:
+    """Go through recordings of an arm whose tool rings: good ones that take long."""
+    for bag in sorted((data / 'bags').glob('beam_*')):
+        yield bag.name, bag, data / 'arms/panda.yaml'
 
 
 def amended(description: Path) -> dict[str, Any]:
@@ -294,17 +298,31 @@ def clean_cases(lab: Lab, through: str) -> Iterator[dict[str, Any]]:
         yield {'fault': '', 'bag': lab.name, 'cut': cut, 'found': found, 'false': false}
 
 
+def keep(cases: list[dict[str, Any]], path: Path | None, run: str) -> None:
+    """Write what is known, after every fault, so that a run that is ended can go on."""
+    for case in cases:
+        case.setdefault('run', run)
+    if path is not None:
+        scratch = path.with_name(path.name + '.part')
+        scratch.write_text(json.dumps(cases, indent=1, default=float))
+        scratch.replace(path)
+
+
 def run_all(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     """Run all cases that are asked for and not known."""
     cases: list[dict[str, Any]] = []
+    asked = f'{args.through} {args.seed}'
     if args.json is not None and args.json.exists():
         cases = json.loads(args.json.read_text())
+        if any(case.get('run', asked) != asked for case in cases):
+            sys.exit(f'{args.json}: keeps cases of another --seed or --through; name another file')
     known = {(case['fault'], case.get('size'), case['bag'], case.get('cut')) for case in cases}
     data = os.environ.get('TUDOR_SHARED_DATA')
 
     def wanted(name: str) -> bool:
         return not args.bags or any(word in name for word in args.bags)
-    bags = chain(shared_bags(Path(data)) if data else (), own_bags(folder, wanted))
+    bags = chain(shared_bags(Path(data)) if data else (), own_bags(folder, wanted),
+                 beam_bags(Path(data)) if data else ())
     begun = time.perf_counter()
     for name, bag, description in bags:
         if not wanted(name) or args.only and not by_faults(name):
@@ -312,6 +330,7 @@ def run_all(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
         lab = read_lab(name, bag, description, folder, SECONDS)
         if ('', None, name, 'whole') not in known:
             cases += clean_cases(lab, args.through)
+            keep(cases, args.json, asked)
         clean = next(case['found'] for case in cases
                      if case['bag'] == name and case.get('cut') == 'whole')
         for fault in FAULTS if by_faults(name) else ():
@@ -320,8 +339,7 @@ def run_all(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
             for size in fault.sizes if args.sizes else (drawn(fault, name, args.seed),):
                 if (fault.name, size, name, None) not in known:
                     cases.append(run_case(fault, lab, clean, size, args.seed, args.through))
-        if args.json is not None:
-            args.json.write_text(json.dumps(cases, indent=1, default=float))
+            keep(cases, args.json, asked)
         print(f'{time.perf_counter() - begun:6.0f} s  {name}', file=sys.stderr, flush=True)
     return cases
 
