@@ -276,20 +276,21 @@ class MotionController:
         speed = (q - self._q) / dt
         self._q = self._guess = q.copy()
         clock, delay = gains.sampled(dt)
+        fault = self.state is State.FAULT  # then drives brake with all they have: no overload
         doubts = self.watched.step(
             clock, dt, self._q, gains.delay.commands,
-            (gains.lags[0], gains.lags[1] + self.ages.late), dq, effort,
-            telling=self.state is not State.FAULT)
+            (gains.lags[0], gains.lags[1] + self.ages.late), dq, None if fault else effort,
+            telling=not fault)
         if self._unknown:
             if not (doubts or self._takeover.step(clock, speed, delay)):
                 return None
             self.takeovers += 1
             self._begin(now, q, np.zeros_like(speed) if doubts else speed)
         if doubts:
-            self._fault(doubts)
+            self._fault(doubts, speed)
             self._told = clock + settings.TELLING_AFTER
             self._again = clock + settings.TELLING_EVERY
-        elif self.state is State.FAULT and self._again < clock < self._told:
+        elif fault and self._again < clock < self._told:
             self._again = clock + settings.TELLING_EVERY
             self._explain([self.watched.tell(doubt.joint, gains.delay.commands, gains.lags)
                            if doubt.later else doubt for doubt in self._doubts])
@@ -433,10 +434,14 @@ class MotionController:
         if self.state is not State.FAULT:
             self.state, self.cause = State.HOLDING, cause
 
-    def _fault(self, doubts: list[Doubt]) -> None:
+    def _fault(self, doubts: list[Doubt], dq: FloatArray) -> None:
         assert self._q is not None
         speed = np.abs(self.envelope.command)
         astray = any(doubt.astray for doubt in doubts)  # each moment it goes farther astray
+        ahead = np.abs(dq) - speed > settings.RUNS_AHEAD * self.watched.speed
+        slow = speed < settings.UNCONFIRMED_SPEED * self.watched.speed
+        if astray and (ahead.any() or slow.all()):  # no ramp: a command of zero is the shortest way
+            self.envelope.begin(np.zeros_like(speed))
         self._hold = MotionPlanner(
             MotionLimits(self.planned.velocity, np.maximum(
                 self.planned.acceleration, speed / (

@@ -267,7 +267,8 @@ class MotionWatch:
                 j, f'its position jumped by {step:.3g} within '
                 f'{1e3 * (times[place + 1] - times[place]):.3g} ms', False)
         for i in range(len(self._joints)):
-            if i != j and np.ptp(asked[:, i] - wanted) > self.state[j, ALLOWED] and (
+            if i != j and np.ptp(asked[:, i] - wanted) > settings.EXCESS_AT_END * self.state[
+                    j, ALLOWED] and (
                     2.0 * np.ptp(moved[:, i] - asked[:, i]) > self.state[i, ALLOWED]):
                 both = max(left(asked[:, i]), float(np.std(moved[:, i] - wanted)))
                 yield both / settings.FREE, Doubt(
@@ -316,7 +317,7 @@ class MotionWatch:
                     'that its driver reports')
         if abs(mine) < settings.STANDS * abs(way):
             return (f'its position stands still ({mine / way:.2g} times what its driver reports): '
-                    'encoder frozen or slipping')
+                    'encoder frozen, slipping, or drifting against the motion')
         rate = (mine - way) / (times[-1] - times[0])
         steady = np.std(moved - made - rate * (times - times[0])) * (
             1.0 + abs(rate) / (settings.FAST_DRIFT * self.speed[j]))

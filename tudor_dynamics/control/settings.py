@@ -129,6 +129,9 @@ CONFIRMING_TIME = 0.05
 # Time in which an arm is braked at a fault, and where it moves as nobody commands it [s]; the
 # second is bounded by its largest acceleration.
 FAULT_STOP_TIME, ASTRAY_STOP_TIME = 0.3, 0.05
+# Part of the speed limit by which a joint that is faster than its command runs away: each further
+# command makes it faster, so zero is commanded at once (test/mechanics/test_lying.py).
+RUNS_AHEAD = 0.5
 # After positions did not come, commands may not have come either: for so long nothing is judged
 # [s], in which drives brake by themselves or take them up again.
 FREE_AFTER = 0.3
