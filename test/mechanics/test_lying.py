@@ -66,7 +66,7 @@ def test_a_lie(case: Case) -> None:
         # shortfall: what three samples show is within what the delay of the loop may be; found
         # after 5 to 6 samples at 100 Hz (docs/operation.md)
         outcome.broken = [text for text in outcome.broken if 'deg/s' not in text]
-        assert outcome.speed < 2.4 * 120.0
+        assert outcome.speed < 1.8 * 120.0
     assert not outcome.broken, outcome.cause
 
 
@@ -87,7 +87,7 @@ def test_a_count_of_noise_is_no_lie(rate: float, payload: float) -> None:
     judge(rig)
 
 
-@pytest.mark.parametrize('rate', [100.0, 500.0])
+@pytest.mark.parametrize('rate', [100.0, 250.0, 500.0])
 @pytest.mark.parametrize('timeout', [0.1, 60.0])
 def test_positions_are_lost_under_any_timeout(rate: float, timeout: float) -> None:
     """It brakes two periods after the last sample: as far as the plan brakes, and the delay."""
@@ -96,10 +96,15 @@ def test_positions_are_lost_under_any_timeout(rate: float, timeout: float) -> No
         rig.controller.timeout = timeout
     begin, speed = len(rig.trace.q), np.abs(np.diff(rig.trace.q[-2:], axis=0))[0] * rig.rate
     rig.alter = lambda sample: None
+    before = np.abs(rig.trace.sent[-1][2])
     rig.run(2.5)
     way = np.abs(rig.trace.q[-1] - rig.trace.q[begin - 1])
-    # two periods, one of a watch, the drive's lag and what the damper had added
-    late = 2.0 / rate + 0.01 + 0.02
+    last = rig.trace.t[begin - 1]
+    braked = next(t for t, _, command in rig.trace.sent
+                  if t > last + 1e-9 and np.all(np.abs(command) < before - 1e-9))
+    assert braked - last < 2.0 / rate + 1e-9
+    # two periods, the drive's lag and what the damper had added
+    late = 2.0 / rate + 0.01 + 0.015
     assert np.all(way < 0.5 * speed**2 / planned_limits(rig.arm).acceleration + late * speed
                   + np.radians(3.0)), np.degrees(way)
     assert pace(rig) < 1.0

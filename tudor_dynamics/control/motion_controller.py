@@ -303,7 +303,7 @@ class MotionController:
 
     def watch(self, now: float) -> FloatArray | None:
         """
-        Give commands where positions fail to come; to be called every `settings.WATCH_PERIOD`.
+        Give commands where positions fail to come; to be called every `watch_period`.
 
         now [s]; returns (joints,) [rad/s or m/s], None while positions come.
         """
@@ -318,6 +318,13 @@ class MotionController:
         command = self._slow_down(now)
         self.gains.took(waited, command)
         return command
+
+    @property
+    def watch_period(self) -> float:
+        """Time after which to call `watch`, counted from each sample, or the last call [s]."""
+        late = settings.WATCHED_PERIODS * max(self.gains.period, self._arrival)
+        return late / math.ceil(late / settings.WATCH_PERIOD) if late > 0.0 else (
+            settings.WATCH_PERIOD)
 
     def stand_still(self, now: float) -> FloatArray | None:
         """
@@ -440,7 +447,7 @@ class MotionController:
         astray = any(doubt.astray for doubt in doubts)  # each moment it goes farther astray
         ahead = np.abs(dq) - speed > settings.RUNS_AHEAD * self.watched.speed
         slow = speed < settings.UNCONFIRMED_SPEED * self.watched.speed
-        if astray and (ahead.any() or slow.all()):  # no ramp: a command of zero is the shortest way
+        if astray and (ahead.any() or slow.all()):  # zero at once is the shortest way
             self.envelope.begin(np.zeros_like(speed))
         self._hold = MotionPlanner(
             MotionLimits(self.planned.velocity, np.maximum(

@@ -225,8 +225,9 @@ AGE_MEMORY = 10.0
 AGE_STEADY, AGE_LEARNED = 0.02, 0.5
 # Periods without a sample after which commands slow down.
 MISSED_PERIODS = 1.5
-# Period at which `MotionController.watch` wants to be called [s]: with MISSED_PERIODS, an arm
-# slows down within two periods at 100 Hz.
+# Periods after each sample at which it is looked for the next one, so that an arm slows down
+# within two at any rate; and the longest time between two looks [s].
+WATCHED_PERIODS = 1.6
 WATCH_PERIOD = 0.005
 # Without a command for so long beyond the timeout, drives have stopped by themselves [s]: their
 # own timeout (docs/operation.md).

@@ -27,7 +27,6 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.control.motion_controller import MotionController, State
 from tudor_dynamics.control.references import ReferenceSource
 from tudor_dynamics.control.schedule import Adaptation, Schedule
-from tudor_dynamics.control.settings import WATCH_PERIOD
 from tudor_dynamics.mechanics.closed_loop import ArmProcess, Sample
 from tudor_dynamics.typing import FloatArray
 
@@ -208,13 +207,14 @@ class Rig:
         self._command(controller.step(
             self.t, dt, sample.q, sample.strain, np.ones(len(sample.strain), dtype=bool),
             age=self.t - sample.t, dq=sample.dq, effort=sample.current))
+        self._due = self.t + controller.watch_period
 
     def _watch(self) -> None:
         if self.t < self._due - 1e-9:
             return
-        self._due = self.t + WATCH_PERIOD
         controller, _ = self._awake()
         if controller is not None:
+            self._due = self.t + controller.watch_period
             self._command(controller.watch(self.t) if self.active
                           else controller.stand_still(self.t))
 

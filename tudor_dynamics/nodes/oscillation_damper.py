@@ -101,6 +101,7 @@ class OscillationDamperNode(MovingNode):
         self.serve(JOINTS_TESTED, self._tested)
         self.crowded: tuple[bytes, str] | None = None
         self._watchdog = self.every(WATCH_PERIOD, self._watch)
+        self._watched = int(self._watchdog.timer_period_ns)
         self._look_timer = self.every(PUBLISHERS_LOOK, self._look)
         self.autostart()
 
@@ -185,6 +186,10 @@ class OscillationDamperNode(MovingNode):
             # a jump is over before anybody looks: remembered until the gauge is trusted again
             self._faults[int(place)] = controller.damper.status[place]
         self._publish(command)
+        period = round(1e9 * controller.watch_period)
+        if abs(period - self._watched) > 0.05 * self._watched:
+            self._watched = self._watchdog.timer_period_ns = period
+        self._watchdog.reset()  # it is due only where no sample comes
 
     def _publish(self, command: Any) -> bool:
         if command is not None:
