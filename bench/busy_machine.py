@@ -73,16 +73,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Start everything, and give the figures."""
     rclpy.init()
     processes, user = Processes(), Listener(load_arm(args.arm))
-    spinning = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
-                for _ in range(args.spinning)]
+    spinning = []
     try:
         processes.start('arm_simulator', arm=args.arm, rate=args.rate, payload=PAYLOAD, seed=1)
         processes.start('oscillation_damper', arm=args.arm)
         processes.start('reference_generator', arm=args.arm, rate=args.rate, reaction='hold')
         user.hear('joint_states')
-        user.wait(lambda: bool(user.raw['joint_states']), 'the simulator', 120.0)
+        user.wait(lambda: bool(user.raw['joint_states']), 'the simulator', 600.0)
         user.hear()
         user.status('oscillation_damper')
+        spinning = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+                    for _ in range(args.spinning)]
         found = drive(args, user)
     finally:
         for process in spinning:

@@ -26,7 +26,8 @@ from contextlib import suppress
 from itertools import groupby
 import re
 
-from lying import BEYOND, Case, cases, false_motion, FASTER, Liar, NOISY, resting, run, STARTS
+from lying import (
+    BEYOND, Case, cases, DRIVES, false_motion, FASTER, Liar, NOISY, resting, run, STARTS)
 from motion_machine import FIRST, go, moving, SECOND
 import numpy as np
 import pytest
@@ -108,6 +109,24 @@ def test_positions_are_lost_under_any_timeout(rate: float, timeout: float) -> No
     assert np.all(way < 0.5 * speed**2 / planned_limits(rig.arm).acceleration + late * speed
                   + np.radians(3.0)), np.degrees(way)
     assert pace(rig) < 1.0
+    judge(rig)
+
+
+@pytest.mark.parametrize('samples', range(4))
+def test_positions_are_lost_just_after_a_fault(samples: int) -> None:
+    """Its cause stays, and samples that come again are taken: it was a crash."""
+    rig = moving(rate=100.0)
+    Liar(rig).begin(DRIVES[0])
+    while rig.trace.state[-1] is not State.FAULT:
+        rig.step()
+    cause, alter = rig.controller.cause, rig.alter
+    rig.run(0.01 * samples)
+    rig.alter = lambda sample: None
+    rig.run(0.3)
+    rig.alter = alter
+    rig.run(0.5)
+    assert rig.controller.state is State.FAULT
+    assert rig.controller.cause.split(':')[0] == cause.split(':')[0]
     judge(rig)
 
 

@@ -382,6 +382,7 @@ class MotionController:
             self.tested = False  # it may be another driver
         self._q = self._guess = q.copy()
         self.watched.restart(self._q, 0.0 if self._unknown else settings.FREE_AFTER)
+        self._told = -math.inf  # what a fault is explained by is forgotten
         self.gains.begin()
         self.damper.reset()
         if self.adaptation is not None:
