@@ -135,8 +135,12 @@ def test_age_is_late_by_the_quickest_of_a_while() -> None:
     for k in range(500):
         assert ages.step(0.01 * k, -3.0 + 0.002 * (k % 3)) < 0.005
     assert ages.step(5.0, -2.6) == pytest.approx(0.4)
+    assert ages.step(5.01, -3.0) == pytest.approx(0.0)
+    assert ages.recent == pytest.approx(0.4, rel=0.05)  # its answer still moves the joints
+    assert ages.step(7.0, -3.0) == pytest.approx(0.0)
+    assert ages.recent < 0.01
     for k in range(2500):
-        late = ages.step(5.0 + 0.01 * k, -2.6)
+        late = ages.step(7.0 + 0.01 * k, -2.6)
     assert late == pytest.approx(0.0)
 
 

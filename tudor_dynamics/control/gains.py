@@ -274,7 +274,7 @@ class LoopGains:
 
     def took(self, waited: float, command: FloatArray) -> None:
         """Take a command [rad/s] that was given a time after the last sample [s]."""
-        self.delay.commands.add(self._clock + waited, command)
+        self.delay.commands.add(self._clock + self.late + waited, command)
 
     def commanded(
         self, dt: float, command: FloatArray, added: FloatArray, moving: bool, cut: bool,
@@ -285,5 +285,5 @@ class LoopGains:
         dt [s], command, added (joints,) [rad/s]; returns the longest time to its motion [s].
         """
         self.excited = self._ringing.step(dt, added, moving, cut) or self.excited
-        self.delay.commands.add(self._clock, command)
+        self.delay.commands.add(self._clock + self.late, command)
         return self.response_time

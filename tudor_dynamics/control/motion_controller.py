@@ -280,7 +280,7 @@ class MotionController:
         doubts = self.watched.step(
             clock, dt, self._q, gains.delay.commands,
             (gains.lags[0], gains.lags[1] + self.ages.late), dq, None if fault else effort,
-            telling=not fault)
+            telling=not fault, late=self.ages.recent)
         if self._unknown:
             if not (doubts or self._takeover.step(clock, speed, delay)):
                 return None

@@ -52,14 +52,14 @@ WATCHED = 9
 def watch_law(
     at: NDArray, way: NDArray, commands: NDArray, count: int, now: float, dt: float,
     earliest: float, latest: float, q: NDArray, speed: NDArray, overloaded: NDArray,
-    state: NDArray,
+    state: NDArray, unsteady: float,
 ) -> bool:
     """
     Compare the readings of all joints with what commands can have made of them.
 
     at, way, commands: see `Commanded`; earliest, latest: lags of the motion [s]; speed (joints,)
     [rad/s]: limits; overloaded (joints,): sign of an effort that is at its end, else 0; state
-    (joints, WATCHED). Returns whether a joint is beyond what is allowed.
+    (joints, WATCHED); unsteady: factor of what is allowed. Returns whether a joint is beyond it.
     """
     found = False
     for j in range(len(q)):
@@ -92,7 +92,8 @@ def watch_law(
         else:
             row[OFFSET] += min(max(excess, -forgotten), forgotten)
         row[EXCESS] = excess
-        row[ALLOWED] = settings.EXCESS_TIME * speed[j] + settings.EXCESS_LATE * fastest
+        row[ALLOWED] = unsteady * (
+            settings.EXCESS_TIME * speed[j] + settings.EXCESS_LATE * fastest)
         if abs(row[EXCESS]) < settings.EXCESS_SMALL * row[ALLOWED]:
             row[ONSET] = now
         if asked != 0.0:
@@ -171,13 +172,14 @@ class MotionWatch:
     def step(
         self, now: float, dt: float, q: FloatArray, commanded: Commanded,
         lags: tuple[float, float], dq: FloatArray | None = None, effort: FloatArray | None = None,
-        *, telling: bool = True,
+        *, telling: bool = True, late: float = 0.0,
     ) -> list[Doubt]:
         """
         Judge one reading; without telling, what is found is followed but not explained.
 
         now, dt [s]: by the clock of the commands; q, dq (joints,): readings, and the driver's own
-        speeds; lags [s]: shortest and longest from a command to its motion; effort (joints,).
+        speeds; lags [s]: shortest and longest from a command to its motion; effort (joints,);
+        late [s]: by how much samples came late just before.
         """
         far = self.speed * settings.RANGE_TIME
         outside = (q < self._limits.lower - far) | (q > self._limits.upper + far)
@@ -195,7 +197,7 @@ class MotionWatch:
         overloaded = np.where(self._loaded > now - settings.OVERLOAD_LASTS, self._push, 0.0)
         found = commanded.count > 0 and watch_law(
             commanded.at, commanded.way, commanded.commands, commanded.count, now, dt, *lags, q,
-            self.speed, overloaded, self.state)
+            self.speed, overloaded, self.state, 1.0 + min(late / settings.LATE_DOUBLES, 1.0))
         self.owed = -self.state[:, EXCESS]
         ends = q + self.state[:, EXCESS]
         past = ((ends > self._limits.upper) & (self.state[:, EXCESS] > 0.0)
@@ -331,14 +333,19 @@ class MotionWatch:
 
 
 class AgeWatch:
-    """Says how much later samples come than the quickest of the last while: late [s]."""
+    """
+    Says how much later samples come than the quickest of the last while: late [s].
+
+    recent [s]: the same of the samples just before, too, whose answers still move the joints.
+    """
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
         """Forget which age is usual."""
-        self.late = 0.0
+        self.late = self.recent = 0.0
+        self._last = math.inf
         self._usual = False  # whether stamps go as fast as the clock: only then ages can be judged
         self._begun = -math.inf
         self._before = self._least = math.inf
@@ -350,4 +357,6 @@ class AgeWatch:
             self._before, self._least, self._begun = self._least, math.inf, now
         self._least = min(self._least, age)
         self.late = age - min(self._before, self._least) if self._usual else 0.0
+        kept = math.exp(min(self._last - now, 0.0) / settings.LATE_MEMORY)
+        self.recent, self._last = max(self.late, kept * self.recent), now
         return self.late

@@ -218,6 +218,9 @@ LONGEST_BLIND = 0.25
 # source: none known, a quarter of the 0.4 s with which an arm went 48 deg past its goal. Slower
 # joints go as far in a longer time, up to the second number.
 LATE_AT_SPEED, LONGEST_LATE = 0.1, 0.2
+# Commands that answer samples which come by fits and starts jerk, and drives follow them worse: by
+# this memory, and from this lateness on, twice as much is allowed [s] (bench/busy_machine.py).
+LATE_MEMORY, LATE_DOUBLES = 0.5, 0.05
 # For which the smallest age of samples is known [s]: clocks drift by 1 ms meanwhile.
 AGE_MEMORY = 10.0
 # Ages are judged once their least was the same, within this, in two such times [s]: a simulated
