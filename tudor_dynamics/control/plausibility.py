@@ -273,7 +273,7 @@ class MotionWatch:
                     j, ALLOWED] and (
                     2.0 * np.ptp(moved[:, i] - asked[:, i]) > self.state[i, ALLOWED]):
                 both = max(left(asked[:, i]), float(np.std(moved[:, i] - wanted)))
-                yield both / settings.FREE ** 2, Doubt(  # both joints, nothing fitted
+                yield both / settings.FREE, Doubt(
                     j, f'it and {self._joints[i]} move as the other is commanded: their driver '
                     'swaps commands, or readings are swapped', True, swapped=True)
         if sizes[0] < settings.SAME_SIZE * sizes[1]:
