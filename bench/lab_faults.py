@@ -62,7 +62,7 @@ ROOT = Path(__file__).parent.parent
 SECONDS = 60.0
 UNEXPLAINED = 'unexplained'
 FACTS = {'standstill', 'jitter', 'load_unknown', 'same_recording', 'constant', 'outlier',
-         'saturated', 'drift', UNEXPLAINED}
+         'saturated', 'drift', 'standing', UNEXPLAINED}
 """What a good recording may have: facts about it that blame neither description nor wiring."""
 NEUTRAL = {'standstill', 'load_unknown', 'same_recording'}
 """What is no cause of anything."""
@@ -72,8 +72,8 @@ KEYS_OF_NOTES = {
     r'velocity of .* times the derivative': 'velocity_scale',
     r'velocity of .* does not follow': 'velocity_unlike',
     r'velocity of .* is zero throughout': 'velocity_zeros',
-    r'does not move': 'standing',
-    r'beyond|check the units': 'degrees',
+    r'does not move|no joint moves': 'standing',
+    r'beyond|check the units|in rad, not in degrees': 'degrees',
     r'clock|set back': 'clock_set_back',
     r'\bgaps?\b|stretches': 'gaps'}
 """What the reader says, and the key that this is an answer by."""
@@ -183,20 +183,22 @@ def answers(lab: Lab, through: str) -> list[dict[str, Any]]:
         refused = code not in (0, 1)
         notes = [err] if refused else []
         findings, gaps = [], 0
-        if not refused:
+        if not refused:  # `info` says in its verdict why the reader refuses a bag
             content = json.loads(out)
             if through == 'info':
                 content, = content['bags']
                 notes += content['odd']
+                if str(content['verdict']).startswith('nothing'):
+                    refused, notes = True, [content['verdict'], *notes]
                 gaps = max(topic['gaps'] or 0 for topic in content['topics'])
             findings = content['findings']
     found = [{'kind': item['kind'], 'channels': item.get('channels') or named_in(
         lab, item['what']), 'what': item['what'], 'size': item.get('size')} for item in findings]
-    for text in notes:
+    for place, text in enumerate(notes):
         key = next((key for words, key in KEYS_OF_NOTES.items() if re.search(words, text)),
-                   'crash' if code == 70 else 'refused' if refused else 'note')
+                   'note' if place or not refused else 'crash' if code == 70 else 'refused')
         found.append({'kind': key, 'channels': named_in(lab, text), 'what': text.strip(),
-                      'note': not refused})
+                      'note': bool(place) or not refused})
     if gaps:
         found.append({'kind': 'gaps', 'channels': [], 'what': f'{gaps} gaps', 'note': True})
     return found
