@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 import shlex
 import shutil
@@ -78,3 +79,32 @@ def test_after_a_draft(
     assert main(['init', 'a bag', '--out', 'open.yaml']) == 0
     said = capsys.readouterr().out
     assert "left as '?'" in said and not commands(said)
+
+
+@pytest.mark.parametrize('more', [[], ['--json']])
+def test_more_false_alarms_than_promised(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str],
+) -> None:
+    """How many times what was promised came, and the fit whose thresholds know that motion."""
+    bags, model = root / 'bags', tmp_path / 'a model'
+    assert main(['fit', str(bags / 'two_blade_train_1'), '--test', str(bags / 'two_blade_test'),
+                 '--arm', str(root / 'config/two_blade_arm.yaml'), '--out', str(model)]) == 0
+    capsys.readouterr()
+    # pushes that are called free motion: each is a false alarm
+    words = ['evaluate', '--model', str(model), str(bags / 'two_blade_pushes')]
+    assert main([*words, '--collisions', '--free', *more]) == 0
+    said = capsys.readouterr().out
+    if more:
+        kept = json.loads(said)['collisions']['strain']['kept']
+        assert kept['high'] > kept['ratio'] > kept['low'] > 1.0
+        return
+    assert 'times as many (90 % interval' in said and 'of another kind or day' in said
+    command, = commands(said)
+    assert main(command[1:]) in (0, 1) and (tmp_path / 'a model_2').exists()
+    capsys.readouterr()
+    # without --free the bag says itself that it was pushed: no cause for another fit
+    main(words)
+    said = capsys.readouterr().out
+    assert 'fit again' not in said
+    if 'no longer what it was' in said:
+        assert 'pushes (' not in said and 'holds' in said and '--collisions' in said

@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tudor_dynamics.identification.next_steps import changes, spread
+from tudor_dynamics.identification.next_steps import changes, spread, touched
 from tudor_dynamics.identification.validation import score, Trace, Validation
 
 
@@ -55,6 +57,22 @@ def test_a_model_that_is_worse() -> None:
     assert change.changed and change.sigmas > 3.0
     assert 'no longer what it was: error 1.9' in str(change) or 'error 2' in str(change)
     assert change.now / change.then == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_short_excess_is_no_change_of_the_model() -> None:
+    """A push makes an error large for a moment; friction that changed does so everywhere."""
+    facts = _facts(_validation(0, 1.0))
+    pushed = _validation(1, 0.9)
+    trace, = pushed.traces
+    measured = trace.measured + np.where((trace.t > 20.0) & (trace.t < 24.0), 20.0, 0.0)[:, None]
+    pushed = replace(pushed, score=score(measured, trace.predicted, ('a',)),
+                     traces=(replace(trace, measured=measured),))
+    change, = changes(facts, {'effort': {'analytical': pushed}})
+    assert change.changed
+    assert 'worst at 2' in touched(change, pushed) and 's of bag' in touched(change, pushed)
+    worn = _validation(1, 2.0)
+    change, = changes(facts, {'effort': {'analytical': worn}})
+    assert change.changed and not touched(change, worn)
 
 
 def test_livelier_motion_is_no_change() -> None:

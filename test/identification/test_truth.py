@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from bag_making import joint_states, make_bag, times
@@ -88,10 +89,28 @@ def test_a_bag_without_truth_is_unknown(tmp_path: Path) -> None:
     assert both.latency_median == pytest.approx(0.05)
     free = score([WatchedBag('a', stamp, np.zeros(1000), FREE, ())], alarms[:1])
     assert free.false_alarms == 2
-    # marked by eye a moment too late: the push is found at once, and the alarm is no false one
-    early, soon = (score(watched[1:], [stamp[[place]]]) for place in (485, 495))
+    # an event before a push is a false alarm
+    soon = score(watched[1:], [stamp[[495]]])
+    assert (soon.found, soon.false_alarms) == (0, 1)
+    # unless the push is marked by eye, perhaps a moment too late: then it is found at once
+    by_eye = replace(watched[1], truth=Truth('x', (replace(
+        watched[1].truth.pushes[0], early=100_000_000),)))
+    early, soon = (score([by_eye], [stamp[[place]]]) for place in (485, 495))
     assert (early.found, early.false_alarms) == (0, 1)
     assert (soon.found, soon.false_alarms, soon.latency_median) == (1, 0, 0.0)
+
+
+@pytest.mark.parametrize(('count', 'low', 'high'), [
+    (0, 0.0, 2.996), (1, 0.0513, 4.744), (19, 12.44, 27.88)])
+def test_how_many_times_what_was_promised_came(count: int, low: float, high: float) -> None:
+    """The interval is the exact one of a Poisson count (Garwood, 1936), here of half an hour."""
+    stamp = np.array([0, 1_800_000_000_000])
+    item = WatchedBag('a', stamp, np.zeros(2), FREE, ())
+    kept = score([item], [np.zeros(count, dtype=np.int64)]).kept(2.0)
+    assert kept is not None and kept['promised'] == pytest.approx(1.0)
+    assert kept['ratio'] == pytest.approx(count)
+    assert (kept['low'], kept['high']) == pytest.approx((low, high), rel=2e-3)
+    assert score([replace(item, truth=Truth())], [stamp]).kept(2.0) is None
 
 
 def test_a_table_of_pushes(tmp_path: Path) -> None:
@@ -99,7 +118,9 @@ def test_a_table_of_pushes(tmp_path: Path) -> None:
     table = tmp_path / 'pushes.csv'
     table.write_text('begin,end,by\n4.5, 5,hand\n\n# the second one was soft\n2.0,2.95\n')
     rows = table_of_pushes(table)
-    assert rows == [(2.0, 2.95), (4.5, 5.0)]
+    assert rows == [(2.0, 2.95, 0.0), (4.5, 5.0, 0.0)]
+    table.write_text('begin,end,tolerance\n2.0,2.95,0.1\n4.5,5.0\n')
+    assert table_of_pushes(table) == [(2.0, 2.95, 0.1), (4.5, 5.0, 0.0)]
     recording = recording_of(np.zeros((1000, 1)), 100.0)
     whole = truth_of_table(rows, recording, 'pushes.csv')
     first = int(recording.stamp[0])
@@ -109,7 +130,8 @@ def test_a_table_of_pushes(tmp_path: Path) -> None:
     assert part.pushes[0].begin == first + 500_000_000
 
 
-@pytest.mark.parametrize('text', ['2.0', 'begin,end\n2,1\n', '1,2\nx,y\n', '-1,2\n', '1,nan\n'])
+@pytest.mark.parametrize('text', [
+    '2.0', 'begin,end\n2,1\n', '1,2\nx,y\n', '-1,2\n', '1,nan\n', '1,2,-1\n'])
 def test_bad_tables(tmp_path: Path, text: str) -> None:
     """A line that is no push is named, with what was expected."""
     table = tmp_path / 'pushes.csv'
@@ -125,7 +147,9 @@ def test_the_push_of_an_event() -> None:
     pushes = (KnownPush(0, 10**9), KnownPush(5 * 10**9, 6 * 10**9))
     assert [push_of(round(t * 1e9), pushes) for t in (0.5, 2.9, 3.1, 5.0, 9.0)] == [
         0, 0, None, 1, None]
-    assert push_of(round(4.95e9), pushes) == 1 and push_of(-2 * 10**8, pushes) is None
+    assert push_of(round(4.95e9), pushes) is None and push_of(-2 * 10**8, pushes) is None
+    by_eye = (pushes[0], replace(pushes[1], early=10**8))
+    assert push_of(round(4.95e9), by_eye) == 1 and push_of(round(4.85e9), by_eye) is None
 
 
 def test_alarms_at_another_threshold() -> None:

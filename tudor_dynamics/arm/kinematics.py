@@ -294,22 +294,11 @@ def with_gauge_joints(
     The torque of such a joint, kept at zero angle, is the bending moment at the gauge: exactly the
     moment of everything outboard about the point x_s, with the reaction force's lever shortened by
     x_s and the moment's not. (Malzahn et al., Eqs. (8)-(15), take the joint's own moment instead
-    and call the difference constant, which it is not.)
+    and call the difference constant, which it is not.) The outboard part of a cut link has its
+    mass parameters to itself.
 
-    Parameters
-    ----------
-    model : pinocchio.Model
-        Arm without gauges.
-    places : sequence of (name, joint, point (3,) [m], axis (3,))
-        Gauge, joint before it, place and bending axis in the joint's frame. Gauges of one joint
-        must be sorted from the joint outwards.
-
-    Returns
-    -------
-    pinocchio.Model
-        Arm with one revolute joint more for each gauge, named as the gauge. The outboard part of
-        a cut link has its mass parameters to itself.
-
+    places: gauge, joint before it, point (3,) [m] and bending axis (3,) in the joint's frame;
+    those of one joint sorted from it outwards.
     """
     cut = pin.Model()
     cut.gravity = model.gravity

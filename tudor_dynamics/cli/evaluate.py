@@ -21,6 +21,7 @@ from collections.abc import Sequence
 import io
 import math
 from pathlib import Path
+import shlex
 from typing import Any
 
 import numpy as np
@@ -35,9 +36,9 @@ from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
     evaluate_collisions, find_truth, FREE, MethodResult, table_of_pushes, Truth, truth_of_table,
-    WatchedBag)
+    WatchedBag, within)
 from tudor_dynamics.identification.doctor.between import Evaluated, examine_evaluation
-from tudor_dynamics.identification.next_steps import changes, ErrorChange
+from tudor_dynamics.identification.next_steps import changes, ErrorChange, fit_with, touched
 from tudor_dynamics.identification.validation import rounded, Validation
 from tudor_dynamics.library import predict_bags, warn_of_training
 from tudor_dynamics.models.bundle import ModelBundle
@@ -65,8 +66,8 @@ def configure_collisions(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--kind', choices=tuple(KINDS), default='analytical',
                        help='model whose residuals are watched (default: analytical)')
     group.add_argument('--pushes', nargs='+', default=[], metavar='FILE.csv',
-                       help='tables of begin,end in seconds since the beginning of the bag, one '
-                            'for each bag')
+                       help='tables of begin,end[,tolerance] in seconds since the beginning of '
+                            'the bag, one for each bag')
     group.add_argument('--truth', metavar='TOPIC',
                        help='WrenchStamped or Bool that tells when the arm was touched (default: '
                             'applied_wrench, where there is one)')
@@ -126,10 +127,11 @@ def run_collisions(args: argparse.Namespace) -> int:
         print_json(finite({'model': args.model, 'bags': [str(c) for c in choices],
                            **({'trained_on': seen} if seen else {}),
                            'false_alarms_allowed_per_hour': args.false_alarms,
-                           'collisions': {item.method: collision_values(item)
+                           'collisions': {item.method: collision_values(item, args.false_alarms)
                                           for item in results}}))
     else:
         print_collisions(results, args.false_alarms)
+        _print_kept(results, args, bundle)
         for file in (plot, picture):
             if file is not None:
                 print(f'plot: {file}')
@@ -178,6 +180,25 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
             f'{item.method}: force and place are not told: {item.no_contact}'
             for item in results if item.no_contact)):
         print(sentence)
+
+
+def _print_kept(
+    results: Sequence[MethodResult], args: argparse.Namespace, bundle: ModelBundle,
+) -> None:
+    """Say how many times what was promised came, and how thresholds learn from it."""
+    broken = False
+    for item in results:
+        kept = item.score.kept(args.false_alarms)
+        if kept is not None:
+            broken |= kept['low'] > 1.0
+            print(f'{item.method}: {item.score.false_alarms} false alarms in '
+                  f'{item.score.hours:.3g} h, {kept["promised"]:.3g} promised: '
+                  f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
+                  f'{kept["high"]:.3g})')
+    if broken and args.free:
+        command = fit_with(bundle, args.bags, args.model, args.payload)
+        print('more than was promised: this motion is of another kind or day; thresholds learn '
+              'it from these bags' + (f':\n   {command}' if command else ''))
 
 
 def _milliseconds(value: float | None) -> str:
@@ -230,9 +251,9 @@ def unknown(results: Sequence[MethodResult]) -> list[str]:
     return said
 
 
-def collision_values(item: MethodResult) -> dict[str, Any]:
+def collision_values(item: MethodResult, allowed: float) -> dict[str, Any]:
     """Give figures, events and curve of one method as plain values."""
-    return {**item.score.as_dict(),
+    return {**item.score.as_dict(), 'kept': item.score.kept(allowed),
             'largest_ratio': {bag.bag: float(bag.ratio.max(initial=0.0)) for bag in item.watched},
             'truth': {bag.bag: bag.truth.source or None for bag in item.watched},
             'event_list': [{'bag': bag.bag, **seen.as_dict()}
@@ -341,9 +362,21 @@ def run(args: argparse.Namespace) -> int:
     print_findings(findings)
     _print_loads(evaluated, bundle)
     if worse and not findings:
-        print('the doctor finds no cause in these bags: temperature and wear of the drives change '
-              'friction; fit again with these bags')
+        print(_cause(args, data, [touched(change, found[change.output][change.kind])
+                                  for change in worse]))
     return 1 if worse else 0
+
+
+def _cause(args: argparse.Namespace, data: Sequence[BagData], short: Sequence[str]) -> str:
+    """Say why an error has grown, where the doctor finds nothing: pushes, or friction."""
+    pushed = [f'{bag.choice} holds {count} pushes' for bag in data if (count := len(within(
+        find_truth(bag.choice.path), bag.recording).pushes))]
+    if pushed or all(short):
+        bags = [str(bag.choice) for bag in data]
+        return (f'{"; ".join(pushed or short)}: touched, not changed; look at the pushes:\n   ' +
+                shlex.join(['tudor', 'evaluate', '--model', args.model, *bags, '--collisions']))
+    return ('the doctor finds no cause in these bags: temperature and wear of the drives change '
+            'friction; fit again with these bags')
 
 
 def _print_loads(evaluated: Evaluated, bundle: ModelBundle) -> None:

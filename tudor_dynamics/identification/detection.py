@@ -51,6 +51,10 @@ MERGE = 0.1
 """Pauses of the force that do not end a push [s]."""
 TOPIC = 'applied_wrench'
 """Where forces that were applied on purpose are recorded."""
+LARGEST_TOLERANCE = 1.0
+"""A push that is marked by eye is not farther off [s]."""
+NUMERIC = tuple('+-.0123456789')
+"""How a number begins; words in that column are notes."""
 MAX_TABLE = 10_000_000
 """Bytes of a table of pushes that are read."""
 
@@ -63,6 +67,7 @@ class KnownPush:
     begin: int
     end: int
     force: float = float('nan')  # largest force [N]; NaN where it is not known
+    early: int = 0  # an event so long before belongs to it: how uncertain its mark is [ns]
 
 
 @dataclass(frozen=True)
@@ -127,12 +132,13 @@ def _flagged(stamp: NDArray[np.int64], touched: NDArray[np.bool_]) -> tuple[Know
     return tuple(KnownPush(a, b) for a, b in zip(rises, falls, strict=True))
 
 
-def table_of_pushes(path: str | Path) -> list[tuple[float, float]]:
+def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:
     """
-    Read a table of pushes, as a person writes it down; returns begin and end of each [s].
+    Read a table of pushes, as a person writes it down; returns begin, end, tolerance of each [s].
 
-    It has a line ``BEGIN,END`` for each push, seconds since the beginning of the bag; a first line
-    may name the columns, what follows a ``#`` is a comment.
+    It has a line ``BEGIN,END`` for each push, seconds since the beginning of the bag; a third
+    number says by how much an event may be earlier, as where pushes were marked by eye. A first
+    line may name the columns, what follows a ``#`` is a comment.
     """
     try:
         text = read_bounded(Path(path), MAX_TABLE).decode()
@@ -146,25 +152,29 @@ def table_of_pushes(path: str | Path) -> list[tuple[float, float]]:
     for place, (number, row) in enumerate(rows):
         try:
             begin, end = float(row[0]), float(row[1])
+            early = float(row[2]) if len(row) > 2 and row[2].strip()[:1] in NUMERIC else 0.0
         except (ValueError, IndexError):
             if place == 0 and len(row) >= 2:
                 continue  # names of the columns
-            begin, end = 0.0, -1.0
-        if not 0.0 <= begin <= end < float('inf'):
+            begin, end, early = 0.0, -1.0, 0.0
+        if not (0.0 <= begin <= end < float('inf') and 0.0 <= early <= LARGEST_TOLERANCE):
             msg = (f'--pushes {path}, line {number + 1}: found {",".join(row)!r}, expected '
-                   'begin,end in seconds since the beginning of the bag, such as 2.0,2.95')
+                   'begin,end in seconds since the beginning of the bag, such as 2.0,2.95, and '
+                   f'perhaps a tolerance of up to {LARGEST_TOLERANCE:g} s')
             raise UsageError(msg)
-        found.append((begin, end))
+        found.append((begin, end, early))
     return sorted(found)
 
 
 def truth_of_table(
-    rows: Sequence[tuple[float, float]], recording: Recording, source: str, begun: float = 0.0,
+    rows: Sequence[tuple[float, float, float]], recording: Recording, source: str,
+    begun: float = 0.0,
 ) -> Truth:
     """Put rows of pushes [s] on the stamps of a recording, begun at a time of its bag [s]."""
     first = int(recording.stamp[0]) - round(begun * 1e9)
-    return Truth(source, tuple(KnownPush(first + round(begin * 1e9), first + round(end * 1e9))
-                               for begin, end in rows))
+    return Truth(source, tuple(KnownPush(
+        first + round(begin * 1e9), first + round(end * 1e9), early=round(early * 1e9))
+        for begin, end, early in rows))
 
 
 # -- Figures of collisions: how alarms are judged by the pushes that are known.
@@ -174,12 +184,8 @@ def truth_of_table(
 
 LATE = 0.3
 """After the end of a push an event still counts as found [s]."""
-EARLY = 0.1
-"""Before the begin of a push an event already belongs to it: pushes by hand are marked by eye, and
-clocks of sensors differ [s]."""
 AFTERMATH = 2.0
 """After the end of a push an event is no false alarm: the arm still rings [s]."""
-_EARLY = round(EARLY * 1e9)
 
 
 @dataclass(frozen=True)
@@ -191,7 +197,7 @@ class CollisionScore:
     pushes: int
     found: int
     detection_rate: float | None  # their ratio; None without pushes
-    # From the start of the push to certainty, over those found, 0 where that was `EARLY` [s].
+    # From the start of the push to certainty, over those found, 0 within its tolerance [s].
     latency_median: float | None
     latency_p95: float | None
     false_alarms: int | None  # in bags of known pushes; None without such bags
@@ -201,6 +207,18 @@ class CollisionScore:
     def as_dict(self) -> dict[str, Any]:
         """Give the figures as JSON-ready dictionary."""
         return asdict(self)
+
+    def kept(self, per_hour: float) -> dict[str, float] | None:
+        """Compare false alarms with those promised: ratio, exact Poisson interval of 90 %."""
+        if not self.hours:
+            return None
+        from scipy.stats import chi2  # slow to import
+
+        count, promised = self.false_alarms or 0, per_hour * self.hours
+        low, high = (0.5 * float(chi2.ppf(level, 2 * (count + more))) if count + more else 0.0
+                     for level, more in ((0.05, 0), (0.95, 1)))
+        return {'promised': promised, 'ratio': count / promised, 'low': low / promised,
+                'high': high / promised}
 
 
 @dataclass(frozen=True)
@@ -240,7 +258,7 @@ class WatchedBag:
 
 def push_of(stamp: int, pushes: Sequence[KnownPush]) -> int | None:
     """Find the push that an event at a stamp [ns] belongs to; None after its aftermath."""
-    begun = [i for i, push in enumerate(pushes) if push.begin - _EARLY <= stamp]
+    begun = [i for i, push in enumerate(pushes) if push.begin - push.early <= stamp]
     if not begun or stamp > pushes[begun[-1]].end + round(AFTERMATH * 1e9):
         return None
     return begun[-1]
@@ -257,7 +275,7 @@ def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) ->
         for push in item.truth.pushes:
             pushes += 1
             span -= (push.end - push.begin) * 1e-9 + AFTERMATH
-            begun = times >= push.begin - _EARLY
+            begun = times >= push.begin - push.early
             hits = times[begun & (times <= push.end + round(LATE * 1e9))]
             if len(hits):
                 latencies.append(max(0.0, float(hits[0] - push.begin) * 1e-9))
@@ -399,7 +417,7 @@ def evaluate_collisions(
     """Evaluate every method for which there are models, thresholds and signals."""
     results = []
     chosen = _settings(bundle, settings, [recording for _, recording in bags])
-    seen = [watch_bag(bundle, chosen, path, recording, _within(truth, recording))
+    seen = [watch_bag(bundle, chosen, path, recording, within(truth, recording))
             for (path, recording), truth in zip(bags, truths, strict=True)]
     for method, alone in chosen.items():
         watched = tuple(item[method] for item in seen)
@@ -417,7 +435,7 @@ def evaluate_collisions(
     return results
 
 
-def _within(truth: Truth, recording: Recording) -> Truth:
+def within(truth: Truth, recording: Recording) -> Truth:
     """Leave out pushes outside a recording, which may be a part of a bag."""
     begin, end = recording.stamp[0], recording.stamp[-1]
     return replace(truth, pushes=tuple(push for push in truth.pushes

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 import math
 import os
@@ -35,11 +35,14 @@ from tudor_dynamics.identification.excitation import expected_errors, Noise, pla
 from tudor_dynamics.identification.excitation_plan import PlanFolder
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.uses import learn_all, marks, short, Use, uses_of
-from tudor_dynamics.identification.validation import Grade, LARGEST_GAP, Validation
+from tudor_dynamics.identification.validation import (
+    Grade, LARGEST_GAP, Trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.signals.preprocessing import prepare
+from tudor_dynamics.typing import FloatArray
 
 
 MILD = ('standstill', 'jitter')
@@ -145,6 +148,42 @@ def _of_model(result: FitResult, item: FittedOutput, out: Path | None) -> list[N
             gain, f'{name}: further off at rest than in motion ({each}): friction that holds a '
             'joint, which no motion tells; judge what stands by its changes, or by strain'))
     return found
+
+
+def fit_with(bundle: ModelBundle, bags: Sequence[str], model: str, load: float | None) -> str:
+    """Write the command of a fit to the bags of a bundle and others; '' where one is gone."""
+    facts = {key: [(str(item['bag']), item.get('payload')) for item in bundle.facts.get(key, ())]
+             for key in ('training', 'test')}
+    facts['training'] += [(bag, load) for bag in bags if bag not in dict(facts['training'])]
+    paths = [bag.rpartition('@')[0] or bag for known in facts.values() for bag, _ in known]
+    if not all(map(os.path.exists, [*paths, bundle.arm.source])):
+        return ''
+    masses = {path: mass for path, (_, mass) in zip(paths, sum(facts.values(), []), strict=True)}
+    payloads = [f'{path}={mass:g}' for path, mass in masses.items() if mass is not None]
+    return shlex.join([
+        'tudor', 'fit', *dict(facts['training']), *(['--test', *dict(facts['test'])] * bool(
+            facts['test'])), *(['--payload-of', *payloads] * bool(payloads)),
+        '--arm', bundle.arm.source, '--out', str(other_name(Path(model)))])
+
+
+def touched(change: ErrorChange, validation: Validation) -> str:
+    """Say where an error comes from a short time alone; '' where it does not."""
+    place = validation.channels.index(change.channel)
+    blocks = sorted(((float(np.mean(errors ** 2)), item.bag, float(t[0])) for item in (
+        validation.traces) for t, errors in _blocks(item, place)), reverse=True)
+    few = math.floor(settings.SHORT * len(blocks))
+    rest = [size for size, _, _ in blocks[few:]]
+    if not few or math.sqrt(float(np.mean(rest))) > change.then:
+        return ''
+    _, bag, begin = blocks[0]
+    return (f'{change.channel} is as in the validation but for {100.0 * settings.SHORT:.0f} % of '
+            f'the time, worst at {begin:.1f} s of {bag}')
+
+
+def _blocks(item: Trace, place: int) -> Iterator[tuple[FloatArray, FloatArray]]:
+    number = np.floor(item.t / settings.MEAN)
+    for k in np.unique(number):
+        yield item.t[number == k], (item.measured - item.predicted)[number == k, place]
 
 
 def _fit(result: FitResult, out: Path | None, options: Sequence[str]) -> str:

@@ -93,6 +93,9 @@ SIGMAS = 3.0
 # Relative standard error of a mean squared error where nothing is known of it; source: none known.
 UNKNOWN_SPREAD = 0.5
 LEAST_SPREAD = 0.1  # it is no less: two motions are not alike; source: none known
+# Part of the time without which the error has to be as before, to be no change of the model but
+# something short, such as a push; source: none known.
+SHORT = 0.2
 # Relative difference up to which the promise of a plan counts as kept: 80 to 100 % of the
 # parameters of the reference arm are within (bench/excitation.py, docs/excitation.md).
 PROMISE_KEPT = 0.3

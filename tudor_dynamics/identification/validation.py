@@ -57,37 +57,17 @@ class ChannelScore:
 
 @dataclass(frozen=True)
 class Score:
-    """
-    Figures over all channels of an output.
+    """Figures over all channels of an output; NaN where no channel changes."""
 
-    Attributes
-    ----------
-    samples : int
-        Number of samples.
-    rmse : float
-        Root of the mean square over samples and channels, in the unit of the output.
-    sigma_e : float
-        Standard deviation over the samples of the Euclidean norm of the error. That of Malzahn
-        et al., Table I, is unknown: for strain it exceeds the RMSE up to 1.52 times, which
-        neither a pooled standard deviation nor this one, at most sqrt(2) for two channels, can.
-    fit : float
-        ``100 (1 - |y - yhat| / |y - mean y|)``, the mean per channel, norms over all channels [%].
-        NaN where no channel changes.
-    fit_printed : float
-        Eq. (18) of Malzahn et al. as printed, ``|yhat - mean y|`` in the denominator [%].
-    relative_error : float
-        ``|y - yhat| / |y|``.
-    channels : dict of str to ChannelScore
-        Figures of each channel.
-
-    """
-
-    samples: int
-    rmse: float
+    samples: int  # number of samples
+    rmse: float  # root of the mean square over samples and channels, in the unit of the output
+    # Standard deviation over the samples of the Euclidean norm of the error. That of Malzahn et
+    # al., Table I, is unknown: for strain it exceeds the RMSE up to 1.52 times, which neither a
+    # pooled standard deviation nor this one, at most sqrt(2) for two channels, can.
     sigma_e: float
-    fit: float
-    fit_printed: float
-    relative_error: float
+    fit: float  # `100 (1 - |y - yhat| / |y - mean y|)`, the mean per channel, norms over all [%]
+    fit_printed: float  # Eq. (18) as printed, `|yhat - mean y|` in the denominator [%]
+    relative_error: float  # `|y - yhat| / |y|`
     channels: dict[str, ChannelScore]
 
     def as_dict(self) -> dict[str, Any]:

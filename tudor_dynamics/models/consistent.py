@@ -94,21 +94,8 @@ def log_cholesky(parameters: FloatArray) -> FloatArray:
 
 
 def pseudo_inertia(parameters: FloatArray) -> FloatArray:
-    """
-    Give the matrix that is positive definite for bodies that can exist.
-
-    Parameters
-    ----------
-    parameters : ndarray of shape (10,)
-        Mass [kg], first moments [kg m], inertia about the joint [kg m^2], in Pinocchio's order.
-
-    Returns
-    -------
-    ndarray of shape (4, 4)
-        Second moments of mass, first moments, mass (Wensing, Kim and Slotine, IEEE RA-L 3(1),
-        2018, Eq. (10)).
-
-    """
+    """Give the matrix (4, 4) that is positive definite for bodies (10,) that can exist."""
+    # Wensing, Kim and Slotine, IEEE RA-L 3(1), 2018, Eq. (10)
     return np.asarray(pin.PseudoInertia.FromDynamicParameters(parameters).toMatrix())
 
 

@@ -109,29 +109,7 @@ def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
 def thresholds_from_dict(
     content: Any, channels: tuple[str, ...], n_joints: int,
 ) -> MethodThresholds:
-    """
-    Read thresholds; older ones without ``usual`` and ``reach`` are never widened.
-
-    Parameters
-    ----------
-    content : dict
-        As from `thresholds_to_dict`.
-    channels : tuple of str
-        Channels that the arm has.
-    n_joints : int
-        Its active joints.
-
-    Returns
-    -------
-    MethodThresholds
-        Thresholds of one method.
-
-    Raises
-    ------
-    ModelError
-        If anything is missing, impossible, or does not fit the arm.
-
-    """
+    """Read thresholds; older ones without ``usual`` and ``reach`` are never widened."""
     try:
         part = read(ThresholdsPart, content, {'channels': channels, 'n_joints': n_joints})
     except ModelError as err:
