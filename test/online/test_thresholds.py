@@ -264,6 +264,21 @@ def test_little_motion_gives_wider_thresholds(learned: MethodThresholds) -> None
         assert max(x.collision.max() for x in walk(ExcessStage(item, Rates(6.0)), quiet)) < 1.3
 
 
+def test_motions_that_differ_give_wider_thresholds() -> None:
+    """Days differ by more than halves of them do; where they do not, thresholds are the same."""
+    def days(*sizes: float) -> list[FreeMotion]:
+        return [replace(record, residual=size * record.residual, motion_of=str(day))
+                for day, size in enumerate(sizes) for record in [ringing(30, day)]]
+
+    def ratio(records: list[FreeMotion]) -> float:
+        return float(learn_thresholds(records, CHANNELS).ratios(1.0)[:2].mean())
+
+    for sizes, least, most in (((1.0, 1.0, 1.0), 0.99, 1.3), ((1.0, 1.0, 3.0), 1.5, 6.0)):
+        records = days(*sizes)
+        one = ratio([replace(record, motion_of='') for record in records])
+        assert least <= ratio(records) / one <= most
+
+
 def _stuck(seconds: float, seed: int, friction: float) -> FreeMotion:
     """Make a joint that stops now and then, and keeps friction of either sign while it does."""
     rng = np.random.default_rng(seed)

@@ -213,29 +213,15 @@ def model_from_dh(
     Build a serial chain from Denavit-Hartenberg rows, links without mass.
 
     Standard: link i follows joint i by ``Rz(theta + q) Tz(d) Tx(a) Rx(alpha)`` (Siciliano et al.,
-    Robotics: Modelling, Planning and Control, 2009, Eq. 2.52), or ``Tz(d + q)`` for a prismatic
+    Robotics: Modelling, Planning and Control, 2009, 2.52), or ``Tz(d + q)`` for a prismatic
     joint. The frame of joint i turns with the joint and has its x axis along the link, so that a
     gauge is found at ``distance`` along x.
 
     Modified: joint i follows joint i - 1 by ``Rx(alpha) Tx(a) Rz(theta + q) Tz(d)`` (Craig,
-    Introduction to Robotics, 2005, Eq. 3.6), and its frame is that of the table.
+    Introduction to Robotics, 2005, 3.6), and its frame is that of the table.
 
-    Parameters
-    ----------
-    rows : sequence of (a [m], alpha [rad], d [m], theta_offset [rad])
-        One row a joint, base first.
-    names : sequence of str
-        Names of the joints, one a row, base first.
-    types : sequence of {'revolute', 'continuous', 'prismatic'}
-        How each joint moves, in the same order.
-    convention : {'standard', 'modified'}
-        Of the rows; modified ones may have one more than joints, for a flange.
-
-    Returns
-    -------
-    pinocchio.Model
-        Chain with a frame ``tip`` at the end of the last row.
-
+    rows: a [m], alpha [rad], d [m], theta_offset [rad] of each joint, base first; modified ones
+    may have one more, for a flange. The end of the last row is the frame ``tip``.
     """
     model = pin.Model()
     placement = pin.SE3.Identity()

@@ -274,24 +274,7 @@ def _write(
 def recording_series(
     recording: Recording, arm: Arm, *, namespace: str = '',
 ) -> list[Signals]:
-    """
-    Lay a recording out on the topics of its arm.
-
-    Parameters
-    ----------
-    recording : Recording
-        Signals of the arm's active joints and gauges.
-    arm : Arm
-        Names and topics.
-    namespace : str
-        Put before the topics, e.g. ``/arm``.
-
-    Returns
-    -------
-    list of Signals
-        Joint states, then topics with efforts, then topics with strains.
-
-    """
+    """Lay a recording out on the topics of its arm: joint states, efforts, strains."""
     refuse_interfaces(arm, 'a bag that is written here')
     stamp, joints = recording.stamp, arm.active_joints
     efforts, own, elsewhere = recording.effort, None, []

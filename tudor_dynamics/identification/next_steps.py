@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 import math
 import os
@@ -35,14 +35,12 @@ from tudor_dynamics.identification.excitation import expected_errors, Noise, pla
 from tudor_dynamics.identification.excitation_plan import PlanFolder
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.uses import learn_all, marks, short, Use, uses_of
-from tudor_dynamics.identification.validation import (
-    Grade, LARGEST_GAP, Trace, Validation)
+from tudor_dynamics.identification.validation import Grade, LARGEST_GAP, Validation
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.signals.preprocessing import prepare
-from tudor_dynamics.typing import FloatArray
 
 
 MILD = ('standstill', 'jitter')
@@ -169,21 +167,16 @@ def fit_with(bundle: ModelBundle, bags: Sequence[str], model: str, load: float |
 def touched(change: ErrorChange, validation: Validation) -> str:
     """Say where an error comes from a short time alone; '' where it does not."""
     place = validation.channels.index(change.channel)
-    blocks = sorted(((float(np.mean(errors ** 2)), item.bag, float(t[0])) for item in (
-        validation.traces) for t, errors in _blocks(item, place)), reverse=True)
+    blocks = sorted(((float(np.mean((item.measured - item.predicted)[number == k, place] ** 2)),
+                      item.bag, settings.MEAN * float(k)) for item in validation.traces
+                     for number in [np.floor(item.t / settings.MEAN)] for k in np.unique(number)),
+                    reverse=True)
     few = math.floor(settings.SHORT * len(blocks))
-    rest = [size for size, _, _ in blocks[few:]]
-    if not few or math.sqrt(float(np.mean(rest))) > change.then:
+    if not few or math.sqrt(np.mean([size for size, _, _ in blocks[few:]])) > change.then:
         return ''
     _, bag, begin = blocks[0]
     return (f'{change.channel} is as in the validation but for {100.0 * settings.SHORT:.0f} % of '
             f'the time, worst at {begin:.1f} s of {bag}')
-
-
-def _blocks(item: Trace, place: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-    number = np.floor(item.t / settings.MEAN)
-    for k in np.unique(number):
-        yield item.t[number == k], (item.measured - item.predicted)[number == k, place]
 
 
 def _fit(result: FitResult, out: Path | None, options: Sequence[str]) -> str:

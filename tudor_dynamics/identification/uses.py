@@ -40,6 +40,7 @@ from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.contact_levers import gauge_gain, torque_scale
 from tudor_dynamics.online.monitor import MomentumObserver
+from tudor_dynamics.online.settings import BLOCK
 from tudor_dynamics.online.threshold_learning import (
     FreeMotion, learn_thresholds, thresholds_to_dict)
 from tudor_dynamics.online.thresholds import MethodThresholds
@@ -71,7 +72,8 @@ def free_motion(
             else:
                 residual = measured - model.observe(s, correcting.get(id(bag)))
             keep = s.decimation.keep
-            records.append(FreeMotion(s.stamp[keep], s.motion[keep], residual[keep]))
+            records.append(FreeMotion(s.stamp[keep], s.motion[keep], residual[keep],
+                                      str(bag.choice)))
     return records
 
 
@@ -280,10 +282,8 @@ def _tip(item: FittedOutput, arm: Arm) -> _Tip | None:
         model = arm.full_model.copy()
         model.gravity.linear = axis
         sides.append(LoadRows(replace(arm, full_model=model), item.output).point(still) * scale)
-    if item.output == 'effort':
-        torque = scale / [joint.effort.torque_constant or 1.0 for joint in arm.joints]
-    else:
-        torque = scale
+    constants = np.array([joint.effort.torque_constant or 1.0 for joint in arm.joints])
+    torque = scale / constants if item.output == 'effort' else scale
     return _Tip(still, torque, np.stack(sides, axis=2),
                 LoadRows(arm, item.output).point(still) * scale)
 
@@ -295,9 +295,9 @@ def _scale(item: FittedOutput, arm: Arm, bag: BagData) -> FloatArray:
             for s in bag.stretches]
     motion, measured = (np.vstack(part) for part in zip(*kept, strict=True))
     if isinstance(model, AnalyticalModel) and model.payload_range is not None:
-        plain = LoadRows(arm, item.output).point(motion)
-        return np.asarray(LoadWorth(arm, item.output, model).along(
-            np.hstack([motion, np.zeros((len(motion), 1))])).std(axis=0) / plain.std(axis=0))
+        plain = LoadRows(arm, item.output).point(motion).std(axis=0)
+        own = LoadWorth(arm, item.output, model).along(motion).std(axis=0)
+        return np.divide(own, plain, out=np.full(len(own), np.nan), where=plain > 0.0)
     scale = find_scale(arm, item.output, motion, measured).factor
     other = (1.0 / torque_scale(arm) if item.output == 'effort' else
              np.array([_gain(arm, gauge) for gauge in arm.gauges]))
@@ -360,13 +360,15 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
             each.append(f'{name} {short(torques[i])} {units[name]}')
     wide = '' if doubt < settings.WIDE else (
         f', and {doubt:.1f} times as wide as they would be from hours')
+    # a new block is the largest of n + 1 with a chance of one in as many, whatever the law
+    sure = 3600.0 / BLOCK / (learned.seconds / BLOCK + 1.0)
     level = _worst(grades.values())
     unknown = '' if level is not None else (
         'newtons need torque constants, gains of gauges, or masses of the description; ')
     return level, (
         f'{unknown}noticed within {1e3 * settings.NOTICED:.0f} ms at {per_hour:g} false alarm per '
-        f'hour: {", ".join(each)}; thresholds from {learned.seconds:.0f} s of free motion{wide}'
-        ), grades
+        f'hour: {", ".join(each)}; thresholds from {learned.seconds:.0f} s of free motion (by '
+        f'their count alone no more than {short(sure)} an hour){wide}'), grades
 
 
 def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:

@@ -59,34 +59,15 @@ class ExtremeLearningMachine(MemorylessModel):
     Inputs beyond the range seen in training are brought back to its edge. The paper does not
     say so, but without it spikes in an acceleration throw the output far off: the hidden neurons
     extrapolate linearly, with large weights of opposite signs.
-
-    Parameters
-    ----------
-    channels : tuple of str
-        Names of the outputs.
-    hidden : int, default=100
-        Number of hidden neurons H.
-    ridge : float, default=1e-6
-        lambda of Eq. (17).
-    seed : int, default=0
-        Seed of the hidden layer.
-    clip : bool, default=True
-        Keep inputs within the range of the training data.
-    payload_range : (float, float), optional
-        Payloads of a model of all of them, whose input is ``[q, dq, ddq, payload]`` [kg].
-
-    Attributes
-    ----------
-    input_range_, output_range_ : ndarray of shape (2, n)
-        Smallest and largest values in the training data.
-    input_weights_ : ndarray of shape (n_inputs, hidden)
-        W_in of Eq. (16), drawn at random.
-    biases_ : ndarray of shape (hidden,)
-        b of Eq. (16), drawn at random.
-    output_weights_ : ndarray of shape (hidden, n_channels)
-        W_out of Eq. (17), which is what is learned.
-
     """
+
+    # Smallest and largest values in the training data, (2, n).
+    input_range_: FloatArray
+    output_range_: FloatArray
+    # W_in (inputs, hidden) and b (hidden,) of Eq. (16), drawn at random.
+    input_weights_: FloatArray
+    biases_: FloatArray
+    output_weights_: FloatArray | None  # W_out of Eq. (17), which is learned, (hidden, channels)
 
     def __init__(
         self,
@@ -99,12 +80,12 @@ class ExtremeLearningMachine(MemorylessModel):
         payload_range: Range | None = None,
     ) -> None:
         self.channels = channels
-        self.hidden = hidden
-        self.ridge = ridge
-        self.seed = seed
-        self.clip = clip
-        self.payload_range = payload_range
-        self.output_weights_: FloatArray | None = None
+        self.hidden = hidden  # neurons H
+        self.ridge = ridge  # lambda of Eq. (17)
+        self.seed = seed  # of the hidden layer
+        self.clip = clip  # whether inputs are kept within the range of the training data
+        self.payload_range = payload_range  # of a model with a payload as last input [kg]
+        self.output_weights_ = None
 
     def __repr__(self) -> str:
         """Write outputs, size and seed."""

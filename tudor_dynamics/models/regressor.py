@@ -186,18 +186,12 @@ class EffortRegressor(Regressor):
 
 class StrainRegressor(Regressor):
     """
-    Gauge rows: the bending moment behind a joint, and an offset; own parameters for each gauge.
+    Gauge rows: the bending moment after a joint, and an offset; own parameters for each gauge.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with gauges.
-    form : {'paper', 'exact'}
-        ``paper``: the regressor of the joint before the gauge (Malzahn et al., Eq. (15), in which
-        the difference between gauge and joint is taken for constant). ``exact``: the bending
-        moment about the gauge's place x_s, for which the reaction force of the following link has
-        the lever L - x_s and its moment the lever L.
-
+    The form ``paper`` takes the regressor of the joint before the gauge (Malzahn et al., Eq. (15),
+    in which the difference between gauge and joint is constant); ``exact`` the bending moment
+    about the gauge's place x_s, for which the reaction force of the following link has the lever
+    L - x_s and its moment the lever L.
     """
 
     def __init__(self, arm: Arm, form: str = 'exact') -> None:

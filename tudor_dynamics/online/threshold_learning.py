@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 import math
 from typing import Annotated, Any
 
@@ -32,9 +32,9 @@ from tudor_dynamics.online.detector import levels
 from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.online.settings import (
     BLOCK, CALIBRATION_SAMPLES, CALIBRATION_STRIDE, FRICTION_UNCERTAIN, GROUP, LAGS, LARGEST_SHAPE,
-    LARGEST_TAIL_SHARE, LEAST_BLOCKS, LEAST_SCALES, LEVEL_QUANTILE, PROFILE_FLOOR,
-    PROFILE_QUANTILE, PROFILE_ROWS, REVERSAL_SPEED, SHAPE_ERROR, SHAPE_ERRORS, STEP, TAIL_PEAKS,
-    TAIL_SHARE, USUAL_SHARE, WINDOW)
+    LARGEST_TAIL_SHARE, LEAST_BLOCKS, LEAST_SCALES, LEVEL_QUANTILE, MOST_MOTIONS, MOTIONS_APART,
+    PROFILE_FLOOR, PROFILE_QUANTILE, PROFILE_ROWS, REVERSAL_SPEED, SHAPE_ERROR, SHAPE_ERRORS, STEP,
+    TAIL_PEAKS, TAIL_SHARE, USUAL_SHARE, WINDOW)
 from tudor_dynamics.online.thresholds import (
     accumulate, held_friction, learn_taps, MethodThresholds, motion_features, onset_statistic,
     Positive, released, Tail)
@@ -150,6 +150,7 @@ class FreeMotion:
     stamp: NDArray[np.int64]  # header stamps, (samples,) [ns]
     motion: FloatArray  # of the samples
     residual: FloatArray  # of a model that was not fitted to these samples
+    motion_of: str = ''  # bag, or part of one: what belongs to one motion, day and load
 
     @property
     def t(self) -> FloatArray:
@@ -159,7 +160,8 @@ class FreeMotion:
     def halves(self) -> tuple[FreeMotion, FreeMotion]:
         """Give the first and the second half."""
         middle = len(self.stamp) // 2
-        first, second = (FreeMotion(self.stamp[part], self.motion[part], self.residual[part])
+        first, second = (replace(self, stamp=self.stamp[part], motion=self.motion[part],
+                                 residual=self.residual[part])
                          for part in (slice(middle), slice(middle, None)))
         return first, second
 
@@ -184,19 +186,35 @@ def learn_thresholds(
                        f'{LEAST_BLOCKS * BLOCK:g} s without a gap are needed')
     stiction = np.zeros(len(channels)) if stiction is None else stiction
     rows = _Rows(records, step, period, stiction)
-    halves = [_Rows(part, step, period, stiction)
-              for part in zip(*(r.halves() for r in records), strict=True)]
-    # Ratios to a profile that was not learned from them: others are too small.
-    laws = [(judged, learned.law()) for learned, judged in (halves, halves[::-1])]
-    ratios = np.vstack([judged.ratios(*law, block) for judged, law in laws])
+    halves = [list(part) for part in zip(*(r.halves() for r in records), strict=True)]
+    laws, *left_out = [[
+        (_Rows(left, step, period, stiction), _Rows(
+            [r for other in parts if other is not left for r in other], step, period,
+            stiction).law()) for left in parts] for parts in (halves, _motions(records)) if parts]
+    # Ratios to a profile that was not learned from them: others are too small. Nor from their
+    # motion, where there are several: days and kinds of motion differ by more than halves do.
+    ratios, *others = [np.vstack([judged.ratios(*law, block) for judged, law in some])
+                       for some in (laws, *left_out)]
     usual = np.quantile(np.vstack([judged.levels(*law) for judged, law in laws]), USUAL_SHARE,
                         axis=0)
     taps, profile = rows.law()
     n, alive = len(channels), rows.noise() > 0.0
-    tails = tuple(_tail(column, LEAST_SCALES[place // n] if alive[place % n] else 0.0)
-                  for place, column in enumerate(ratios.T))
-    return MethodThresholds(channels, step, taps, profile, tails, seconds,
+    tails = []
+    for place in range(3 * n):
+        least = LEAST_SCALES[place // n] if alive[place % n] else 0.0
+        halved, *left = [_tail(item[:, place], least) for item in (ratios, *others)]
+        apart = [tail for tail in left if place < 2 * n  # sums fall back within seconds
+                 and tail.ratio(1.0) > MOTIONS_APART * halved.ratio(1.0)]
+        tails.append(apart[0] if apart else halved)
+    return MethodThresholds(channels, step, taps, profile, tuple(tails), seconds,
                             np.asarray(usual), rows.reach(), stiction)
+
+
+def _motions(records: Sequence[FreeMotion]) -> list[list[FreeMotion]]:
+    """Sort records by motion, in a few groups that are left out in turn; none of one motion."""
+    names = list(dict.fromkeys(r.motion_of for r in records))
+    return [[r for r in records if names.index(r.motion_of) % MOST_MOTIONS == place]
+            for place in range(min(len(names), MOST_MOTIONS))] if len(names) > 1 else []
 
 
 class _Rows:
