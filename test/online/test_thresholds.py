@@ -28,7 +28,7 @@ from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.online.detector import (
     CollisionDetector, DetectorSettings, Excess, ExcessStage, Level, Rates)
 from tudor_dynamics.online.prediction import Residual
-from tudor_dynamics.online.settings import STEP
+from tudor_dynamics.online.settings import MOTIONS_APART, STEP
 from tudor_dynamics.online.streams import Motion
 from tudor_dynamics.online.threshold_learning import (
     FreeMotion, learn_thresholds, thresholds_from_dict, thresholds_to_dict)
@@ -273,10 +273,18 @@ def test_motions_that_differ_give_wider_thresholds() -> None:
     def ratio(records: list[FreeMotion]) -> float:
         return float(learn_thresholds(records, CHANNELS).ratios(1.0)[:2].mean())
 
-    for sizes, least, most in (((1.0, 1.0, 1.0), 0.99, 1.3), ((1.0, 1.0, 3.0), 1.5, 6.0)):
-        records = days(*sizes)
-        one = ratio([replace(record, motion_of='') for record in records])
-        assert least <= ratio(records) / one <= most
+    def apart(records: list[FreeMotion]) -> float:
+        return ratio(records) / ratio([replace(record, motion_of='') for record in records])
+
+    assert 0.99 <= apart(days(1.0, 1.0, 1.0)) <= 1.3
+    assert apart(days(1.0, 1.0, 3.0)) > MOTIONS_APART
+    # another kind: one joint alone on each day, residuals by its speed
+    kinds = []
+    for day, record in enumerate(days(1.0, 1.0)):
+        motion = record.motion * np.tile(np.arange(2) == day, 3)
+        speed = 0.1 + np.abs(motion[:, 2 + day])
+        kinds.append(replace(record, motion=motion, residual=speed[:, None] * record.residual))
+    assert apart(kinds) > MOTIONS_APART
 
 
 def _stuck(seconds: float, seed: int, friction: float) -> FreeMotion:

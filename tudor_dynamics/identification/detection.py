@@ -53,8 +53,6 @@ TOPIC = 'applied_wrench'
 """Where forces that were applied on purpose are recorded."""
 LARGEST_TOLERANCE = 1.0
 """A push that is marked by eye is not farther off [s]."""
-NUMERIC = tuple('+-.0123456789')
-"""How a number begins; words in that column are notes."""
 MAX_TABLE = 10_000_000
 """Bytes of a table of pushes that are read."""
 
@@ -152,7 +150,8 @@ def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:
     for place, (number, row) in enumerate(rows):
         try:
             begin, end = float(row[0]), float(row[1])
-            early = float(row[2]) if len(row) > 2 and row[2].strip()[:1] in NUMERIC else 0.0
+            # words in that column are notes
+            early = float(row[2]) if row[2:] and row[2].strip()[:1] in [*'+-.0123456789'] else 0.0
         except (ValueError, IndexError):
             if place == 0 and len(row) >= 2:
                 continue  # names of the columns
