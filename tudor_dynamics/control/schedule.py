@@ -173,7 +173,7 @@ class Schedule:
         self._table = values.reshape(*shape, -1)
 
     def _refuse(self, cause: str) -> None:
-        raise ScheduleError(cause, place=self.source, remedy='write it anew with `tudor tune`')
+        raise ScheduleError(cause, place=self.source, remedy='write it again with `tudor tune`')
 
     def _check(self, values: FloatArray) -> None:
         """Refuse what no schedule may command."""
@@ -191,20 +191,7 @@ class Schedule:
                              f'{low:g} to {high:g}')
 
     def check_arm(self, arm: Arm) -> None:
-        """
-        Refuse a schedule that is none of an arm's.
-
-        Parameters
-        ----------
-        arm : Arm
-            Arm that is to be controlled.
-
-        Raises
-        ------
-        ScheduleError
-            If joints or gauges are others.
-
-        """
+        """Raise a `ScheduleError` where joints or gauges are not those of an arm."""
         damper = arm.spec.damper
         own = [(item.joint, item.gauge) for item in damper.joints
                if item.joint in arm.active_joints] if damper is not None else []
@@ -217,18 +204,7 @@ class Schedule:
         """
         Interpolate; beyond the grid its edge counts.
 
-        Parameters
-        ----------
-        payload : float
-            Mass at the tip [kg].
-        q : ndarray of shape (n_joints,)
-            Pose of the active joints [rad or m].
-
-        Returns
-        -------
-        Point
-            What the schedule says there.
-
+        payload: mass at the tip [kg]; q (joints,): pose of the active joints [rad or m].
         """
         row = self._table
         for axis, value in zip(self._axes, (payload, *q.tolist()), strict=True):
@@ -242,20 +218,7 @@ class Schedule:
         return self._point(row)
 
     def column(self, name: str) -> FloatArray:
-        """
-        Give one column over the whole grid.
-
-        Parameters
-        ----------
-        name : str
-            Name of the column, see ``columns_of``.
-
-        Returns
-        -------
-        ndarray of the grid's shape
-            The payload's axis first.
-
-        """
+        """Give one column, see ``columns_of``, over the whole grid, the payload's axis first."""
         return np.asarray(self._table[..., self.content.columns.index(name)])
 
     def _point(self, row: FloatArray) -> Point:
@@ -268,15 +231,7 @@ class Schedule:
                            for part in rest.reshape(self.modes, -1)))
 
     def save(self, path: str | Path) -> None:
-        """
-        Write the file, whole or not at all.
-
-        Parameters
-        ----------
-        path : str or Path
-            File to write; one that is there is replaced.
-
-        """
+        """Write the file, whole or not at all; one that is there is replaced."""
         content = self.content.model_dump(by_alias=True)
         nodes = content.pop('nodes')
         text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=99)

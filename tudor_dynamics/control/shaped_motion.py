@@ -82,15 +82,7 @@ class Shaping:
                              'shaping_frequency, or gain_schedule to a file of `tudor tune`')
 
     def shaper(self, target: FloatArray) -> ImpulseShaper | None:
-        """
-        Give the shaper of a move by impulses, not begun.
-
-        Parameters
-        ----------
-        target : ndarray of shape (n_joints,)
-            Where it ends [rad].
-
-        """
+        """Give the shaper of a move by impulses, not begun: target (joints,), its end [rad]."""
         if self.kind not in ('zv', 'zvd'):
             return None
         frequency, damping = self.frequency, self.damping
@@ -103,17 +95,7 @@ class Shaping:
         return ImpulseShaper(impulses(self.kind, frequency, damping), target)
 
     def along(self, payload: float, path: FloatArray) -> PathModes:
-        """
-        Give the modes along a path.
-
-        Parameters
-        ----------
-        payload : float
-            Mass at the tip [kg].
-        path : ndarray of shape (n_samples, n_joints)
-            Poses along the way, in their order [rad].
-
-        """
+        """Give the modes along a path: payload [kg], path (samples, joints) in its order [rad]."""
         assert self.schedule is not None
         found = [self.schedule.at(payload, q).modes for q in path]
         return PathModes(
@@ -125,15 +107,9 @@ class Shaping:
     def profile(self, start: FloatArray, target: FloatArray, limits: MotionLimits,
                 ) -> Profile | None:
         """
-        Plan a move by the modes on its path; None where that is not to be had.
+        Plan a move from rest to rest by the modes on its path; None where that is not to be had.
 
-        Parameters
-        ----------
-        start, target : ndarray of shape (n_joints,)
-            From rest to rest [rad].
-        limits : MotionLimits
-            Of speed and acceleration.
-
+        start, target (joints,) [rad]; limits: of speed and acceleration.
         """
         payload = self.payload  # another one may be reported meanwhile
         if self.kind != 'elastic':
@@ -192,11 +168,7 @@ class ShapedPlanner(MotionPlanner):
         """
         Take a new target, also in the middle of a motion.
 
-        Parameters
-        ----------
-        target : array of shape (n_joints,)
-            [rad]; a joint whose target is not a number keeps the one it has.
-
+        target (joints,) [rad]: a joint whose target is not a number keeps the one it has.
         """
         if self._shaper is not None and self.remaining > 0.0:
             self._inner.go(target)  # what follows is shaped by the same impulses
@@ -249,15 +221,7 @@ class ShapedPlanner(MotionPlanner):
             self._shaping.kind = kind
 
     def step(self, dt: float) -> None:
-        """
-        Advance ``q``, ``dq`` and ``ddq`` by a step [s].
-
-        Parameters
-        ----------
-        dt : float
-            Time since the step before [s].
-
-        """
+        """Advance ``q``, ``dq`` and ``ddq`` by a step: dt, time since the step before [s]."""
         if self._planned is not None:
             if not self._planned.done():
                 return
