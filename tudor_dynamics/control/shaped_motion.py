@@ -107,9 +107,15 @@ class Shaping:
     def profile(self, start: FloatArray, target: FloatArray, limits: MotionLimits,
                 ) -> Profile | None:
         """
-        Plan a move from rest to rest by the modes on its path; None where that is not to be had.
+        Plan a move by the modes on its path; None where that is not to be had.
 
-        start, target (joints,) [rad]; limits: of speed and acceleration.
+        Parameters
+        ----------
+        start, target : ndarray of shape (n_joints,)
+            From rest to rest [rad].
+        limits : MotionLimits
+            Of speed and acceleration.
+
         """
         payload = self.payload  # another one may be reported meanwhile
         if self.kind != 'elastic':
