@@ -88,7 +88,8 @@ def watch_law(
         forgotten = dt * (settings.WANDER_SPEED * speed[j] + share * fastest)
         if held_up:
             row[OFFSET] = q[j] - way_at(at, way, commands, count, j, now - middle)
-            row[UNSURE], excess = now + settings.OVERLOAD_AFTER, 0.0
+            # a drive that gives way, or recovers, jerks all others
+            state[:, UNSURE], excess = now + settings.OVERLOAD_AFTER, 0.0
         else:
             row[OFFSET] += min(max(excess, -forgotten), forgotten)
         row[EXCESS] = excess
