@@ -45,7 +45,8 @@ LAST = 4  # reading before [rad]
 ONSET = 5  # time at which the excess was small last [s]
 SAME, STOOD = 6, 7  # equal readings, and the way that was commanded meanwhile [rad]
 UNSURE = 8  # time until which its offset is less sure, after a load that held it up [s]
-WATCHED = 9
+JERKED, WIDTH = 9, 10  # the same after a load that held up any joint, and by how much [s, rad]
+WATCHED = 11
 
 
 @compiled
@@ -82,19 +83,24 @@ def watch_law(
             at, way, commands, count, j, now - dt - middle)
         offset = min(max(row[OFFSET], q[j] - high), q[j] - low)
         excess = offset - row[OFFSET]
+        if now >= row[JERKED]:
+            row[WIDTH] = 0.0
         # A drive that pushes with all it has yields to its load.
         held_up = excess * overloaded[j] < 0.0
         share = settings.WANDER_LOADED if now < row[UNSURE] else settings.WANDER_SHARE
         forgotten = dt * (settings.WANDER_SPEED * speed[j] + share * fastest)
         if held_up:
             row[OFFSET] = q[j] - way_at(at, way, commands, count, j, now - middle)
-            # a drive that gives way, or recovers, jerks all others
-            state[:, UNSURE], excess = now + settings.OVERLOAD_AFTER, 0.0
+            row[UNSURE], excess = now + settings.OVERLOAD_AFTER, 0.0
+            for i in range(len(q)):  # a drive that gives way, or recovers, jerks all others
+                state[i, JERKED] = row[UNSURE]
+                state[i, WIDTH] = max(state[i, WIDTH], settings.EXCESS_JERKED * speed[i])
+            row[WIDTH] = max(row[WIDTH], 0.5 * (high - low))
         else:
             row[OFFSET] += min(max(excess, -forgotten), forgotten)
         row[EXCESS] = excess
         row[ALLOWED] = unsteady * (
-            settings.EXCESS_TIME * speed[j] + settings.EXCESS_LATE * fastest)
+            settings.EXCESS_TIME * speed[j] + settings.EXCESS_LATE * fastest) + row[WIDTH]
         if abs(row[EXCESS]) < settings.EXCESS_SMALL * row[ALLOWED]:
             row[ONSET] = now
         if asked != 0.0:
@@ -149,7 +155,7 @@ class MotionWatch:
 
         q (joints,) [rad]; free [s]: for which drives may have braked by themselves meanwhile.
         """
-        self.state[:, [EXCESS, SAME, STOOD, UNSURE]] = 0.0
+        self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH]] = 0.0
         self.state[:, OFFSET] = math.nan
         self.owed = np.zeros(len(self._joints))
         self._loaded = np.full(len(self._joints), -math.inf)

@@ -139,8 +139,8 @@ MOST_MOTIONS = 5
 """Groups of motions that are left out in turn; more take as many times as long."""
 MOTIONS_APART = 1.1
 """Thresholds from motions left out over those from halves, at one alarm an hour, from which on
-they count: less is chance. Chosen on the two-blade arm, proven on UR10, UR10e and Airbot by
-bench/false_alarms.py --leave-motions-out."""
+they count: less is chance. Chosen among four by two-blade arm, UR10, UR10e and Airbot
+(bench/false_alarms.py --leave-motions-out), so that these are no proof of it."""
 CALIBRATION_SAMPLES = 2_000_000
 """Upper bound of what a calibration keeps: half an hour at 1 kHz."""
 CALIBRATION_STRIDE = 100
