@@ -46,21 +46,22 @@ ONSET = 5  # time at which the excess was small last [s]
 SAME, STOOD = 6, 7  # equal readings, and the way that was commanded meanwhile [rad]
 UNSURE = 8  # time until which its offset is less sure, after a load that held it up [s]
 JERKED, WIDTH = 9, 10  # the same after a load that held up any joint, and by how much [s, rad]
-WATCHED = 11
+UNSTEADY = 11  # factor of what is allowed
+WATCHED = 12
 
 
 @compiled
 def watch_law(
     at: NDArray, way: NDArray, commands: NDArray, count: int, now: float, dt: float,
     earliest: float, latest: float, q: NDArray, speed: NDArray, overloaded: NDArray,
-    state: NDArray, unsteady: float,
+    state: NDArray,
 ) -> bool:
     """
     Compare the readings of all joints with what commands can have made of them.
 
     at, way, commands: see `Commanded`; earliest, latest: lags of the motion [s]; speed (joints,)
     [rad/s]: limits; overloaded (joints,): sign of an effort that is at its end, else 0; state
-    (joints, WATCHED); unsteady: factor of what is allowed. Returns whether a joint is beyond it.
+    (joints, WATCHED). Returns whether a joint is beyond what is allowed.
     """
     found = False
     for j in range(len(q)):
@@ -99,7 +100,7 @@ def watch_law(
         else:
             row[OFFSET] += min(max(excess, -forgotten), forgotten)
         row[EXCESS] = excess
-        row[ALLOWED] = unsteady * (
+        row[ALLOWED] = row[UNSTEADY] * (
             settings.EXCESS_TIME * speed[j] + settings.EXCESS_LATE * fastest) + row[WIDTH]
         if abs(row[EXCESS]) < settings.EXCESS_SMALL * row[ALLOWED]:
             row[ONSET] = now
@@ -202,9 +203,10 @@ class MotionWatch:
         if self._free > 0.0:
             self.state[:, OFFSET], self.state[:, STOOD] = math.nan, 0.0
         overloaded = np.where(self._loaded > now - settings.OVERLOAD_LASTS, self._push, 0.0)
+        self.state[:, UNSTEADY] = 1.0 + min(late / settings.LATE_DOUBLES, 1.0)
         found = commanded.count > 0 and watch_law(
             commanded.at, commanded.way, commanded.commands, commanded.count, now, dt, *lags, q,
-            self.speed, overloaded, self.state, 1.0 + min(late / settings.LATE_DOUBLES, 1.0))
+            self.speed, overloaded, self.state)
         self.owed = -self.state[:, EXCESS]
         ends = q + self.state[:, EXCESS]
         past = ((ends > self._limits.upper) & (self.state[:, EXCESS] > 0.0)

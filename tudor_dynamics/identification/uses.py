@@ -220,7 +220,9 @@ def uses_of(
         said['feed-forward'] = _feedforward(item)
     tip = _tip(item, arm)
     for method, learned in thresholds.items():
-        said[f'collision detection ({method})'] = _collisions(arm, item.output, learned, tip)
+        said[f'collision detection ({method})'] = (
+            _collisions(arm, item.output, learned, tip) if item.validation.score.relative_error < 1
+            else (Grade.DO_NOT_USE, 'the model predicts no more than a mean does', {}))
     for method, why in missing.items():
         said[f'collision detection ({method})'] = None, f'no thresholds: {why}', {}
     payload = _payload(item, tip)
