@@ -153,7 +153,11 @@ def react(user: Listener, name: str, act: Callable[[], None]) -> dict[str, Any]:
     user.wait(lambda: bool(events) or user.now() > begin + 6.0, 'an event', 120.0)
     seen = {'begin': begin, 'event': events[0] if events else None, 'arrived': user.now()}
     user.let_pass(1.5 if name == 'push' else 3.3)
+    if name == 'floor':  # late samples slow the retreat down
+        user.wait(lambda: touches(user) < 0.01 or user.now() > begin + 20.0, 'the retreat', 120.0)
+        user.let_pass(0.5)
     seen['end'] = user.now()
+    seen['damper'] = sorted({status.message for _, status in user.diagnoses('oscillation_damper')})
     seen['reaction'] = user.status('reference_generator').message
     if name == 'push':
         user.push((0.0, 0.0, 0.0))
@@ -164,6 +168,12 @@ def react(user: Listener, name: str, act: Callable[[], None]) -> dict[str, Any]:
     return seen
 
 
+def touches(user: Listener) -> float:
+    """Give the contact force that was applied last [N]."""
+    force = user.newest('applied_wrench').wrench.force
+    return float(np.linalg.norm([force.x, force.y, force.z]))
+
+
 def judge_contact(user: Listener, seen: dict[str, Any]) -> dict[str, Any]:
     """Give what was found, when, and what the contact force did."""
     t, force = user.series('applied_wrench', 'force')
@@ -172,7 +182,8 @@ def judge_contact(user: Listener, seen: dict[str, Any]) -> dict[str, Any]:
     event, touching = seen['event'], size > 0.01
     result: dict[str, Any] = {'found': event is not None and bool(touching.any()),
                               'largest_N': float(size.max()),
-                              'at_the_end_N': float(size[-100:].max())}
+                              'at_the_end_N': float(size[-100:].max()),
+                              'damper': seen['damper']}
     if not result['found']:  # no event, or one without contact
         return {**result, 'false': event is not None}
     touched, onset = float(t[touching][0]), nanoseconds(event.stamp) * 1e-9

@@ -79,7 +79,7 @@ class Processes:
         words = [word for name, value in values.items()
                  for word in ('-p', f'{name}:={json.dumps(value)}')]
         self.running[node] = subprocess.Popen(
-            [sys.executable, '-m', f'tudor_dynamics.nodes.{node}', '--ros-args', *words],
+            [sys.executable, '-m', 'tudor_dynamics.nodes', node, '--ros-args', *words],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def serve_discovery(self, address: str, port: int = 11811) -> None:

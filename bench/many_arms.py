@@ -159,9 +159,9 @@ def commands(layout: str, count: int, model: str) -> list[list[str]]:
     common = ['-p', f'model:={model}', '-p', "methods:=['strain']"]
     if layout == 'one process':
         names = ', '.join(f"'arm{k}'" for k in range(count))
-        return [['-m', 'tudor_dynamics.nodes.monitors', '--ros-args', *common,
+        return [['-m', 'tudor_dynamics.nodes', 'monitors', '--ros-args', *common,
                  '-p', f'namespaces:=[{names}]']]
-    return [['-m', 'tudor_dynamics.nodes.monitor', '--ros-args', *common,
+    return [['-m', 'tudor_dynamics.nodes', 'monitor', '--ros-args', *common,
              '-r', f'__ns:=/arm{k}'] for k in range(count)]
 
 

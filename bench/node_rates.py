@@ -182,7 +182,7 @@ def chains(model: str, depth: int = 0) -> dict[str, list[list[str]]]:
         *queues((*within, 'strain_residuals'), 'publisher', depth)]
 
     def node(name: str, *more: str) -> list[str]:
-        return ['-m', f'tudor_dynamics.nodes.{name}', '--ros-args', '-p', f'model:={model}', *more,
+        return ['-m', 'tudor_dynamics.nodes', name, '--ros-args', '-p', f'model:={model}', *more,
                 *deeper]
     methods = ('-p', "methods:=['strain']")
     return {

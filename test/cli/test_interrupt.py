@@ -40,10 +40,36 @@ print('begins', flush=True)
 sys.exit(main())
 """
 
+SWALLOWED = """
+import ctypes
+import os
+import signal
+import time
+from types import SimpleNamespace
+from tudor_dynamics.cli import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+@ctypes.CFUNCTYPE(None)
+def called_by_c():
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(1.0)
+
+def run(args):
+    called_by_c()
+    time.sleep(30.0)
+    return 0
+
+main._subcommand = lambda name: SimpleNamespace(run=run)
+parsed = SimpleNamespace(command='fit')
+main.build_parser = lambda only: SimpleNamespace(parse_args=lambda words: parsed)
+raise SystemExit(main.main(['fit']))
+"""
+"""An interrupt in a callback of a C library, as those of a compiler; ctypes lets it get lost."""
+
 
 @pytest.fixture(scope='module', autouse=True)
 def compiled(root: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Compile what a fit needs: an interrupted compiler says more than one line."""
+    """Compile what a fit needs, so that not the compiler alone is interrupted."""
     words = COMMANDS['fit'].format(out=tmp_path_factory.mktemp('compiled') / 'out').split()
     subprocess.run([sys.executable, '-m', 'tudor_dynamics', *words], cwd=root, check=True,
                    stdout=subprocess.DEVNULL)
@@ -67,3 +93,10 @@ def test_ends_at_once(name: str, seconds: float, root: Path, tmp_path: Path) -> 
     lines = [line for line in err.splitlines() if not line.startswith('warning: ')]
     assert lines == [f'tudor {words[0]}: interrupted'] and out == ''
     assert not list(tmp_path.rglob('.*'))
+
+
+def test_an_interrupt_that_a_callback_swallows() -> None:
+    """It comes again: numba's compiler asks Python in such callbacks."""
+    done = subprocess.run([sys.executable, '-c', SWALLOWED], capture_output=True, text=True,
+                          timeout=60)
+    assert (done.returncode, done.stderr) == (130, 'tudor fit: interrupted\n')

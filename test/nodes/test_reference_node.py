@@ -39,6 +39,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import save_bundle
 from tudor_dynamics.nodes.common.base import latched
+from tudor_dynamics.nodes.common.messages import nanoseconds
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.signals.shaping import Profile
@@ -298,13 +299,17 @@ def test_lifecycle(world: World, tudor: Path) -> None:
     assert generator.run(5)[-1] == pytest.approx(POSE)
     generator.goals.publish(trajectory(point(1.0, 1.2, 0.1), point(2.0, 1.4, 0.1)))
     assert world.spin(lambda: node.source.motion.follower.progress is not None)
-    before = generator.run(30)
+    generator.run(30)
+    before = generator.heard[-1]
     assert node.trigger_deactivate().name == 'SUCCESS'
     assert node.source.outcome == 'stopped: reference_generator was deactivated'
     generator.run(60)
     braked = np.array([[*m.position, *m.velocity] for m in generator.heard])
     assert 3 < len(braked) < 60 and not braked[-1, 2:].any()
-    assert np.abs(np.diff(np.vstack([before[-1:], braked[:, :2]]), axis=0)).max() < 0.02
+    # by its stamps: a busy machine may have lost a sample
+    way = [before, *generator.heard[:len(braked)]]
+    elapsed = 1e-9 * np.diff([nanoseconds(m.header.stamp) for m in way])
+    assert np.abs(np.diff([m.position for m in way], axis=0) / elapsed[:, None]).max() < 1.0
     assert node.source.motion is None and generator.told().message == 'inactive'
     assert node.trigger_activate().name == 'SUCCESS'
     assert generator.run(5)[-1] == pytest.approx(generator.q)

@@ -22,9 +22,10 @@ answers at once.
 
 from __future__ import annotations
 
+import _thread
 import argparse
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 import gc
 from importlib import import_module
 import os
@@ -111,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     only = next((word for word in arguments if word in SUBCOMMANDS), None)
     name = f'tudor {only}' if only else 'tudor'
     _open_standard_streams()
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _interrupts_kept():
         warnings.showwarning = _show_warning  # type: ignore[assignment]
         warnings.simplefilter('always', TudorWarning)
         try:
@@ -144,6 +145,25 @@ def main(argv: Sequence[str] | None = None) -> int:
             what = f'{type(err).__name__}: {" ".join(str(err).split())[:300]}'
             _complain(name, f'{what}; this is a defect of tudor: {_traceback_file(arguments)}')
             return DEFECT
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Interrupt again where a callback of C swallows the interrupt, as those of numba do."""
+    report = sys.unraisablehook
+
+    def again(lost: sys.UnraisableHookArgs) -> None:
+        if not isinstance(lost.exc_value, KeyboardInterrupt):
+            return report(lost)
+        timer = threading.Timer(0.02, _thread.interrupt_main)
+        timer.daemon = True
+        timer.start()
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = report
 
 
 def _hides_interrupt(err: BaseException | None) -> bool:

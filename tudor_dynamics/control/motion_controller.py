@@ -217,8 +217,8 @@ class MotionController:
         self._origin = np.zeros(len(self.joints))
         self.takeovers = 0
         self._doubts: list[Doubt] = []
-        # Until when the cause of a fault is looked for, and when next.
-        self._told = self._again = -math.inf
+        # Until when the cause of a fault is estimated again, and when next.
+        self._explain_until = self._explain_at = -math.inf
         self.cuts: Counter[str] = Counter()
         self.state, self.cause = State.HOLDING, 'no reference yet'
 
@@ -288,10 +288,10 @@ class MotionController:
             self._begin(now, q, np.zeros_like(speed) if doubts else speed)
         if doubts:
             self._fault(doubts, speed)
-            self._told = clock + settings.TELLING_AFTER
-            self._again = clock + settings.TELLING_EVERY
-        elif fault and self._again < clock < self._told:
-            self._again = clock + settings.TELLING_EVERY
+            self._explain_until = clock + settings.TELLING_AFTER
+            self._explain_at = clock + settings.TELLING_EVERY
+        elif fault and self._explain_at < clock < self._explain_until:
+            self._explain_at = clock + settings.TELLING_EVERY
             self._explain([self.watched.tell(doubt.joint, gains.delay.commands, gains.lags)
                            if doubt.later else doubt for doubt in self._doubts])
         self._hold.step(dt)
@@ -382,7 +382,7 @@ class MotionController:
             self.tested = False  # it may be another driver
         self._q = self._guess = q.copy()
         self.watched.restart(self._q, 0.0 if self._unknown else settings.FREE_AFTER)
-        self._told = -math.inf  # what a fault is explained by is forgotten
+        self._explain_until = -math.inf  # what a fault is explained by is forgotten
         self.gains.begin()
         self.damper.reset()
         if self.adaptation is not None:

@@ -45,8 +45,9 @@ LAST = 4  # reading before [rad]
 ONSET = 5  # time at which the excess was small last [s]
 SAME, STOOD = 6, 7  # equal readings, and the way that was commanded meanwhile [rad]
 UNSURE = 8  # time until which its offset is less sure, after a load that held it up [s]
-JERKED, WIDTH = 9, 10  # the same after a load that held up any joint, and by how much [s, rad]
-UNSTEADY = 11  # factor of what is allowed
+JERKED = 9  # time until which it is allowed more, after a load that held up any joint [s]
+WIDTH = 10  # how much more until then [rad]
+UNSTEADY = 11  # factor of what is allowed while samples come late, the same for all joints
 WATCHED = 12
 
 

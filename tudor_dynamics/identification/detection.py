@@ -52,7 +52,7 @@ MERGE = 0.1
 TOPIC = 'applied_wrench'
 """Where forces that were applied on purpose are recorded."""
 LARGEST_TOLERANCE = 1.0
-"""A push that is marked by eye is not farther off [s]."""
+"""A push that is marked by eye is not farther off [s]; source: none known."""
 MAX_TABLE = 10_000_000
 """Bytes of a table of pushes that are read."""
 

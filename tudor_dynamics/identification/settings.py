@@ -57,8 +57,7 @@ TIP_FORCE = (65.0, 150.0)
 # beyond a half it is not fed; source: none known.
 LEFT_TO_CONTROL = (0.3, 0.5)
 # Findings by which units, and so newtons and kilograms, are in doubt.
-UNITS = ('effort_unit', 'dh_in_millimetres', 'dh_in_degrees', 'gauge_in_millimetres',
-         'joint_scale', 'time_scale')
+UNITS = ('effort_unit', 'dh_in_millimetres', 'dh_in_degrees', 'gauge_in_millimetres')
 # Good and usable: error of a mean over `MEAN` over the range of what weight makes; source: none
 # known.
 WEIGHT_SHARE = (0.05, 0.2)

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from functools import partial
-import sys
 from threading import Event, Lock, Thread
 import time
 from typing import Any
@@ -212,7 +211,3 @@ class ArmSimulatorNode(TudorNode):
 
 
 main = partial(run, ArmSimulatorNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from functools import partial
 from importlib import import_module
-import sys
 from threading import Event, Thread
 import time
 from typing import Any
@@ -158,7 +157,3 @@ class BagPlayerNode(TudorNode):
 
 
 main = partial(run, BagPlayerNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

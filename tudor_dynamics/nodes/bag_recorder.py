@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-import sys
 from typing import Any
 
 from rclpy.duration import Duration
@@ -128,7 +127,3 @@ class BagRecorderNode(TudorNode):
 
 
 main = partial(run, BagRecorderNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

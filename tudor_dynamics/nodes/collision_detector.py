@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections import Counter, OrderedDict
 from functools import partial
-import sys
 from typing import Any
 
 from tudor_dynamics.compiled import all_finite
@@ -142,7 +141,3 @@ class CollisionDetectorNode(DetectNode):
 
 
 main = partial(run, CollisionDetectorNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

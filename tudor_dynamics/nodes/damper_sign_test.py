@@ -25,7 +25,6 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Sequence
 from functools import partial
-import sys
 import time
 from typing import Any
 
@@ -161,7 +160,3 @@ main = partial(run_trial, trial_parser(
     'Make small steps of each joint without and with the damper: it must damp.',
     ['--arm my_arm.yaml --step 3'], '0 every sign is right, 1 a sign is wrong or unclear',
     3.0, 10.0), SignTester, tested_joints, (20.0, 100.0))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from functools import partial
-import sys
 from typing import Any
 
 from sensor_msgs.msg import JointState
@@ -110,7 +109,3 @@ class DynamicsPredictorNode(ModelNode):
 
 
 main = partial(run, DynamicsPredictorNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-import sys
 from typing import Any
 
 import numpy as np
@@ -161,7 +160,3 @@ class FeedforwardNode(ModelNode):
 
 
 main = partial(run, FeedforwardNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

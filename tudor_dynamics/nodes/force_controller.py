@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from functools import partial
-import sys
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -148,7 +147,3 @@ class ForceControllerNode(MovingNode):
 
 
 main = partial(run, ForceControllerNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

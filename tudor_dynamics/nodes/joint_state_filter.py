@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections import Counter
 from functools import partial
-import sys
 from typing import Any
 
 from sensor_msgs.msg import JointState
@@ -109,7 +108,3 @@ class JointStateFilterNode(TudorNode):
 
 
 main = partial(run, JointStateFilterNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -25,7 +25,6 @@ from argparse import Namespace
 from collections.abc import Sequence
 from functools import partial
 import math
-import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -193,7 +192,3 @@ parser.add_argument('--controller', metavar='NAME',
                     help='controller of ros2_control whose parameter joints has to be in the '
                     "order of the arm's active joints")
 main = partial(run_trial, parser, JointTester, tested_joints, (5.0, 20.0))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

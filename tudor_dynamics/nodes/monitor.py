@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections import Counter
 from functools import partial
-import sys
 from typing import Any
 
 from sensor_msgs.msg import JointState
@@ -128,7 +127,3 @@ class MonitorNode(DetectNode):
 
 
 main = partial(run, MonitorNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-import sys
 from threading import Thread
 import time
 from typing import Any
@@ -176,7 +175,3 @@ class MonitorsNode(TudorNode):
 
 
 main = partial(run, MonitorsNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

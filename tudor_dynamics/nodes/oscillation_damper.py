@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection
 from functools import partial
-import sys
 import time
 from typing import Any
 
@@ -101,7 +100,6 @@ class OscillationDamperNode(MovingNode):
         self.serve(JOINTS_TESTED, self._tested)
         self.crowded: tuple[bytes, str] | None = None
         self._watchdog = self.every(WATCH_PERIOD, self._watch)
-        self._watched = int(self._watchdog.timer_period_ns)
         self._look_timer = self.every(PUBLISHERS_LOOK, self._look)
         self.autostart()
 
@@ -187,8 +185,8 @@ class OscillationDamperNode(MovingNode):
             self._faults[int(place)] = controller.damper.status[place]
         self._publish(command)
         period = round(1e9 * controller.watch_period)
-        if abs(period - self._watched) > 0.05 * self._watched:
-            self._watched = self._watchdog.timer_period_ns = period
+        if abs(period - self._watchdog.timer_period_ns) > 0.05 * period:
+            self._watchdog.timer_period_ns = period
         self._watchdog.reset()  # it is due only where no sample comes
 
     def _publish(self, command: Any) -> bool:
@@ -289,7 +287,3 @@ class OscillationDamperNode(MovingNode):
 
 
 main = partial(run, OscillationDamperNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

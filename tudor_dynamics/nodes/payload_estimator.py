@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from functools import partial
-import sys
 from typing import Any
 
 from rclpy.publisher import Publisher
@@ -44,7 +43,3 @@ class PayloadEstimatorNode(MonitorNode):
 
 
 main = partial(run, PayloadEstimatorNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

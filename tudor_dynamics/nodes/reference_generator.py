@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-import sys
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -355,7 +354,3 @@ def _off(source: ReferenceSource) -> dict[str, str] | None:
 
 
 main = partial(run, ReferenceGeneratorNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -92,9 +92,9 @@ LONGEST_GAP = 60.0
 RECORD = 3.5
 """Strain that the sign test listens to after each step [s]. source: none known."""
 PATIENCE = 30.0
-# In that time a service is asked so often.
-ASKED = 3
 """The sign test waits no longer than this for nodes, positions and strains [s]."""
+ATTEMPTS = 3
+"""Requests of a service within that time: an answer gets lost. source: none known."""
 
 # Trajectories.
 

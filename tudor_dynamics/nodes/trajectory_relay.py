@@ -19,7 +19,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 import math
-import sys
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -312,7 +311,3 @@ class TrajectoryRelayNode(TudorNode):
 
 
 main = partial(run, TrajectoryRelayNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

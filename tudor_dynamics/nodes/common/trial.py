@@ -44,7 +44,7 @@ from tudor_dynamics.nodes.common.base import strong, weak
 from tudor_dynamics.nodes.common.interfaces import JOINT_TRAJECTORY
 from tudor_dynamics.nodes.common.messages import NamedReader
 from tudor_dynamics.nodes.common.runner import new_executor
-from tudor_dynamics.nodes.settings import ASKED, PATIENCE
+from tudor_dynamics.nodes.settings import ATTEMPTS, PATIENCE
 from tudor_dynamics.typing import FloatArray
 
 DAMPER = 'oscillation_damper'
@@ -104,9 +104,9 @@ class Trial(Node):
     def call(self, client: Any, request: Any, what: str) -> Any:
         """Call a service; a TudorError says that it did not answer."""
         if self.spin_until(client.service_is_ready, PATIENCE):
-            for _ in range(ASKED):  # an answer gets lost where the server does not know us yet
+            for _ in range(ATTEMPTS):  # an answer gets lost where the server does not know us yet
                 future = client.call_async(request)
-                if self.spin_until(future.done, PATIENCE / ASKED):
+                if self.spin_until(future.done, PATIENCE / ATTEMPTS):
                     return future.result()
         raise TudorError(f'{what} did not answer within {PATIENCE:g} s')
 
