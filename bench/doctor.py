@@ -21,6 +21,7 @@ chosen on some robots; the others are the proof.
     python bench/doctor.py
     python bench/doctor.py --own --json
     python bench/doctor.py --only effort_late --missed
+    python bench/doctor.py --clean-parts
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ import warnings
 
 sys.path.append(str(Path(__file__).parent))
 
-from faults.clean import clean_bags, pieces, STANDS_STILL  # noqa: E402
+from faults.clean import clean_bags, more_bags, parts_of, pieces, STANDS_STILL  # noqa: E402
 from faults.descriptions import of_descriptions, one_joint_of_many  # noqa: E402
 from faults.drives import of_drives  # noqa: E402
 from faults.sets import of_loads, of_sets  # noqa: E402
@@ -250,6 +251,25 @@ def show(content):
     print(f'{seconds["median"]:.2f} s a bag, {seconds["largest"]:.2f} s at most')
 
 
+def clean_parts(args):
+    """Say what is found in all recordings without faults, whole and in parts; 1 if anything is."""
+    count, false = 0, []
+    bags = [*clean_bags(args.own), *([] if args.own else more_bags())]
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', TudorWarning)
+        for bag in bags:
+            if args.bags is not None and bag.name not in args.bags:
+                continue
+            for piece in parts_of(bag):
+                count += 1
+                false += [f'{piece.data.choice}: {item.kind}: {item}' for item in examine_bags(
+                    bag.arm, [piece.data]) if item.kind != 'standstill']
+    for text in false:
+        print(f'false: {text}')
+    print(f'{count} recordings and parts, {len(false)} false findings')
+    return int(bool(false))
+
+
 def main():
     """Run the study; 1 where too little is named or too much is said."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
@@ -259,8 +279,12 @@ def main():
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--missed', action='store_true', help='say what was missed')
     parser.add_argument('--json', action='store_true')
+    parser.add_argument('--clean-parts', action='store_true',
+                        help='all recordings without faults, whole and in parts')
     add_running(parser)
     args = parser.parse_args()
+    if args.clean_parts:
+        return clean_parts(args)
     content = summary(study(args))
     if args.json:
         print(json.dumps(content, indent=2))

@@ -125,7 +125,7 @@ def fit_bags(
     findings: tuple[Finding, ...] = ()
     if examine:
         progress('doctor')
-        findings = examine_bags(bags.arm, [*bags.held, *bags.held_test])
+        findings = examine_bags(bags.arm, [*bags.held, *bags.held_test], chosen)
     specs = [chosen.preprocessing]
     if chosen.preprocessing.filter == 'zero_phase':  # causal ones run on the robot
         specs.append(chosen.preprocessing.model_copy(update={'filter': 'causal'}))

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.arm.description import arm_from_dict, load_arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
@@ -40,6 +40,11 @@ OTHERS = {'arm_200g_free_1': 'two_blade_arm', 'arm_200g_free_2': 'two_blade_arm'
           'airbot_chirp': 'airbot', 'airbot_chirp_loaded': 'airbot',
           'airbot_trapezoidal': 'airbot', 'tx40_exciting': 'tx40', 'quanser_hinf': 'quanser',
           'quanser_lqg': 'quanser', 'ur10e_unloaded': 'ur10e', 'ur10e_loaded': 'ur10e'}
+RINGING = ('down', 'level', 'up')
+"""How the flexible beam was held that the Panda of `beam_est_*` carries."""
+PARTS = ((0.0, 1.0), (0.0, 0.6), (0.6, 1.0), (0.0, 0.4), (0.4, 1.0), (0.0, 1 / 3), (1 / 3, 2 / 3),
+         (2 / 3, 1.0))
+"""Parts in which all recordings are to have no false finding."""
 DEVELOPED_ON = ('two_blade_arm', 'ur10', 'airbot', 'emps')
 """Robots on which thresholds were chosen; the others are the proof."""
 STANDS_STILL = {'ur10e_unloaded', 'ur10e_loaded', 'quanser_hinf', 'quanser_lqg'}
@@ -94,6 +99,36 @@ def clean_bags(own_only=False):
             found.append(Clean(name, robot, arm,
                                named(read_recording(folder / name, arm), name, payload)))
     return found
+
+
+def more_bags():
+    """Give recordings that no faults are put into: an arm with a beam that rings, and the FER."""
+    folder = SHARED / 'bags'
+    names = [f'beam_est_{held}_{size}cm_{k}' for held in RINGING for size in (15, 25, 35)
+             for k in (1, 2, 3)]
+    names += sorted(path.name for path in folder.glob('beam_T*'))
+    arms = {'panda': lambda: described('panda'), 'fer': fer}
+    for name, robot in [*((name, 'panda') for name in names), ('panda_fer_exciting', 'fer'),
+                        ('ur10_native', 'ur10')]:
+        if (folder / name).exists():
+            arm = arms.get(robot, lambda: described('ur10'))()
+            yield Clean(name, robot, arm, named(read_recording(folder / name, arm), name))
+
+
+def fer():
+    """Describe the Franka Research Emika of `panda_fer_exciting`, friction left open."""
+    return arm_from_dict({
+        'name': 'fer', 'kinematics': {'urdf': 'fer.urdf'},
+        'joints': [{'name': f'fer_joint{i}', 'effort': {'topic': 'joint_states', 'unit': 'N m'}}
+                   for i in range(1, 8)]}, base=SHARED / 'arms', source='fer.yaml')
+
+
+def parts_of(bag):
+    """Give a bag as it is, and cut in parts as users cut."""
+    for begin, end in PARTS:
+        part = cut(bag.data.recording, BagChoice(bag.name, begin, end))
+        name = f'{bag.name}@{100 * begin:.0f}-{100 * end:.0f}%'
+        yield replace(bag, data=named(part, name, bag.data.payload))
 
 
 def pieces(bag):

@@ -135,6 +135,10 @@ class LeftOut:
         self._rows = [part for bag in bags for part in self._parts_of(
             bag, len(bags), payloads is not None)]
         self.power = np.sum([np.sum(part.output ** 2, axis=0) for part in self._rows], axis=0)
+        # of a part, on average: the power without the mean
+        self.spread = np.maximum(np.var(np.concatenate(
+            [part.output for part in self._rows]), axis=0), 1e-300) * np.mean(
+                [len(part.output) for part in self._rows])
         self._multiply_out(None)
 
     def _parts_of(self, bag: BagData, bags: int, with_payload: bool) -> list[CandidateRows]:
@@ -287,6 +291,8 @@ ROUNDS = 3
 """Additions that a joint may get."""
 SWITCHES = (0.05, 0.25, 5.0)
 """Speeds of the smoothed sign that are tried, in that of the description."""
+HYSTERESIS = (0.01, 0.05)
+"""Distances over which friction gives way where none was chosen [rad or m]; UR10, Airbot."""
 TRIED = tuple(name for name, term in TERMS.items() if term.tried)
 TRIED_STATES = tuple(name for name, term in TERMS.items() if term.tried_values)
 JointChange = Mapping[str, Any]
@@ -348,6 +354,13 @@ def all_candidates(
                                        STATE_KEYS[term]: TERMS[term].tried_values})
                       for term in TRIED_STATES if term not in left_out]
     return found
+
+
+def hysteretic(joints: Sequence[JointSpec]) -> list[JointSpec]:
+    """Give joints hysteresis, of two sizes, where the description leaves friction open."""
+    return [_changed(joint, {'friction': (*joint.friction, 'presliding'),
+                             'presliding_distances': HYSTERESIS})
+            if is_open(joint) else joint for joint in joints]
 
 
 def _changed(joint: JointSpec, change: JointChange) -> JointSpec:

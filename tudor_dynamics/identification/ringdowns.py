@@ -76,6 +76,15 @@ def power_density(
     return np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=np.float64), density
 
 
+def oscillation(frequency: FloatArray, density: FloatArray) -> tuple[float, float, float]:
+    """Give frequency [Hz], rms and share of the largest oscillation: density (frequencies,)."""
+    above = frequency >= LOWEST
+    power = density * (frequency[1] - frequency[0])
+    peak = float(frequency[above][np.argmax(power[above])])
+    inside = float(power[above & (np.abs(frequency - peak) <= HALF_WIDTH * peak)].sum())
+    return peak, float(np.sqrt(inside)), inside / max(float(power[above].sum()), 1e-300)
+
+
 def find_ringing(
     model: Model, data: Sequence[BagData], output: str,
 ) -> tuple[Ringing, ...]:
@@ -106,15 +115,8 @@ def find_ringing(
     density = np.average(densities, axis=0, weights=seconds)
     deviation = np.average(spread, axis=0, weights=seconds)
     found = []
-    above = frequency >= LOWEST
-    step = frequency[1] - frequency[0]
     for i, channel in enumerate(model.channels):
-        power = density[:, i] * step
-        peak = float(frequency[above][np.argmax(power[above])])
-        band = above & (np.abs(frequency - peak) <= HALF_WIDTH * peak)
-        total = float(power[above].sum())
-        inside_band = float(power[band].sum())
-        rms, share = float(np.sqrt(inside_band)), inside_band / max(total, 1e-300)
+        peak, rms, share = oscillation(frequency, density[:, i])
         inside = LOWEST * 1.5 < peak < 0.8 * frequency[-1]
         if inside and share > SMALLEST_SHARE and rms > SMALLEST_AMPLITUDE * deviation[i]:
             found.append(Ringing(channel, peak, rms, share))

@@ -150,7 +150,6 @@ FLOOR = 1e-6  # no output counts as better explained than to this share (bench/d
 PASSES = 2  # weightings of channels that share parameters (bench/doctor)
 LEAST_RESIDUAL = 0.03  # part of a channel's size that its weight is bounded by (bench/doctor)
 ENOUGH_SECONDS = 20.0  # shorter recordings have to show more [s] (bench/doctor)
-SURE = 1.5  # gain per root of channels and 20 s of a recording that says something (bench/doctor)
 MOVING_SPAN = 0.02  # a joint that goes no farther does not move [rad or m] (bench/doctor)
 
 # -- Descriptions (doctor/examine.py)
@@ -163,10 +162,7 @@ LOAD_SHARE = 0.5  # upper bound of the part of the error that remains with it (b
 LOAD_ERROR = 0.1  # relative error without friction of a model as it was (bench/doctor)
 
 # -- Alternatives of a description (doctor/alternatives.py)
-LEAST_GAIN = 1.0  # sum of log ratios of the residuals: 1/e in one channel (bench/doctor)
-HINTED_GAIN = 0.3  # the same where friction that drives points at the channel (bench/doctor)
-GRAVITY_GAIN = 0.5  # the same for gravity, which all channels feel (bench/doctor)
-COUPLED_GAIN = 1.5  # the same for drives coupled in one of many ways (bench/doctor)
+LEAST_GAIN = 0.5  # sum of log ratios of the residuals from which on one is tried (bench/doctor)
 REFINED_GAIN = 0.5  # the same for gravity that is turned away from an axis (bench/doctor)
 FIRST_TURN = 0.35  # first step of that search [rad] (bench/doctor)
 LAST_TURN = 0.04  # its last step [rad] (bench/doctor)
@@ -183,6 +179,20 @@ USUAL_LAG = {'effort': 0.015, 'strain': 0.015, 'velocity': 0.03}
 LAG_GAIN = {'effort': 0.1, 'strain': 0.1, 'velocity': 0.5}
 LAG_SHARE = 0.6  # relative residual with a lag above which something else is wrong (bench/doctor)
 STILL = 0.05  # part of the largest speed below which a joint shows no lag; source: none known
+
+# -- Remedies that are tried on parts left out (doctor/trials.py). Chosen on the two-blade arm,
+#    UR10, Airbot and EMPS; UR10e, TX40, Quanser, FER and Panda are the proof (bench/doctor).
+# Least win, of a structure and of a lag: squared errors without less those with the remedy, over
+# their sum; 0.1 are errors smaller by a tenth.
+PAYING = 0.1
+PAYING_LAG = 0.05
+PAYING_RINGING = 0.7  # ... of both beside an oscillation: it has a cause of its own
+RINGING_SHARE = 0.6  # part of a residual's power near one frequency that makes it ringing
+RINGING_MOVED = 0.3  # ... and part of the joints' accelerations that may be near it
+RINGING_SECONDS = 8.0  # windows in which it is looked for: an eighth of a hertz [s]
+PAYING_ERRORS = 2.5  # standard errors between parts that it has to win by
+PREDICTED = 0.5  # error with the remedy from which on nothing is predicted
+LIKELIEST = 3  # alternatives of several bags that are tried
 
 # -- Trends of a channel (doctor/samples.py)
 DRIFT_GAIN = 0.6  # log ratio by which a line in time reduces the residual (bench/doctor)
@@ -205,6 +215,7 @@ THOUSANDTH = 30.0  # factors beyond are those between a unit and its thousandth 
 
 # -- Values of single channels (doctor/samples.py)
 FAR = 20.0  # an outlier is as many times farther off than 99.5 % of the samples (bench/doctor)
+LEAST_FAR = 2e-3  # ... positions by more than this [rad or m] (bench/doctor)
 FAR_RANGE = 0.3  # ... and by this part of the channel's range or more (bench/doctor)
 SINGLE = 3  # more samples in a row are no outliers (bench/doctor)
 RETURNED = 0.3  # part of the jump that may remain after an outlier (bench/doctor)

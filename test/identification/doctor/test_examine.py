@@ -27,6 +27,7 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.doctor.alternatives import with_gravity
 from tudor_dynamics.identification.doctor.between import examine_bags
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
@@ -105,8 +106,7 @@ def test_exchanged_names() -> None:
 
 def test_gravity_along_another_axis() -> None:
     """The right axis is named, with the angle between the two."""
-    spec = _arm().spec.model_copy(update={'gravity': (9.81, 0.0, 0.0)})
-    finding, = examine(replace(_arm(), spec=spec), _bag()).findings
+    finding, = examine(with_gravity(_arm(), np.array([9.81, 0.0, 0.0])), _bag()).findings
     assert (finding.kind, finding.size) == ('gravity_axis', pytest.approx(90.0))
     assert '-9.81' in finding.remedy
 

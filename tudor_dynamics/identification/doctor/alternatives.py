@@ -23,6 +23,7 @@ from itertools import combinations
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
@@ -30,7 +31,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.case import (
     Case, Decimated, Explained, gain, relative, share_of, unit_scale)
-from tudor_dynamics.identification.doctor.findings import Finding, found
+from tudor_dynamics.identification.doctor.findings import Finding, found, UNSEEN
 from tudor_dynamics.load.rows import described_masses
 from tudor_dynamics.typing import FloatArray
 
@@ -53,6 +54,9 @@ class Alternative:
     # Output to a matrix after its channels, (channels, channels); none for the output as it is.
     mixed: Mapping[str, FloatArray] = field(default_factory=dict)
     gravity: FloatArray | None = None  # of another direction, (3,) [m/s^2]
+    turned: FloatArray | None = None  # positions to those of the joints, (joints, joints)
+    arm: Arm | None = None  # other description
+    unseen: tuple[float, float] = (0.0, 0.0)  # errors on parts left out, without and with it
 
     def output(self, name: str, lag: float = 0.0) -> FloatArray:
         """Give an output that it would explain, as if it had come earlier: lag [s]."""
@@ -76,8 +80,16 @@ class Alternative:
     def finding(self) -> Finding:
         """Say what it means."""
         return found(self.kind, self.what, self.case.recording.path, self.channels,
-                     size=self.size, now=relative(self.case.now),
-                     otherwise=relative(self.shares), remedy=self.remedy)
+                     size=self.size, now=self.unseen[0], otherwise=self.unseen[1],
+                     remedy=self.remedy, measure=UNSEEN)
+
+
+def with_gravity(arm: Arm, gravity: FloatArray) -> Arm:
+    """Give an arm with another gravity: gravity (3,) [m/s^2]."""
+    model = pin.Model(arm.full_model)
+    model.gravity = pin.Motion(np.asarray(gravity, dtype=float), np.zeros(3))
+    spec = arm.spec.model_copy(update={'gravity': tuple(float(x) for x in gravity)})
+    return replace(arm, spec=spec, full_model=model)
 
 
 def with_couplings(arm: Arm, couplings: CouplingsSpec | None) -> Arm:
@@ -132,7 +144,7 @@ def tilted(case: Case, gravity: FloatArray) -> Alternative:
         f'{parallel}gravity along {axis_name(g)} explains the outputs, not that of the '
         f'description, {axis_name(own)}',
         f'gravity: {[float(x) for x in g]}, or correct alpha of the first D-H row', angle,
-        gravity=gravity)
+        gravity=gravity, arm=with_gravity(case.arm, gravity))
 
 
 def feels_gravity(case: Case) -> bool:
@@ -170,13 +182,15 @@ def directions(case: Case) -> Iterator[Alternative]:
     names, shared = case.arm.active_joints, shared_efforts(case)
     words = 'counts in the other direction than the kinematics say'
     for i, name in enumerate(names):
+        if not case.moves[i]:
+            continue
         flip = _scaled(len(names), i, -1.0)
         turned = [{'effort': flip}] if i in shared else []
         if len(case.now) > 1:
             explained = _of_motion(case, flip)
             for mixed in ({}, *turned):
                 yield Alternative(case, 'joint_sign', (name,), explained,
-                                  f'position of {name} {words}', '', -1.0, mixed)
+                                  f'position of {name} {words}', '', -1.0, mixed, turned=flip)
         for mixed in turned:
             yield Alternative(case, 'effort_sign', (name,), case.usual,
                               f'effort of {name} {words}', '', -1.0, mixed)
@@ -186,12 +200,15 @@ def exchanges(case: Case) -> Iterator[Alternative]:
     """Try each two joints, efforts and gauges exchanged."""
     names, n = case.arm.active_joints, len(case.arm.active_joints)
     for i, j in combinations(range(n), 2):
+        if not case.moves[[i, j]].any():
+            continue
         swap = _swapped(n, i, j)
         explained = _of_motion(case, swap)
         for what, mixed in ([('positions', {}), ('names', {'effort': swap})]
                             if 'effort' in case.outputs else [('names', {})]):
             yield Alternative(case, 'joints_exchanged', (names[i], names[j]), explained,
-                              f'{what} of {names[i]} and {names[j]} are exchanged', mixed=mixed)
+                              f'{what} of {names[i]} and {names[j]} are exchanged', mixed=mixed,
+                              turned=swap)
     for output, what in (('effort', 'efforts'), ('strain', 'gauges')):
         if output in case.outputs:
             names = case.bodies[output].channels
@@ -204,6 +221,8 @@ def exchanges(case: Case) -> Iterator[Alternative]:
 def units(case: Case) -> Iterator[Alternative]:
     """Try each effort in another unit."""
     for i in shared_efforts(case):
+        if not case.moves[i]:
+            continue
         joint = case.arm.joints[i]
         for scale in settings.SCALES:
             size, unit = unit_scale(scale), joint.effort.unit
@@ -225,15 +244,15 @@ def drives(case: Case) -> Iterator[Alternative]:
         coupled = tuple(name for i, name in enumerate(names)
                         if np.count_nonzero(arm.coupling[i]) > 1
                         or np.count_nonzero(arm.coupling[:, i]) > 1)
-        yield Alternative(case, 'coupling_wrong', coupled,
-                          case.explained(arm=with_couplings(arm, None)),
-                          f'the outputs show no coupling of {" and ".join(coupled)}', '', 0.0)
+        alone = with_couplings(arm, None)
+        yield Alternative(case, 'coupling_wrong', coupled, case.explained(arm=alone),
+                          f'the outputs show no coupling of {" and ".join(coupled)}', '', 0.0,
+                          arm=alone)
         return
-    moves = np.ptp(case.motion[:, :len(names)], axis=0) > settings.MOVING_SPAN
     for i, joint in enumerate(names):
         for j in (i - 1, i + 1):
             # a slide and a hinge have a ratio of their own, which is no guess
-            if (0 <= j < len(names) and moves[i]
+            if (0 <= j < len(names) and case.moves[[i, j]].all()
                     and arm.is_prismatic(joint) == arm.is_prismatic(names[j])):
                 for ratio in (1.0, -1.0):
                     for at in AT:
@@ -245,45 +264,35 @@ def _coupled(
 ) -> Alternative:
     couplings = CouplingsSpec(pairs=(CouplingPair(motor=motor, joint=joint, ratio=ratio),),
                               positions=at, efforts=at)
+    arm = with_couplings(case.arm, couplings)
     return Alternative(
-        case, 'coupling_missing', (motor, joint),
-        case.explained(arm=with_couplings(case.arm, couplings)),
+        case, 'coupling_missing', (motor, joint), case.explained(arm=arm),
         f'the motor of {motor} turns with {joint} as well, '
         f'{"forwards" if ratio > 0.0 else "backwards"}; what is measured is that of the {at}',
         f'couplings: {{pairs: [{{motor: {motor}, joint: {joint}, ratio: {ratio:g}}}], '
-        f'positions: {at}, efforts: {at}}}', ratio)
+        f'positions: {at}, efforts: {at}}}', ratio, arm=arm)
 
 
-def least_gain(chosen: Alternative, hinted: Mapping[int, float]) -> float:
-    """Say how much better an alternative has to be than the description."""
-    case = chosen.case
-    if chosen.gravity is not None:
-        return case.surely(settings.GRAVITY_GAIN)
-    if chosen.kind == 'coupling_missing':
-        return case.surely(settings.COUPLED_GAIN)
-    # the plainer description needs no more
-    if chosen.kind == 'coupling_wrong' or {case.arm.active_joints[i] for i in hinted} & {
-            *chosen.channels}:
-        return settings.HINTED_GAIN
-    return case.surely(settings.LEAST_GAIN)
-
-
-def choose(case: Case, hinted: Mapping[int, float]) -> Alternative | None:
-    """Choose the alternative that explains a recording better than the description; or None."""
-    best = max((item for candidates in (gravities, directions, exchanges, units, drives)
-                for item in candidates(case)), key=lambda item: item.gain, default=None)
-    if best is None or best.gain < least_gain(best, hinted):
-        return None
-    return refined(best) if best.gravity is not None else best
+def choose(case: Case) -> list[Alternative]:
+    """Choose what explains a recording better than the description, the best of each kind."""
+    best: dict[str, Alternative] = {}
+    for candidates in (gravities, directions, exchanges, units, drives):
+        for item in candidates(case):
+            if item.kind not in best or item.gain > best[item.kind].gain:
+                best[item.kind] = item
+    return [refined(item) if item.gravity is not None else item
+            for item in sorted(best.values(), key=lambda item: -item.gain)[:settings.LIKELIEST]
+            if item.gain >= settings.LEAST_GAIN]
 
 
 def driven_by_friction(case: Case) -> dict[int, float]:
     """Find joints, with the correlation, whose friction would drive them: a direction is wrong."""
     if 'effort' not in case.outputs:
         return {}
-    hinted = {}
-    speeds = np.split(case.motion, 3, axis=1)[1]
-    for i in np.flatnonzero(np.any(speeds, axis=0)).tolist():
+    hinted, shared = {}, shared_efforts(case)
+    for i in np.flatnonzero(case.moves).tolist():
+        if i in shared:
+            continue  # the bodies show its sign
         power, share = case.usual['effort'].friction(i, case.outputs['effort'][:, i])
         if power < settings.DRIVING and (
                 share > 1.0 + settings.DRIVING_SHARE * case.brevity ** 2):
@@ -324,11 +333,11 @@ def opposite(case: Case, hinted: Mapping[int, float]) -> list[Finding]:
         remedy=f'gravity: {[float(-x + 0.0) for x in own]}')]
 
 
-def lags(chosen: Alternative) -> list[tuple[Finding, float]]:
-    """Look for outputs that come late, with what their lags gain."""
-    late = [_late(chosen.case.recording, name, partial(chosen.shares_of, name),
-                  chosen.case.brevity) for name in chosen.explained]
-    return [item for item in late if item is not None]
+def lags(chosen: Alternative) -> list[tuple[Finding, str, float]]:
+    """Look for outputs that come late, with their names and what their lags gain."""
+    late = {name: _late(chosen.case.recording, name, partial(chosen.shares_of, name),
+                        chosen.case.brevity) for name in chosen.explained}
+    return [(item[0], name, item[1]) for name, item in late.items() if item is not None]
 
 
 def velocity_lag(recording: Recording, decimated: Decimated) -> list[Finding]:

@@ -26,9 +26,10 @@ import numpy as np
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification import settings
+from tudor_dynamics.identification.choice import Choices
 from tudor_dynamics.identification.dataset import BagData, model_for
 from tudor_dynamics.identification.doctor.case import Case, unit_scale
-from tudor_dynamics.identification.doctor.examine import examine, Examined, load_of
+from tudor_dynamics.identification.doctor.examine import examine_all, load_of
 from tudor_dynamics.identification.doctor.findings import CHECKS, Finding, found
 from tudor_dynamics.identification.loads import payload_of
 from tudor_dynamics.load.offline import PayloadEstimate
@@ -233,9 +234,11 @@ def _heavier(
     return []
 
 
-def examine_bags(arm: Arm, bags: Sequence[BagData]) -> tuple[Finding, ...]:
-    """Look at the bags of a fit or of an evaluation."""
-    examined = [examine_bag(arm, bag) for bag in bags]
+def examine_bags(
+    arm: Arm, bags: Sequence[BagData], chosen: Choices | None = None,
+) -> tuple[Finding, ...]:
+    """Look at the bags of a fit, by what was chosen for it, or of an evaluation."""
+    examined = examine_all(arm, bags, chosen)
     known = merged([item.findings for item in examined])
     # bags that are known to be wrong are no measure for the others
     sound = [(item.case, bag.payload) for bag, item in zip(bags, examined, strict=True)
@@ -243,11 +246,6 @@ def examine_bags(arm: Arm, bags: Sequence[BagData]) -> tuple[Finding, ...]:
     reported = {(item.kind, item.bag) for item in known}
     more = [item for item in compare(sound) if (item.kind, item.bag) not in reported]
     return tuple(more + known + copies(bags))
-
-
-def examine_bag(arm: Arm, bag: BagData) -> Examined:
-    """Look at one bag, under the name by which it was chosen."""
-    return examine(arm, replace(bag.recording, path=str(bag.choice)), bag.timing)
 
 
 def merged(findings: Sequence[Sequence[Finding]]) -> list[Finding]:
@@ -293,8 +291,8 @@ class Evaluated:
 def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> Evaluated:
     """Look at bags that a model is compared with."""
     findings, loads = [], {}
-    for bag in data:
-        name, examined = str(bag.choice), examine_bag(bundle.arm, bag)
+    for bag, examined in zip(data, examine_all(bundle.arm, data), strict=True):
+        name = str(bag.choice)
         findings.append(list(examined.findings))
         if examined.case is None:
             continue

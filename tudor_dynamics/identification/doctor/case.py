@@ -264,6 +264,12 @@ class Case:
         return self.decimated.motion
 
     @cached_property
+    def moves(self) -> NDArray[np.bool_]:
+        """Say which joints move."""
+        n = self.motion.shape[1] // 3
+        return np.asarray(np.ptp(self.motion[:, :n], axis=0) > settings.MOVING_SPAN)
+
+    @cached_property
     def bodies(self) -> dict[str, BodyRows]:
         """Give the rows of each output that was recorded."""
         return {name: BodyRows(self.arm, name) for name in ('effort', 'strain')
@@ -303,16 +309,6 @@ class Case:
         """Say how much shorter the recording is than one that shows enough; 1 or more."""
         seconds = float(self.decimated.t[-1] - self.decimated.t[0])
         return max(1.0, settings.ENOUGH_SECONDS / seconds)
-
-    def surely(self, least: float) -> float:
-        """
-        Give the gain that says something, not less than one that is asked for anyway.
-
-        The residual of a channel is known as well as its independent samples are many, which
-        after one filter go with time; the log ratios of all channels add up.
-        """
-        short = len(self.now) * self.brevity / settings.ENOUGH_SECONDS
-        return max(least, settings.SURE * float(np.sqrt(short)))
 
     @cached_property
     def usual(self) -> dict[str, Explained]:

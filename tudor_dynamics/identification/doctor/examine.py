@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,11 +29,14 @@ from tudor_dynamics.arm.schema import GaugeSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.identification import settings
+from tudor_dynamics.identification.choice import Choices
+from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.doctor.alternatives import (
     Alternative, choose, driven_by_friction, lags, opposite, velocity_lag)
 from tudor_dynamics.identification.doctor.case import Case, decimate, Explained, gain, relative
-from tudor_dynamics.identification.doctor.findings import Finding, found
+from tudor_dynamics.identification.doctor.findings import Finding, found, RESIDUAL
 from tudor_dynamics.identification.doctor.samples import look_at_samples, sizes, trends
+from tudor_dynamics.identification.doctor.trials import Trials
 from tudor_dynamics.load.rows import LoadRows
 from tudor_dynamics.signals.preprocessing import Timing
 from tudor_dynamics.typing import FloatArray
@@ -160,27 +163,39 @@ class Examined:
 
 def examine(arm: Arm, recording: Recording, retimed: Timing | None = None) -> Examined:
     """Look at a bag."""
-    clean, findings = look_at_samples(recording, arm.active_joints, arm.gauge_names, retimed)
-    findings = not_listed(arm, recording) + findings
+    return examine_all(arm, [BagData(
+        BagChoice(recording.path), recording, (), recording.payload, retimed)])[0]
+
+
+def examine_all(
+    arm: Arm, bags: Sequence[BagData], choices: Choices | None = None,
+) -> list[Examined]:
+    """Look at bags of one arm, under the names by which they were chosen."""
     of_description, mended = suspects(arm)
-    decimated = decimate(clean)
-    if decimated is None:
-        return Examined((*of_description, *findings))
-    findings += velocity_lag(clean, decimated)
-    broken = frozenset(name for item in findings if item.kind in BROKEN for name in item.channels)
-    case = Case(mended, clean, decimated, broken)
-    if not case.outputs:
-        return Examined((*of_description, *findings), case)
-    by_size = sizes(case)
-    if by_size:
-        case = replace(case, units={name: item.size or 1.0 for item in by_size
-                                    for name in item.channels})
-    described, by_model = _by_model(case, by_size)
-    wrong = Case(arm, clean, decimated, broken)
-    of_description = [
-        replace(item, bag=recording.path, measure='relative residual', now=relative(wrong.now),
-                otherwise=relative(case.now)) for item in reversed(of_description)]
-    return Examined((*of_description, *by_model, *findings), case, described)
+    seen = []
+    for bag in bags:
+        clean, findings = look_at_samples(replace(bag.recording, path=str(bag.choice)),
+                                          arm.active_joints, arm.gauge_names, bag.timing)
+        findings, decimated = not_listed(arm, clean) + findings, decimate(clean)
+        if decimated is not None:
+            findings += velocity_lag(clean, decimated)
+        seen.append((findings, None if decimated is None else Case(
+            mended, clean, decimated, frozenset(
+                name for item in findings if item.kind in BROKEN for name in item.channels))))
+    judged = iter(_by_model([(case, bag.payload) for (_, case), bag in zip(
+        seen, bags, strict=True) if case is not None and case.outputs], choices))
+    found = []
+    for findings, case in seen:
+        if case is None or not case.outputs:
+            found.append(Examined((*of_description, *findings), case))
+            continue
+        case, described, by_model = next(judged)
+        wrong = replace(case, arm=arm, units={})
+        found.append(Examined((*(replace(
+            item, bag=case.recording.path, measure=RESIDUAL, now=relative(wrong.now),
+            otherwise=relative(case.now)) for item in reversed(of_description)),
+            *by_model, *findings), case, described))
+    return found
 
 
 def not_listed(arm: Arm, recording: Recording) -> list[Finding]:
@@ -196,40 +211,38 @@ def not_listed(arm: Arm, recording: Recording) -> list[Finding]:
         size=moved[most]), unit='m' if arm.is_prismatic(most) else 'rad')]
 
 
-def _by_model(case: Case, findings: list[Finding]) -> tuple[bool, list[Finding]]:
-    """Say whether no alternative explains a bag better, and add what its residuals show."""
-    hinted = driven_by_friction(case)
-    usual = Alternative(case, '', (), case.usual)
-    chosen = choose(case, hinted) or usual
-    if chosen is not usual and _only_a_trend(usual, chosen, hinted):
-        chosen = usual
-    late = lags(usual)
-    if chosen is not usual and max((gain for _, gain in late), default=0.0) > chosen.gain:
-        chosen = usual
-    if chosen is not usual:
-        findings = [*findings, chosen.finding()]
-        late = lags(chosen)
-    findings = [*findings, *(finding for finding, _ in late)]
-    trending = trends(chosen)
-    if not late and chosen is usual:
-        # what dies has no friction to judge it by
-        dead = {item.channels[0] for item in trending if item.kind == 'dying'}
-        findings += opposite(case, {i: power for i, power in hinted.items()
-                                    if case.arm.active_joints[i] not in dead})
-    shown = {name for finding in findings for name in finding.channels}
-    return chosen is usual, findings + [
-        item for item in trending if item.channels[0] not in shown]
+def _by_model(
+    bags: Sequence[tuple[Case, float | None]], choices: Choices | None,
+) -> list[tuple[Case, bool, list[Finding]]]:
+    """Say of each bag whether no alternative explains it better, and what its residuals show."""
+    if not bags:
+        return []
+    sized = [sizes(case) for case, _ in bags]
+    usual = [Alternative(case, '', (), case.usual) for case in (
+        replace(case, units={name: item.size or 1.0 for item in by_size
+                             for name in item.channels})
+        for (case, _), by_size in zip(bags, sized, strict=True))]
+    trials = Trials([item.case for item in usual], [payload for _, payload in bags], choices)
+    chosen = trials.paying(usual, [_proposed(item) for item in usual])
+    late = trials.paying_lags(chosen, [lags(item) for item in chosen])
+    hints = [driven_by_friction(item.case) for item in usual]
+    found = []
+    for own, item, slow, hinted, findings in zip(usual, chosen, late, hints, sized, strict=True):
+        case, trending = own.case, trends(item)
+        findings = [*findings, *([] if item is own else [item.finding()]), *slow]
+        if not any(late) and item is own:
+            # what dies has no friction to judge it by
+            dead = {one.channels[0] for one in trending if one.kind == 'dying'}
+            findings += opposite(case, {
+                i: power for i, power in hinted.items()
+                if case.arm.active_joints[i] not in dead and trials.driven(i, hints)})
+        shown = {name for finding in findings for name in finding.channels}
+        found.append((case, item is own, findings + [
+            one for one in trending if one.channels[0] not in shown]))
+    return found
 
 
-def _only_a_trend(usual: Alternative, chosen: Alternative, hinted: Mapping[int, float]) -> bool:
-    """Say whether one channel that drifts or dies is all that an alternative makes up for."""
-    trended = trends(usual)
-    if not trended:
-        return False
-    trending = {name for item in trended for name in item.channels}
-    better = sum(2.0 * np.log(item.now / item.otherwise) if item.now and item.otherwise else
-                 np.inf for item in trended)
-    # parameters that channels share corrupt others with the one that drifts
-    if better < chosen.gain and trending >= {*chosen.channels}:
-        return False
-    return choose(replace(usual.case, broken=usual.case.broken | trending), hinted) is None
+def _proposed(usual: Alternative) -> list[Alternative]:
+    """Give what explains a bag better than the description, and than a lag does."""
+    least = max((gain for *_, gain in lags(usual)), default=0.0)
+    return [item for item in choose(usual.case) if item.gain >= least]

@@ -31,6 +31,7 @@ class Check(NamedTuple):
 
 
 RESIDUAL = 'relative residual'
+UNSEEN = 'relative error of parts left out'
 WIRING = 'check sensor and wiring; '
 NAMES = 'correct the names in the driver or in the description'
 UNIT = 'correct joints[].effort.unit, or scale the efforts in the driver'
@@ -133,6 +134,8 @@ class Finding:
         """Put the evidence in words; empty where the sentence has it all."""
         if self.now is None:
             return ''
+        if self.measure == UNSEEN and self.otherwise is not None:
+            return f'unseen parts: {100 * self.now:.2g} % -> {100 * self.otherwise:.2g} %'
         other = '' if self.otherwise is None else f', {self.otherwise:.3g} with the remedy'
         return f'{self.measure} {self.now:.3g}{other}'
 

@@ -152,14 +152,15 @@ def sizes(case: Case) -> list[Finding]:
 
 def _by_masses(case: Case, known: Described) -> list[Finding]:
     units = [joint.effort.unit for joint in case.arm.joints]
-    described = [i for i, unit in enumerate(units) if unit != 'A' and known.share[i] > BELIEVED]
+    described = [i for i, unit in enumerate(units) if unit != 'A' and known.share[i] > BELIEVED
+                 and case.moves[i]]
     if len(described) < 2:
         return []
     ratio = float(np.median(np.abs(known.ratio[described])))
-    if 1.0 / settings.FEW_TIMES < ratio < settings.FEW_TIMES:
-        return []
+    if 1.0 / settings.FEW_TIMES < ratio < 1e3 / settings.FEW_TIMES:
+        return []  # rough masses; no unit is a few times larger
     unit = units[described[0]]
-    if ratio > settings.THOUSANDTH:
+    if ratio > 1.0:
         size, other = 1000.0, f'm{unit}'
     elif ratio < 1.0 / settings.THOUSANDTH:
         size, other = 0.001, f'k{unit}'
@@ -206,7 +207,8 @@ def outliers(
     changed: dict[str, Any] = {}
     findings = []
     for item in channels(recording, joints, gauges):
-        where, size = _far_off(item.values, recording.segments)
+        where, size = _far_off(item.values, recording.segments,
+                               settings.LEAST_FAR if item.field == 'q' else 1e-300)
         if not len(where):
             continue
         values = changed.setdefault(item.field, getattr(recording, item.field).copy())
@@ -219,14 +221,16 @@ def outliers(
     return replace(recording, **changed) if changed else recording, findings
 
 
-def _far_off(x: FloatArray, segments: tuple[slice, ...]) -> tuple[IndexArray, float]:
+def _far_off(
+    x: FloatArray, segments: tuple[slice, ...], least: float,
+) -> tuple[IndexArray, float]:
     places: list[int] = []
     largest = 0.0
     parts = [part for part in segments if part.stop - part.start > 2]
     if parts:
         low, high = np.percentile(x, [1.0, 99.0])
         usual = np.percentile(np.concatenate([np.abs(np.diff(x[part])) for part in parts]), 99.5)
-        limit = max(settings.FAR * float(usual), settings.FAR_RANGE * float(high - low), 1e-300)
+        limit = max(settings.FAR * float(usual), settings.FAR_RANGE * float(high - low), least)
     for part in parts:
         values = x[part]
         steps = np.diff(values)

@@ -1,0 +1,180 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A remedy has to pay: models are fitted with it and without, and predict parts left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.errors import TudorError
+from tudor_dynamics.identification import settings
+from tudor_dynamics.identification.choice import Choices, hysteretic, LeftOut
+from tudor_dynamics.identification.dataset import BagChoice, BagData, filtered
+from tudor_dynamics.identification.doctor.alternatives import Alternative
+from tudor_dynamics.identification.doctor.case import Case
+from tudor_dynamics.identification.doctor.findings import Finding, UNSEEN
+from tudor_dynamics.identification.ringdowns import (
+    HALF_WIDTH, oscillation, power_density, SMALLEST_AMPLITUDE)
+from tudor_dynamics.load.rows import described_masses
+from tudor_dynamics.load.settings import BELIEVED
+from tudor_dynamics.typing import FloatArray
+
+
+class Trials:
+    """
+    Bags of one description, on which remedies are tried: all of them on all bags.
+
+    The friction is that which was chosen, or has hysteresis, which looks like a lag without.
+    """
+
+    def __init__(
+        self, cases: Sequence[Case], payloads: Sequence[float | None], chosen: Choices | None,
+    ) -> None:
+        self.cases, self._payloads, arm = cases, payloads, cases[0].arm
+        self._joints = hysteretic(arm.joints) if chosen is None else chosen.arm.joints
+        self._spec = arm.spec.preprocessing.model_copy(update={
+            'filter': 'zero_phase'}) if chosen is None else chosen.preprocessing
+        self._settings = None if chosen is None else chosen.settings
+        self._sound = {name: np.all([case.sound[name] for case in cases], axis=0)
+                       for name in cases[0].outputs if all(name in one.outputs for one in cases)}
+
+    def paying(
+        self, usual: Sequence[Alternative], proposed: Sequence[Sequence[Alternative]],
+    ) -> list[Alternative]:
+        """Give for each bag what it is to be judged by: what pays on all of them, or as it is."""
+        groups: dict[str, list[Alternative]] = {}
+        for item in chain.from_iterable(proposed):
+            groups.setdefault(item.what, []).append(item)
+        likeliest = sorted(groups.values(), key=lambda group: -sum(one.gain for one in group))
+        tried = [(errors[::-1], group) for group in likeliest[:settings.LIKELIEST]
+                 if (errors := self._try(group[0], {}, self._least(
+                     usual, settings.PAYING))) is not None]
+        (otherwise, now), best = min(tried, key=lambda item: item[0], default=((0.0, 0.0), []))
+        return [next((replace(one, unseen=(now, otherwise)) for one in best
+                      if one.case is own.case), own) for own in usual]
+
+    def paying_lags(
+        self, chosen: Sequence[Alternative],
+        found: Sequence[Sequence[tuple[Finding, str, float]]],
+    ) -> list[list[Finding]]:
+        """Give the lags of each bag that pay on all of them."""
+        base = next((item for item in chosen if item.kind), None)
+        paid = {}
+        for name in self._sound:
+            sizes = [item.size or 0.0 for late in found for item, what, _ in late if what == name]
+            lag = {name: float(np.median(sizes))} if sizes else {}
+            if lag and (errors := self._try(base, lag, self._least(
+                    chosen, settings.PAYING_LAG, lag), base)) is not None:
+                paid[name] = errors
+        return [[replace(item, now=paid[name][0], otherwise=paid[name][1], measure=UNSEEN)
+                 for item, name, _ in late if name in paid] for late in found]
+
+    def driven(self, joint: int, hints: Sequence[Mapping[int, float]]) -> bool:
+        """Say whether all bags and the masses agree that friction would drive a joint."""
+        for case, hinted in zip(self.cases, hints, strict=True):
+            known = described_masses(case.arm, case.motion, case.outputs['effort'])
+            if case.moves[joint] and joint not in hinted or known is not None and (
+                    known.share[joint] > BELIEVED and known.ratio[joint] > 0.0):
+                return False
+        return True
+
+    def _least(
+        self, chosen: Sequence[Alternative], usual: float, lags: Mapping[str, float] = {},
+    ) -> float:
+        """Say how much a remedy has to win: more where there is an oscillation."""
+        # links that swing are described where there are gauges, but no lag of theirs
+        asked = 'strain' in lags or 'strain' not in self._sound
+        return settings.PAYING_RINGING if asked and any(
+            rings(one, name, lags.get(name, 0.0)) for one in chosen
+            for name in self._sound) else usual
+
+    def _try(
+        self, remedy: Alternative | None, lags: Mapping[str, float], least: float,
+        base: Alternative | None = None,
+    ) -> tuple[float, float] | None:
+        """Give relative errors without a remedy and lags [s], and with; None if these lose."""
+        try:
+            before, after = self._shares(base, {}), self._shares(remedy, lags)
+        except TudorError:
+            return None  # too short for the filters, or nothing is left to be predicted
+        # every channel and part counts alike, whatever its error
+        gains = ((before - after) / np.maximum(before + after, 1e-12)).mean(axis=1)
+        now, otherwise = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+        errors = settings.PAYING_ERRORS * float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
+        pays = otherwise < min(now, settings.PREDICTED) and gains.mean() > max(least, errors)
+        return (now, otherwise) if pays else None
+
+    def _shares(self, remedy: Alternative | None, lags: Mapping[str, float]) -> FloatArray:
+        """Give squared errors over the power of a part, (parts, channels), 1 at most."""
+        bags = [filtered(BagData(
+            BagChoice(case.recording.path), remedied(case, remedy, lags), (), payload), self._spec)
+            for case, payload in zip(self.cases, self._payloads, strict=True)]
+        arm = remedy.arm if remedy is not None and remedy.arm is not None else self.cases[0].arm
+        found = []
+        for output, sound in self._sound.items():
+            joints = self._joints if output == 'effort' else []
+            rows = LeftOut(arm, output, joints, bags, 'exact', payloads=(
+                None if self._settings is None else self._settings.payloads))
+            shared = bool(self._settings and self._settings.shared and rows.unknown)
+            if joints:
+                rows.assume(rows.fitted(joints, shared=shared)[0])
+            found.append(np.minimum(
+                rows.errors(joints, shared=shared) / rows.spread, 1.0)[:, sound])
+        return np.hstack(found)
+
+
+def rings(chosen: Alternative, output: str, lag: float) -> bool:
+    """Say whether most of a channel's residual is one oscillation, faster than the motion."""
+    case, measured = chosen.case, chosen.output(output, lag)
+    values = chosen.explained[output].residuals(measured)
+    step, n = float(np.median(np.diff(case.decimated.t))), case.motion.shape[1] // 3
+    frequency, density = power_density(
+        np.hstack([values, case.motion[:, 2 * n:]]), 1.0 / step,
+        min(len(values), round(settings.RINGING_SECONDS / step)))
+    motion = density[:, values.shape[1]:].sum(axis=1)
+    for i in np.flatnonzero(case.sound[output]).tolist():
+        peak, rms, share = oscillation(frequency, density[:, i])
+        moved = motion[np.abs(frequency - peak) <= HALF_WIDTH * peak].sum() / motion.sum()
+        if (share > settings.RINGING_SHARE and moved < settings.RINGING_MOVED
+                and rms > SMALLEST_AMPLITUDE * float(np.std(measured[:, i]))):
+            return True
+    return False
+
+
+def remedied(case: Case, remedy: Alternative | None, lags: Mapping[str, float]) -> Recording:
+    """Give the recording of a bag as it would be with a remedy, and without lags [s]."""
+    recording = case.recording
+    changed: dict[str, Any] = {'earlier': None}
+    for name in case.outputs:
+        values = getattr(recording, name)
+        if name == 'effort':
+            values = values / [case.units.get(joint, 1.0) for joint in case.arm.active_joints]
+        if remedy is not None and name in remedy.mixed:
+            values = values @ remedy.mixed[name]
+        if name in lags:
+            values = np.vstack([np.stack([np.interp(t + lags[name], t, column) for column in
+                                          values[part].T], axis=1)
+                                for part in recording.segments if len(t := recording.t[part])])
+        changed[name] = values
+    if remedy is not None and remedy.turned is not None:
+        changed['q'] = recording.q @ remedy.turned
+        changed['dq'] = None if recording.dq is None else recording.dq @ remedy.turned
+    return replace(recording, **changed)
