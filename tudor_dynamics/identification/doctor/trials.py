@@ -147,7 +147,7 @@ def rings(chosen: Alternative, output: str, lag: float) -> bool:
     values = chosen.explained[output].residuals(measured)
     step, n = float(np.median(np.diff(case.decimated.t))), case.motion.shape[1] // 3
     frequency, density = power_density(
-        np.hstack([values, case.motion[:, 2 * n:]]), 1.0 / step,
+        np.hstack([values, case.motion[:, n:2 * n]]), 1.0 / step,
         min(len(values), round(settings.RINGING_SECONDS / step)))
     motion = density[:, values.shape[1]:].sum(axis=1)
     for i in np.flatnonzero(case.sound[output]).tolist():
