@@ -181,7 +181,7 @@ LAG_SHARE = 0.6  # relative residual with a lag above which something else is wr
 STILL = 0.05  # part of the largest speed below which a joint shows no lag; source: none known
 
 # -- Remedies that are tried on parts left out (doctor/trials.py). Chosen on the two-blade arm,
-#    UR10, Airbot and EMPS; UR10e, TX40, Quanser, FER and Panda are the proof (bench/doctor).
+#    UR10, Airbot and EMPS, those of ringing with a look at the Panda's beams: no proof there.
 # Least win, of a structure and of a lag: squared errors without less those with the remedy, over
 # their sum; 0.1 are errors smaller by a tenth.
 PAYING = 0.1
