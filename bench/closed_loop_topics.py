@@ -94,6 +94,7 @@ def scenario(args: argparse.Namespace, user: Listener) -> dict[str, Any]:
     contacts = {'push': react(user, 'push', lambda: user.push((0.0, 0.0, -args.force))),
                 'floor': react(user, 'floor', lambda: lower(user))}
     return {'move': judge_move(user, begin, end, args.save), 'false_events': false,
+            'damper': sorted({said.message for _, said in user.diagnoses('oscillation_damper')}),
             'dropped_by_monitor': drops_of_monitor(user) - dropped,
             'longest_gap_s': max(spread(stamps_of(user, topic))['longest gap']
                                  for topic in ('joint_states', 'joint_reference')),
@@ -157,7 +158,6 @@ def react(user: Listener, name: str, act: Callable[[], None]) -> dict[str, Any]:
         user.wait(lambda: touches(user) < 0.01 or user.now() > begin + 20.0, 'the retreat', 120.0)
         user.let_pass(0.5)
     seen['end'] = user.now()
-    seen['damper'] = sorted({status.message for _, status in user.diagnoses('oscillation_damper')})
     seen['reaction'] = user.status('reference_generator').message
     if name == 'push':
         user.push((0.0, 0.0, 0.0))
@@ -182,8 +182,7 @@ def judge_contact(user: Listener, seen: dict[str, Any]) -> dict[str, Any]:
     event, touching = seen['event'], size > 0.01
     result: dict[str, Any] = {'found': event is not None and bool(touching.any()),
                               'largest_N': float(size.max()),
-                              'at_the_end_N': float(size[-100:].max()),
-                              'damper': seen['damper']}
+                              'at_the_end_N': float(size[-100:].max())}
     if not result['found']:  # no event, or one without contact
         return {**result, 'false': event is not None}
     touched, onset = float(t[touching][0]), nanoseconds(event.stamp) * 1e-9

@@ -96,4 +96,7 @@ def test_swing_that_is_fed() -> None:
     assert 'not decay' in watch(RingingWatch(SPEED), lambda t: 0.3, 6.0)
     assert 'grows' in watch(RingingWatch(SPEED), lambda t: 0.02 * np.exp(1.2 * t), 6.0)
     assert watch(RingingWatch(SPEED), lambda t: 0.3, 6.0, moving=True) == ''
+    # a push in the middle of a window, and its answer in the next one, which then decays
+    assert watch(RingingWatch(SPEED), lambda t: float(SPEED[0]) * (
+        0.02 if t < 2.2 else 0.05 if t < 2.4 else 0.08 * np.exp(2.4 - t)), 6.0) == ''
     assert 'again and again' in watch(RingingWatch(SPEED), lambda t: 1.6, 2.0, moving=True)

@@ -61,14 +61,16 @@ def test_move_push_and_floor(root: Path, tudor_model: Path) -> None:
     """
     The arm moves and settles as in one process; push and floor are found, and it lets go.
 
-    Simulated time runs below real time, and once more at a fifth where the machine was too busy
-    for the processes to keep up.
+    Simulated time runs below real time, and more so where the machine was too busy for the
+    processes to keep up.
     """
-    found = run(root, tudor_model, 0.5)
+    for factor in (0.5, 0.3, 0.2):
+        found = run(root, tudor_model, factor)
+        if found['longest_gap_s'] < KEPT_UP and not found['dropped_by_monitor'] and not any(
+                'interrupted' in text or 'no positions' in text for text in found['damper']):
+            break
+    assert not any('damper is off' in text for text in found['damper'])
     move = found['move']
-    if found['dropped_by_monitor'] or found['longest_gap_s'] > KEPT_UP:
-        found = run(root, tudor_model, 0.2)
-        move = found['move']
     assert move['off_goal_deg'] < 0.5  # late samples slow its commands down, on a busy machine
     assert move['stamps']['joint_states']['rate'] == pytest.approx(500.0, rel=1e-3)
     link = move['strain']['link2_hub']

@@ -229,6 +229,7 @@ def model_from_dh(
         Of the joints; types are ``revolute`` or ``prismatic``.
     convention : str
         ``standard`` or ``modified``.
+
     """
     model = pin.Model()
     placement = pin.SE3.Identity()

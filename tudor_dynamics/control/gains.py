@@ -140,7 +140,8 @@ class RingingWatch:
         peaks = list(self._peaks)
         grown = [now > settings.RINGING_GROWTH * before
                  for before, now in zip(peaks, peaks[1:], strict=False)]
-        if len(grown) > 1 and min(peaks[-2:]) > settings.RINGING_LOUD and all(grown[-2:]):
+        # all three are loud: a push that begins in the middle of a window grows into the next
+        if len(grown) > 1 and min(peaks[-3:]) > settings.RINGING_LOUD and all(grown[-2:]):
             self.reset()
             return 'the swing grows while the reference rests'
         if len(peaks) == settings.RINGING_LASTS + 2 and all(

@@ -227,6 +227,33 @@ VISITS = 6  # three other runs of a sixth of the longest are visits to a bound (
 FLAT = 4  # samples in a row at the end of the range that make a saturation (bench/doctor)
 FLAT_RUN = 3.0  # ... as many times longer than 99 % of those elsewhere (bench/doctor)
 FLAT_SHARE = 0.004  # ... and the share of all samples there (bench/doctor)
+JOINT_SCALES = (0.5, 0.8, 1.25, 2.0)  # single for fourfold edges, gears of the next size
+# (doctor/residuals.py)
+SIGNS, SIGN_PASSES = 3, 10  # first guesses of a lost sign by what bodies do; passes each
+SIGNED = 0.25  # part of a share of the variance that remains with the sign guessed
+STEP_SECONDS, STEP_WITHIN = 6.0, (0.3, 0.7)  # of recordings, in which a gain or zero may change
+STEPS = 11  # times that are tried there; what changes at the ends is friction (bench/lab_faults)
+AT_ONCE = 0.25  # part of the time by which changes of one load may be apart
+STEPPED = 0.42  # part of a residual's power that remains with it
+STEP_SHARE = 1e-3  # part of the variance that it explains
+WAVE = 0.3  # part of a residual's power in a wave
+UNEXPLAINED = 0.6  # relative residual beyond which nothing is explained: a fit below 40 %
+# (doctor/readings.py)
+COPIED, COPIED_EXACTLY = 0.05, 1e-3  # part of an effort, of a gauge, in which copies differ
+STRAIGHT = 1e-6  # a smaller bend is none, as part of a large step
+STRAIGHT_RUN, STRAIGHT_SHARE = 3, 0.02  # samples in a row, and part of all samples
+EVEN_STAMPS = 0.5  # part by which the distance of stamps may differ where jumps are looked for
+JUMPED, LEAST_JUMP = 6.0, 2e-3  # times what 99.5 % differ from the motion around; [rad or m]
+WRAPPED = 0.05  # part by which a jump differs from a turn
+HELD_BEFORE = 0.1  # a run before a jump that is a hold [s]
+NOISY = 2e-3  # ten times the noise of bad encoders [rad or m]; source: none known
+STALE, STALE_WINDOW = 0.4, 0.1  # part of the samples in fast motion; [s]
+STALE_LEAST = 2e-3  # fast motion is more in that time [rad or m]
+FAR_FROM_ZERO, ALTERNATING = 0.2, 0.05  # of the spread of a channel; part of the samples
+WHITE, WHITE_LAGS = 4.0, 8  # deviations of an autocorrelation that is none
+LEVELS = 24  # values of a channel of few digits
+HUM_SAMPLES, HUM_ABOVE = 256, 12.0  # [Hz]
+HUM_SHARE, HUM_PEAK = 4e-3, 50.0  # part of the variance; times what is around
 STANDSTILL = 3.0  # ends without motion that are longer are reported [s] (bench/doctor)
 
 # -- Comparisons of bags (doctor/between.py)

@@ -104,7 +104,8 @@ def test_a_saturated_channel(recording: Recording) -> None:
 def test_few_digits_are_no_saturation(recording: Recording) -> None:
     """A sensor with coarse steps has flat runs everywhere."""
     assert recording.strain is not None
-    assert _found(_strain(recording, 40.0 * np.round(recording.strain[:, 1] / 40.0))) == []
+    finding, = _found(_strain(recording, 40.0 * np.round(recording.strain[:, 1] / 40.0)))
+    assert (finding.kind, finding.size) == ('coarse_channel', pytest.approx(40.0))
 
 
 def test_standstill_at_the_ends(recording: Recording) -> None:
@@ -143,8 +144,8 @@ def test_a_gap_is_no_outlier(recording: Recording) -> None:
     assert recording.strain is not None
     values = recording.strain[:, 1].copy()
     values[900:] += 5000.0
-    parted = recording_of(recording.q, RATE, strain=np.column_stack([values, values]),
-                          gaps=(900,), path='run')
+    strain = np.column_stack([recording.strain[:, 0], values])
+    parted = recording_of(recording.q, RATE, strain=strain, gaps=(900,), path='run')
     assert _found(parted) == []
 
 
@@ -164,7 +165,9 @@ def test_a_value_that_is_held_at_rest_is_no_fault(recording: Recording) -> None:
     """Neither motion nor reading changes for three seconds."""
     assert recording.strain is not None
     q, strain = recording.q.copy(), recording.strain.copy()
-    q[600:900], strain[600:900] = q[600], strain[600]
+    still = slice(600, 900)
+    q[still], strain[still] = q[600], strain[600]
+    q[still.stop:] += q[600] - q[still.stop]  # it goes on from where it stood
     assert _found(replace(recording, q=q, strain=strain)) == []
 
 

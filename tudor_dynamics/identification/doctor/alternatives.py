@@ -196,6 +196,20 @@ def directions(case: Case) -> Iterator[Alternative]:
                               f'effort of {name} {words}', '', -1.0, mixed)
 
 
+def scales(case: Case) -> Iterator[Alternative]:
+    """Try each joint in another scale: counts, gears."""
+    names = case.arm.active_joints
+    if len(case.now) < 2:
+        return
+    for i, name in enumerate(names):
+        for scale in settings.JOINT_SCALES if case.moves[i] else ():
+            mixed = _scaled(len(names), i, scale)
+            yield Alternative(
+                case, 'joint_scale', (name,), _of_motion(case, mixed),
+                f'{name} moves about {scale:.3g} times what its positions say', '', scale,
+                turned=mixed)
+
+
 def exchanges(case: Case) -> Iterator[Alternative]:
     """Try each two joints, efforts and gauges exchanged."""
     names, n = case.arm.active_joints, len(case.arm.active_joints)
@@ -276,7 +290,7 @@ def _coupled(
 def choose(case: Case) -> list[Alternative]:
     """Choose what explains a recording better than the description, the best of each kind."""
     best: dict[str, Alternative] = {}
-    for candidates in (gravities, directions, exchanges, units, drives):
+    for candidates in (gravities, directions, scales, exchanges, units, drives):
         for item in candidates(case):
             if item.kind not in best or item.gain > best[item.kind].gain:
                 best[item.kind] = item

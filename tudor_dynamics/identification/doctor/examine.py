@@ -35,7 +35,8 @@ from tudor_dynamics.identification.doctor.alternatives import (
     Alternative, choose, driven_by_friction, lags, opposite, velocity_lag)
 from tudor_dynamics.identification.doctor.case import Case, decimate, Explained, gain, relative
 from tudor_dynamics.identification.doctor.findings import Finding, found, RESIDUAL
-from tudor_dynamics.identification.doctor.samples import look_at_samples, sizes, trends
+from tudor_dynamics.identification.doctor.residuals import trends
+from tudor_dynamics.identification.doctor.samples import look_at_samples, sizes
 from tudor_dynamics.identification.doctor.trials import Trials
 from tudor_dynamics.load.rows import LoadRows
 from tudor_dynamics.signals.preprocessing import Timing
@@ -43,7 +44,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 THOUSAND = 1000.0
-BROKEN = ('constant', 'held', 'dying', 'saturated')
+BROKEN = ('constant', 'held', 'dying', 'saturated', 'alternating', 'copied_channel')
 """Findings of channels whose values no description is judged by."""
 
 

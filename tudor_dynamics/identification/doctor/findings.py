@@ -32,7 +32,6 @@ class Check(NamedTuple):
 
 RESIDUAL = 'relative residual'
 UNSEEN = 'relative error of parts left out'
-WIRING = 'check sensor and wiring; '
 NAMES = 'correct the names in the driver or in the description'
 UNIT = 'correct joints[].effort.unit, or scale the efforts in the driver'
 PLACE = 'give gauges[].distance in metres, from the axis of the joint along its link'
@@ -85,6 +84,37 @@ CHECKS = {
     'outlier': Check(
         'single samples far off', 'repair the driver or the wiring, or leave this part out with '
         'BAG@BEGIN-END%', one_bag=True),
+    'positions_wrapped': Check(
+        'positions jump by a turn', 'let the driver count turns on', 'rad', one_bag=True),
+    'position_jump': Check(
+        'position jumps', 'check encoder, coupling and index mark; leave this part out with '
+        'BAG@BEGIN-END%', one_bag=True),
+    'position_held': Check(
+        'position held for a while', 'check encoder and bus; leave this part out with '
+        'BAG@BEGIN-END%', 's', one_bag=True),
+    'noisy_positions': Check('positions noisy', 'check the shield of the encoder'),
+    'stale': Check('positions repeated in motion',
+                   'publish each reading once, with the stamp at which it was taken'),
+    'filled': Check('samples filled by straight lines', 'record what was measured alone'),
+    'copied_channel': Check('channel gives the values of another', NAMES),
+    'alternating': Check('zeros between the samples',
+                         'publish a value only where there is one'),
+    'rectified': Check('channel without its sign', 'let the driver publish signed values', '',
+                       RESIDUAL),
+    'coarse_positions': Check('positions of few digits', 'publish positions as they are measured'),
+    'coarse_channel': Check('channel of few digits', 'widen or narrow the range of the driver'),
+    'hum': Check('wave of one frequency',
+                 'check ground and shield, or sample faster and filter', 'Hz', RESIDUAL),
+    'gain_step': Check('channel changes its gain', 'check amplifier and connectors; leave one '
+                       'part out with BAG@BEGIN-END%', '', RESIDUAL, one_bag=True),
+    'offset_step': Check('channel changes its zero', 'check amplifier and connectors; leave one '
+                         'part out with BAG@BEGIN-END%', '', RESIDUAL, one_bag=True),
+    'payload_changed': Check('load changed while recording', 'leave one part out with '
+                             'BAG@BEGIN-END%', '', RESIDUAL, one_bag=True),
+    'unexplained': Check('channel that is not explained', 'look at it beside the motion, or do '
+                         'without it', '', RESIDUAL),
+    'joint_scale': Check('position of a joint in another scale', 'correct counts per turn or the '
+                         'gear ratio in the driver', '', RESIDUAL),
     'saturated': Check('channel saturated', 'widen the range of amplifier or driver, or move more '
                        'slowly', one_bag=True),
     'held': Check('channel held for a while', 'check sensor, wiring and driver; leave this part '

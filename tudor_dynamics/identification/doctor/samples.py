@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,15 +24,14 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
-from tudor_dynamics.identification.doctor.alternatives import Alternative
-from tudor_dynamics.identification.doctor.case import Case, Explained, share_of
+from tudor_dynamics.identification.doctor.case import Case
+from tudor_dynamics.identification.doctor.channels import Channel, channels, runs, until
 from tudor_dynamics.identification.doctor.findings import Finding, found
+from tudor_dynamics.identification.doctor.readings import look_at_readings
 from tudor_dynamics.load.rows import Described, described_masses
 from tudor_dynamics.load.settings import BELIEVED
 from tudor_dynamics.signals.preprocessing import Timing, timing
 from tudor_dynamics.typing import FloatArray, IndexArray
-
-SINGULAR = {'q': 'position of', 'effort': 'effort of', 'strain': 'gauge'}
 
 
 def look_at_samples(
@@ -43,81 +41,10 @@ def look_at_samples(
     """Look at what needs no description: samples and stamps; give the bag without outliers."""
     clean, findings = outliers(recording, joints, gauges)
     moves = moving(clean)
-    return clean, [*findings, *flat(clean, joints, gauges, moves), *standstill(clean, moves),
-                   *oddities(recording), *jitter(clean, retimed)]
-
-
-def trends(chosen: Alternative) -> list[Finding]:
-    """Look for drift and for channels that die, in the residuals of the bag's own model."""
-    case, t = chosen.case, chosen.case.decimated.t
-    findings = []
-    for name, explained in chosen.explained.items():
-        output, line = chosen.output(name), t - t.mean()
-        straight = explained.extended(line)
-        for i in np.flatnonzero(case.sound[name]).tolist():
-            channel, y = case.bodies[name].channels[i], output[:, i]
-            words = f'{SINGULAR[name]} {channel}'
-            dead = _dies(explained, i, t, y)
-            if dead is not None:
-                findings.append(found(
-                    'dying', f'{words} follows the arm no more from {dead:.2f} s on',
-                    case.recording.path, (channel,), time=dead, size=float(t[-1]) - dead,
-                    remedy=_until(case.recording, dead)))
-                continue
-            # the slope by Frisch and Waugh: both sides freed of all other columns
-            x, z = explained.rest(i, line), explained.rest(i, y)
-            rise = float(x @ z) / max(float(x @ x), 1e-300) * float(t[-1] - t[0])
-            now, both = float(share_of(z, y)), float(share_of(straight.rest(i, y), y))
-            if (np.log(now / both) > settings.DRIFT_GAIN * case.brevity
-                    and abs(rise) > settings.DRIFT_SIZE * float(np.std(y))):
-                findings.append(found(
-                    'drift', f'{words} drifts by {rise:.4g} in {t[-1] - t[0]:.4g} s',
-                    case.recording.path, (channel,), time=0.0, size=rise,
-                    now=float(np.sqrt(now)), otherwise=float(np.sqrt(both))))
-    return findings
-
-
-def _until(recording: Recording, time: float) -> str:
-    return f'check sensor and wiring; use BAG@0-{100 * time / recording.t[-1]:.0f}% until then'
-
-
-def _dies(explained: Explained, channel: int, t: FloatArray, y: FloatArray) -> float | None:
-    """
-    Say from when on a channel is quiet to the end, though the arm moves on.
-
-    What is expected of it comes from what it measured before: what is dead would teach to expect
-    little.
-    """
-    if t[-1] - t[0] < settings.SHORTEST:
-        return None  # windows of less than half a second are too short to judge
-    edges = np.linspace(t[0], t[-1], settings.WINDOWS + 1)
-    for k in range(settings.WINDOWS // 4, settings.WINDOWS - 1):
-        before = t < edges[k]
-        lived, after = float(np.std(y[before])), y[~before]
-        if float(np.std(after)) > settings.QUIET * lived:
-            continue
-        expected = explained.predicted(channel, y, before)
-        error, spread = float(np.std((y - expected)[before])), float(np.std(expected[~before]))
-        if error > settings.ALIVE * lived or spread < settings.EXPECTED * lived:
-            continue  # nobody knows what it did, or it may well be quiet
-        if float(np.std(after)) > settings.QUIET * spread:
-            continue
-        # what was predicted may be wrong: both parts together must not be explained as well
-        apart = float(np.sum((y - expected)[before] ** 2)) + len(after) * float(np.var(after))
-        together = y - explained.predicted(channel, y, np.ones(len(y), dtype=bool))
-        if np.log(float(together @ together) / max(apart, 1e-300)) > settings.DEAD_GAIN:
-            return _last_alive(edges[:k + 1], t, y, expected)
-    return None
-
-
-def _last_alive(edges: FloatArray, t: FloatArray, y: FloatArray, expected: FloatArray) -> float:
-    for begin, end in zip(edges[-2::-1], edges[:0:-1], strict=True):
-        inside = (t >= begin) & (t <= end)
-        x, z = expected[inside], y[inside]
-        x, z = x - x.mean(), z - z.mean()
-        if float(x @ z) > settings.FOLLOWS * float(x @ x):
-            return float(end)
-    return float(edges[0])
+    readings = look_at_readings(clean, list(channels(clean, joints, gauges))) if (
+        moves.any()) else []
+    return clean, [*findings, *flat(clean, joints, gauges, moves), *readings,
+                   *standstill(clean, moves), *oddities(recording), *jitter(clean, retimed)]
 
 
 def sizes(case: Case) -> list[Finding]:
@@ -173,33 +100,6 @@ def _by_masses(case: Case, known: Described) -> list[Finding]:
         measure='measured effort over that of the masses')]
 
 
-@dataclass(frozen=True, eq=False)
-class Channel:
-    """A column of a recording."""
-
-    field: str  # array it stands in
-    name: str  # joint or gauge
-    column: int  # column of the array
-    values: FloatArray  # samples in their unit, (n,)
-    bag: str
-
-    def found(self, kind: str, what: str, time: float, size: float, remedy: str = '') -> Finding:
-        """Say what it does."""
-        return found(kind, f'{SINGULAR[self.field]} {self.name}{what}', self.bag, (self.name,),
-                     time=time, size=size, remedy=remedy)
-
-
-def channels(
-    recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
-) -> Iterator[Channel]:
-    """Go through positions, efforts and strains, by joint and gauge."""
-    for field, names in (('q', joints), ('effort', joints), ('strain', gauges)):
-        values = getattr(recording, field)
-        if values is not None:
-            for i, name in enumerate(names):
-                yield Channel(field, name, i, values[:, i], recording.path)
-
-
 def outliers(
     recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
 ) -> tuple[Recording, list[Finding]]:
@@ -242,12 +142,6 @@ def _far_off(
                     largest = max(largest, abs(float(steps[first])))
                     break
     return np.unique(np.array(places, dtype=np.intp)), largest
-
-
-def runs(x: FloatArray) -> tuple[IndexArray, IndexArray]:
-    """Give first sample and length of each run of equal values of ``x``."""
-    first = np.flatnonzero(np.diff(x, prepend=np.nan) != 0.0)
-    return first, np.diff(first, append=len(x))
 
 
 def flat(
@@ -309,7 +203,7 @@ def _held(
     value = float(values[begin])
     if end >= len(t) - 1:
         return item.found('dying', f' dies at {at:.2f} s: {value:.4g} from there to the end', at,
-                          seconds, _until(recording, at))
+                          seconds, until(recording, at))
     if (value in (values.min(), values.max()) and len(others) > 2
             and int(others[2]) * settings.VISITS > longest):
         return None  # several visits to the end of the range are a saturation

@@ -1,0 +1,124 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Readings that no arm makes, put into a recording of a known one, and what is said of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+
+from doctor_making import column, described, healthy
+import numpy as np
+import pytest
+
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.identification.doctor.examine import examine
+from tudor_dynamics.identification.doctor.findings import Finding
+from tudor_dynamics.typing import FloatArray
+
+Change = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+def found(recording: Recording) -> dict[str, Finding]:
+    """Give what is found, by kind."""
+    return {item.kind: item for item in examine(described(), recording).findings}
+
+
+def of(field: str, change: Change, i: int = 0) -> Recording:
+    """Change a column of a healthy recording, by time and values."""
+    one = healthy(seconds=40.0)
+    return replace(one, **{field: column(getattr(one, field), i, lambda x: change(one.t, x))})
+
+
+def held(t: FloatArray, x: FloatArray) -> FloatArray:
+    """Keep a value for a second."""
+    inside = (t > 20.0) & (t < 21.0)
+    return np.where(inside, x[np.argmax(inside)], x)
+
+
+def lines(t: FloatArray, x: FloatArray) -> FloatArray:
+    """Leave every fifth sample between straight lines."""
+    return np.interp(np.arange(len(x)), np.arange(0, len(x), 5), x[::5])
+
+
+@pytest.mark.parametrize(('change', 'kind', 'size'), [
+    (lambda t, x: x + 0.05 * (t > 20.0), 'position_jump', 0.05),
+    (lambda t, x: np.where(t > 20.0, x - 2.0 * math.pi, x), 'positions_wrapped', -2.0 * math.pi),
+    (held, 'position_held', 1.0),
+    (lambda t, x: x[np.arange(len(x)) // 10 * 10], 'stale', 0.9),
+    (lambda t, x: x + np.random.default_rng(0).normal(0.0, 0.01, len(x)), 'noisy_positions', 0.01),
+], ids=lambda item: item if isinstance(item, str) else '')
+def test_positions(change: Change, kind: str, size: float) -> None:
+    """What an encoder does and no joint: with its size, and the joint."""
+    item = found(of('q', change))[kind]
+    assert item.channels == ('j1',)
+    assert item.size == pytest.approx(size, rel=0.1, abs=0.01)
+
+
+@pytest.mark.parametrize(('change', 'kind'), [
+    (lambda t, x: x * (np.arange(len(x)) % 2), 'alternating'),
+    (lambda t, x: np.random.default_rng(1).normal(5.0, 0.3, len(x)), 'constant'),
+    (lambda t, x: np.round(x / (0.1 * np.ptp(x))) * 0.1 * np.ptp(x), 'coarse_channel'),
+    (lambda t, x: np.abs(x - np.median(x)), 'rectified'),
+    (lambda t, x: np.where(t > 20.0, 0.4, 1.0) * x, 'gain_step'),
+    (lambda t, x: x + 0.3 * np.ptp(x) * (t > 20.0), 'offset_step'),
+    (lambda t, x: x + 0.2 * np.ptp(x) * np.sin(2.0 * np.pi * 21.0 * t), 'hum'),
+    (lambda t, x: x + 0.2 * np.ptp(x) * np.sin(2.0 * np.pi * 7.3 * t), 'hum'),
+    (lambda t, x: np.random.default_rng(2).permutation(np.repeat(x[::50], 50).reshape(-1, 50))
+     .ravel()[:len(x)], 'unexplained')], ids=lambda item: item if isinstance(item, str) else '')
+@pytest.mark.parametrize('field', ['effort', 'strain'])
+def test_channels(field: str, change: Change, kind: str) -> None:
+    """What an amplifier or a driver does and no arm."""
+    assert kind in found(of(field, change))
+
+
+def test_a_channel_that_copies_another() -> None:
+    """Both are named: which of them is right cannot be known."""
+    one = healthy()
+    assert one.strain is not None
+    copied = replace(one, strain=np.column_stack([one.strain[:, 0]] * 2))
+    assert found(copied)['copied_channel'].channels == ('g1', 'g2')
+
+
+def test_samples_filled_by_lines() -> None:
+    """All channels lie on them, with noise elsewhere."""
+    one = healthy(seconds=40.0)
+
+    def filled(values: FloatArray | None) -> FloatArray:
+        assert values is not None
+        part = slice(1000, 1500)
+        straight = np.stack([lines(one.t[part], x) for x in values[part].T], axis=1)
+        return np.vstack([values[:1000], straight, values[1500:]])
+    noisy = one.q + np.random.default_rng(0).normal(0.0, 1e-4, one.q.shape)
+    whole = replace(one, q=filled(noisy), effort=filled(one.effort), strain=filled(one.strain))
+    assert found(whole)['filled'].time == pytest.approx(10.0, abs=0.1)
+
+
+def test_loads_that_change() -> None:
+    """Efforts of several joints that change at one time are no fault of each."""
+    one, two = healthy(seconds=40.0), healthy(seconds=40.0, payload=2.0)
+    assert one.effort is not None and two.effort is not None
+    late = one.t > 20.0
+    mixed = replace(one, effort=np.where(late[:, None], two.effort, one.effort), strain=None)
+    kinds = set(found(mixed))
+    assert kinds & {'payload_changed', 'gain_step'} and not kinds & {'joint_sign', 'gravity_axis'}
+
+
+@pytest.mark.parametrize('factor', [0.5, 1.25, 2.0])
+def test_a_joint_in_another_scale(factor: float) -> None:
+    """Counts of single edges, or the ratio of another gear."""
+    item = found(of('q', lambda t, x: factor * x, 1))['joint_scale']
+    assert item.channels == ('j2',) and item.size == pytest.approx(1.0 / factor, rel=0.1)
