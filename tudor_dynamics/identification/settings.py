@@ -234,9 +234,10 @@ SIGNED = 0.25  # part of a share of the variance that remains with the sign gues
 STEP_SECONDS, STEP_WITHIN = 6.0, (0.3, 0.7)  # of recordings, in which a gain or zero may change
 STEPS = 11  # times that are tried there; what changes at the ends is friction (bench/lab_faults)
 AT_ONCE = 0.25  # part of the time by which changes of one load may be apart
-STEPPED = 0.42  # part of a residual's power that remains with it
+STEPPED = (0.25, 0.42)  # part of a residual's power that remains with it: short, long recordings
+STEP_LONG = 40.0  # longer recordings show more [s]
 STEP_SHARE = 1e-3  # part of the variance that it explains
-WAVE = 0.3  # part of a residual's power in a wave
+WAVE, WAVE_ABOVE = 0.3, 0.5  # part of a residual's power in a wave, above [Hz]
 UNEXPLAINED = 0.6  # relative residual beyond which nothing is explained: a fit below 40 %
 # (doctor/readings.py)
 COPIED, COPIED_EXACTLY = 0.05, 1e-3  # part of an effort, of a gauge, in which copies differ
@@ -253,7 +254,7 @@ FAR_FROM_ZERO, ALTERNATING = 0.2, 0.05  # of the spread of a channel; part of th
 WHITE, WHITE_LAGS = 4.0, 8  # deviations of an autocorrelation that is none
 LEVELS = 24  # values of a channel of few digits
 HUM_SAMPLES, HUM_ABOVE = 256, 12.0  # [Hz]
-HUM_SHARE, HUM_PEAK = 4e-3, 50.0  # part of the variance; times what is around
+HUM_SHARE, HUM_PEAK = 1e-2, 50.0  # part of the variance; times what is around
 STANDSTILL = 3.0  # ends without motion that are longer are reported [s] (bench/doctor)
 
 # -- Comparisons of bags (doctor/between.py)

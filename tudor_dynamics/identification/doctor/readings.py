@@ -22,13 +22,12 @@ from itertools import combinations
 import math
 
 import numpy as np
-from scipy.signal import welch
 
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.channels import Channel, runs
 from tudor_dynamics.identification.doctor.findings import Finding
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.identification.ringdowns import power_density
 
 
 def look_at_readings(recording: Recording, items: Sequence[Channel]) -> list[Finding]:
@@ -79,11 +78,13 @@ def _jump(recording: Recording, item: Channel) -> Finding | None:
     even = np.abs(spans / recording.dt - 1.0) < settings.EVEN_STAMPS
     for part in recording.segments[:-1]:
         even[part.stop - 1] = False
-    if len(steps) < 7 or not even.any():
+    if len(steps) < 7:
         return None
     speed = np.pad(np.where(even, steps / spans, np.nan), 3, mode='edge')
     near = np.array([np.roll(speed, k)[3:-3] for k in (-3, -2, -1, 1, 2, 3)])
     even &= np.isfinite(near).all(axis=0)
+    if not even.any():
+        return None
     excess = np.where(even, steps - np.median(near, axis=0) * spans, 0.0)
     least = max(settings.JUMPED * float(np.percentile(np.abs(excess), 99.5)),
                 float(np.percentile(np.abs(steps[even]), 99.0)), settings.LEAST_JUMP)
@@ -171,14 +172,17 @@ def _hum(recording: Recording, item: Channel) -> Finding | None:
              if part.stop - part.start >= settings.HUM_SAMPLES]
     if not parts:
         return None
-    spectra = np.array([power for part in parts for power in _spectra(item.values[part])])
-    frequency = np.fft.rfftfreq(settings.HUM_SAMPLES, recording.dt)
+    n = settings.HUM_SAMPLES
+    blocks = [power_density(item.values[k:k + n, None], 1.0 / recording.dt, n)
+              for part in parts for k in range(part.start, part.stop - n + 1, n)]
+    frequency = blocks[0][0]
+    spectra = np.array([density[:, 0] for _, density in blocks]) * frequency[1]
     if len(spectra) < 4:
         return None
     # what gears and structures do comes and goes with motion: a mains does not
-    lasting = np.where(frequency > settings.HUM_ABOVE, np.percentile(spectra, 10.0, axis=0), 0.0)
+    lasting = np.where(frequency > settings.HUM_ABOVE, spectra.min(axis=0), 0.0)
     peak = int(np.argmax(lasting))
-    near = slice(max(peak - 2, 0), peak + 3)
+    near = slice(max(peak - 1, 0), peak + 2)
     line = float(lasting[near].sum())
     around = float(np.median(lasting[max(peak - 20, 0):peak + 21]))
     if (line < settings.HUM_SHARE * float(np.var(item.values))
@@ -186,10 +190,3 @@ def _hum(recording: Recording, item: Channel) -> Finding | None:
         return None
     return item.found('hum', f' has a wave of {frequency[peak]:.3g} Hz with an amplitude of '
                       f'{math.sqrt(2.0 * line):.3g} throughout', 0.0, float(frequency[peak]))
-
-
-def _spectra(x: FloatArray) -> list[FloatArray]:
-    """Give the power of blocks by frequency, the sum of which is the variance."""
-    n = settings.HUM_SAMPLES
-    return [welch(x[k:k + n], nperseg=n, scaling='density')[1] / n
-            for k in range(0, len(x) - n + 1, n)]

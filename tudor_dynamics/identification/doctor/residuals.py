@@ -167,7 +167,7 @@ def _step(chosen: Alternative, name: str, i: int) -> Finding | None:
             best = share, float(at), float(values[0]), float(values[1])
     share, at, zero, gain = best
     now = float(share_of(left, y))
-    if share > settings.STEPPED or now * (1.0 - share) < settings.STEP_SHARE:
+    if share > settings.STEPPED[t[-1] - t[0] > settings.STEP_LONG] or now * (1.0 - share) < settings.STEP_SHARE:
         return None
     size = float(np.std(predicted))
     what = (f'has another gain from about {at:.1f} s on' if abs(gain) * size > abs(zero) else
@@ -187,7 +187,8 @@ def _wave(chosen: Alternative, name: str, i: int) -> Finding | None:
     pieces = [power_density(np.column_stack([left, case.motion[:, n:2 * n]])[k:k + length],
                             1.0 / step, length) for k in range(0, len(left) - length + 1, length)]
     frequency, spectra = pieces[0][0], np.array([density for _, density in pieces])
-    lasting = spectra[:, :, 0].min(axis=0)  # what rings dies out, or comes with motion
+    # what rings dies out, or comes with motion
+    lasting = np.where(frequency > settings.WAVE_ABOVE, spectra[:, :, 0].min(axis=0), 0.0)
     peak = int(np.argmax(lasting))
     near = np.abs(frequency - frequency[peak]) <= HALF_WIDTH * frequency[peak]
     line = float(lasting[near].sum() / spectra[:, :, 0].mean(axis=0).sum())
