@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.bags.merit import COLUMNS, read_merit
+from tudor_dynamics.cli.import_merit import COLUMNS, read_merit
 from tudor_dynamics.typing import FloatArray
 
 MOVING = 0.05
