@@ -21,10 +21,9 @@ import pytest
 
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.fleet import pieces
-from tudor_dynamics.fleet.sums import Folder
 from tudor_dynamics.identification.dataset import BagChoice, SurveyedBag
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.identification.passes import Task
+from tudor_dynamics.identification.passes import Folder, Task
 
 DAYS = [datetime.date(2026, 1, day) for day in (1, 2, 3)]
 ALL = {('cell', DAYS[1]): [SurveyedBag(BagChoice('bag_4'), 'b' * 64, 0.2)],

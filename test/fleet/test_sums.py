@@ -22,12 +22,11 @@ import pytest
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.fleet import sums
 from tudor_dynamics.fleet.cluster import packed, unpacked
-from tudor_dynamics.fleet.sums import Folder
+from tudor_dynamics.identification import passes
 from tudor_dynamics.identification.dataset import BagChoice, SurveyedBag, Unused
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.identification.passes import Found, Memory, Task, Trial
+from tudor_dynamics.identification.passes import Folder, Found, Memory, Task, Trial
 from tudor_dynamics.parallel import Count
 
 OLD, NEW = ('-'.join((24 * letter, 16 * letter)) + '.npz' for letter in 'ab')
@@ -47,7 +46,7 @@ def test_a_folder_keeps_what_is_used(tmp_path: Path) -> None:
 
 def test_what_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file that no bag can come to counts as none: it is made again."""
-    monkeypatch.setattr(sums, 'LARGEST', 10)
+    monkeypatch.setattr(passes, 'LARGEST', 10)
     folder = Folder(tmp_path)
     folder.write(OLD, b'x' * 11)
     folder.write(NEW, b'x' * 10)

@@ -38,14 +38,13 @@ from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, FitError, TudorWarning, UsageError
 from tudor_dynamics.fleet.cluster import Cluster, packed, unpacked
-from tudor_dynamics.fleet.sums import Folder
 from tudor_dynamics.identification import passes
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, cut, SurveyedBag, Unused)
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
 from tudor_dynamics.identification.passes import (
-    _gather, Memory, Spool, Task, Trial)
+    _gather, Folder, Memory, Spool, Task, Trial)
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.parallel import given_to

@@ -33,7 +33,6 @@ from tudor_dynamics.cli.excite import print_comparison
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import read_bounded
 from tudor_dynamics.fleet.cluster import on_cluster
-from tudor_dynamics.fleet.sums import Folder, SUFFIX
 from tudor_dynamics.identification.dataset import found_choices, parse_payloads
 from tudor_dynamics.identification.excitation_plan import read_plan
 from tudor_dynamics.identification.fit import (
@@ -41,6 +40,7 @@ from tudor_dynamics.identification.fit import (
 from tudor_dynamics.identification.loads import figures
 from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
 from tudor_dynamics.identification.next_steps import Assessment
+from tudor_dynamics.identification.passes import Folder, SUFFIX
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.library import change_bags, fit_choices
 from tudor_dynamics.models.bundle_io import check_target, load_bundle, save_bundle

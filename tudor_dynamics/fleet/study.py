@@ -35,7 +35,6 @@ from tudor_dynamics.fleet.comparison import (
     aged, Fleet, Measure, measures, Named, named_aged, named_outliers, Observation, parted,
     quantities, ring_quantities, WORDS)
 from tudor_dynamics.fleet.pieces import model_pieces, ModelTask, ring_pieces, stiffnesses
-from tudor_dynamics.fleet.sums import Folder
 from tudor_dynamics.identification.choice import choices_of, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, common_outputs, filtered, found_choices, load, spread_sample, SurveyedBag,
@@ -44,7 +43,7 @@ from tudor_dynamics.identification.elastic_trainer import check_arm
 from tudor_dynamics.identification.fit import FitSettings, RowTrainer
 from tudor_dynamics.identification.many_bags import fold_models
 from tudor_dynamics.identification.next_steps import ErrorChange
-from tudor_dynamics.identification.passes import gather, Part, survey, Task
+from tudor_dynamics.identification.passes import Folder, gather, Part, survey, Task
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.show.figures import (
     BLUE, label, new_figure, on_page, plain_text, VERMILION)

@@ -15,8 +15,8 @@
 """
 Passes over many bags: survey, products, errors of models; one bag after the other.
 
-What a bag comes to is bytes in a store, under a name of all that it depends on: in memory, or
-wherever else a caller keeps them (`Store`), so that an interrupted fit goes on.
+What a bag comes to is bytes in a `Store`, under a name of all that it depends on: in memory, or on
+disk, so that an interrupted fit goes on.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ import hashlib
 import json
 from os import SEEK_END
 from pathlib import Path
+import re
 from tempfile import SpooledTemporaryFile
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -37,7 +38,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, FitError, quiet, TudorError
-from tudor_dynamics.files import source_digest
+from tudor_dynamics.files import read_bounded, source_digest, write_whole
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, BagFacts, facts_of, filtered, load, model_for, OUTPUTS, SurveyedBag,
     training_blocks, Unused)
@@ -53,34 +54,20 @@ PARTS = ('arm', 'bags', 'signals', 'models', 'identification')
 """Parts of the package that sums depend on."""
 SPOOLED = 256_000_000
 """Bytes of what bags came to that stay in memory."""
+LARGEST = 200_000_000
+"""Bytes of what one bag came to."""
+NAME = re.compile(r'[0-9a-f]{24}-[0-9a-f]{16}\.(npz|json)')
+"""Of a file: checksum of the bag, digest of settings and sources."""
+SUFFIX = '.sums'
+"""Of the directory next to a bundle in which sums are kept."""
 Place = tuple[int, str]
 """Number of the filters among those of a task, and the output."""
-
-
-class Store(Protocol):
-    """Where what bags came to is kept."""
-
-    @property
-    def shared(self) -> bool:
-        """Say whether other processes write into it; else what they found is sent back."""
-
-    def read(self, name: str) -> bytes | None:
-        """Read what was kept; None where nothing is."""
-
-    def write(self, name: str, content: bytes) -> None:
-        """Keep something, whole or not at all."""
-
-    def forget(self, used: Collection[str]) -> None:
-        """Remove what bags came to under settings or sources of before."""
-
-    def place(self, name: str) -> str:
-        """Say where something is kept, in words."""
 
 
 class Memory(dict[str, bytes]):
     """What bags came to, in memory."""
 
-    shared = False
+    shared = False  # what other processes find is sent back
 
     def read(self, name: str) -> bytes | None:
         """Read what was kept; None where nothing is."""
@@ -116,6 +103,38 @@ class Spool(Memory):
         """Keep something."""
         self._places[name] = self._file.seek(0, SEEK_END), len(content)
         self._file.write(content)
+
+
+@dataclass(frozen=True)
+class Folder:
+    """The same on disk: a directory with a file for each bag, made where it is not."""
+
+    path: Path
+    shared = True  # other processes and machines write into it
+
+    def read(self, name: str) -> bytes | None:
+        """Read what was kept; None where nothing is."""
+        try:
+            return read_bounded(self.path / name, LARGEST)
+        except (OSError, ValueError):
+            return None
+
+    def write(self, name: str, content: bytes) -> None:
+        """Keep something, whole or not at all."""
+        write_whole(self.path / name, content)
+
+    def forget(self, used: Collection[str]) -> None:
+        """Remove what bags came to under settings or sources of before."""
+        for file in self.path.iterdir():
+            if file.name not in used and NAME.fullmatch(file.name):
+                file.unlink(missing_ok=True)
+
+    def place(self, name: str) -> str:
+        """Say where something is kept, in words."""
+        return str(self.path / name)
+
+
+Store = Memory | Folder
 
 
 @dataclass(frozen=True, eq=False)
