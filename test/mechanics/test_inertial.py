@@ -35,8 +35,8 @@ def test_at_rest_it_points_upwards() -> None:
     assert sensors.names == ('motor', 'tip')
     felt = sensors.read(plant, Probe(plant).observe().acceleration)
     up = -plant.mechanism.gravity
-    for axes, force, turning in zip(felt.sensor_axes, felt.sensor_acceleration,
-                                    felt.sensor_turning, strict=True):
+    for axes, force, turning in zip(*(
+            felt[f'sensor_{what}'] for what in ('axes', 'acceleration', 'turning')), strict=True):
         np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
         np.testing.assert_allclose(axes @ force, up, atol=1e-6)
         np.testing.assert_allclose(turning, 0.0, atol=1e-12)

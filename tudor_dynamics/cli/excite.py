@@ -18,11 +18,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict
 import math
 from pathlib import Path
 import time
-from typing import Any
 
 import numpy as np
 from rich.progress import BarColumn, TimeElapsedColumn
@@ -44,12 +42,7 @@ from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.typing import FloatArray
 
 
-# -- How well motions show an arm's parameters, as a table and as plain values
-
-def condition_values(report: Conditions) -> dict[str, Any]:
-    """Give the condition numbers of a motion as plain values."""
-    return {output: [asdict(group) for group in groups] for output, groups in report.items()}
-
+# -- How well motions show an arm's parameters, as a table
 
 def print_conditions(names: Sequence[str], reports: Sequence[Conditions]) -> None:
     """Print the condition numbers of motions."""

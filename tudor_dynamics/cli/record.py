@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 import time
 
@@ -25,7 +26,7 @@ from rich.progress import BarColumn, TimeRemainingColumn
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.cli.console import (
     add_running, bar, finite, new_table, print_json, print_table)
-from tudor_dynamics.cli.excite import condition_values, print_conditions
+from tudor_dynamics.cli.excite import print_conditions
 from tudor_dynamics.errors import BagError, check_budget, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.fleet.cluster import on_cluster
@@ -102,7 +103,8 @@ def _conditions(args: argparse.Namespace, arm: Arm, specs: list[StimulusSpec], d
     reports = [excitation_report(arm, stimulus_motion(
         arm, spec.excitation, spec.seconds, spec.motion_seed, dt)) for spec in specs]
     if args.json:
-        print_json(finite({name: condition_values(report)
+        print_json(finite({name: {output: [asdict(group) for group in groups]
+                                  for output, groups in report.items()}
                            for name, report in zip(names, reports, strict=True)}))
     else:
         print_conditions(names, reports)

@@ -369,10 +369,6 @@ class Named:
         return (f'{self.arm}: {WORDS[self.kind]}: {self.what}: {self.value:.3g} {self.unit}, '
                 f'{reference[self.kind]} {self.expected:.3g} ({self.sigmas:+.1f} standard errors)')
 
-    def as_dict(self) -> dict[str, Any]:
-        """Give it as plain values."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, eq=False)
 class Fleet:
@@ -389,7 +385,7 @@ class Fleet:
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values."""
         return {'name': self.name, 'arms': list(self.arms), 'models': self.models,
-                'named': [item.as_dict() for item in self.named],
+                'named': [asdict(item) for item in self.named],
                 'quantities': [item.as_dict() for item in self.seen],
                 'choices': list(self.choices), 'unused': [asdict(item) for item in self.unused]}
 

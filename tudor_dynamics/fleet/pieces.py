@@ -80,14 +80,8 @@ def _rings(piece: RingPiece, count: Count) -> Rings:
     return found
 
 
-def model_pieces(
-    asked: Sequence[ModelTask], jobs: int, progress: Progress,
-) -> list[Path | Unused]:
-    """Make the models of arms, those that are not there yet."""
-    return in_processes(_model, asked, jobs, progress)
-
-
-def _model(piece: ModelTask, count: Count) -> Path | Unused:
+def made_model(piece: ModelTask, count: Count) -> Path | Unused:
+    """Make the model of an arm, unless it is there."""
     out = piece.out / 'models' / piece.name
     mark = piece.out / 'sums' / f'{piece.name}.model'
     depends = hashlib.sha256(json.dumps([

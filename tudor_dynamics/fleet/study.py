@@ -34,7 +34,7 @@ from tudor_dynamics.files import load_yaml, read_bounded
 from tudor_dynamics.fleet.comparison import (
     aged, Fleet, Measure, measures, Named, named_aged, named_outliers, Observation, parted,
     quantities, ring_quantities, WORDS)
-from tudor_dynamics.fleet.pieces import model_pieces, ModelTask, ring_pieces, stiffnesses
+from tudor_dynamics.fleet.pieces import made_model, ModelTask, ring_pieces, stiffnesses
 from tudor_dynamics.identification.choice import choices_of, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, common_outputs, filtered, found_choices, load, spread_sample, SurveyedBag,
@@ -45,6 +45,7 @@ from tudor_dynamics.identification.many_bags import fold_models
 from tudor_dynamics.identification.next_steps import ErrorChange
 from tudor_dynamics.identification.passes import Folder, gather, Part, survey, Task
 from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.parallel import in_processes
 from tudor_dynamics.show.figures import (
     BLUE, label, new_figure, on_page, plain_text, VERMILION)
 from tudor_dynamics.show.page import rendered
@@ -167,7 +168,7 @@ def _figure(title: str, items: Sequence[Observation], named: Sequence[str]) -> F
             place = list(named).index(arm)
             look = {'color': COLOURS[place % len(COLOURS)], 'linewidth': 1.4,
                     'marker': MARKERS[place % len(MARKERS)], 'label': arm, 'zorder': 2}
-        axes.errorbar([_time(item.date) for item in some],
+        axes.errorbar([datetime.datetime.combine(item.date, datetime.time()) for item in some],
                       [item.quantity.value for item in some],
                       yerr=[item.quantity.error for item in some], markersize=4, capsize=2,
                       elinewidth=0.7, **look)
@@ -181,10 +182,6 @@ def _figure(title: str, items: Sequence[Observation], named: Sequence[str]) -> F
         for text in axes.legend(loc='best').get_texts():
             text.set_parse_math(False)
     return figure
-
-
-def _time(date: datetime.date) -> datetime.datetime:
-    return datetime.datetime.combine(date, datetime.time())
 
 
 # -- From the plan of a fleet to what is compared: the same choices for all arms, part by part
@@ -362,7 +359,8 @@ class _Study:
         for (name, when), date in list(self.dates.items()):
             pairs = [(sight, next(facts)) for sight in date.sights]
             used = [sight for sight, fact in pairs if not isinstance(fact, Unused)]
-            wrong = {_whole(fact.bag): fact.why for _, fact in pairs if isinstance(fact, Unused)}
+            wrong = {fact.bag.rpartition('@')[0] or fact.bag: fact.why  # the bag of a part
+                     for _, fact in pairs if isinstance(fact, Unused)}
             good = {sight.choice.path for sight in used}
             self.unused += [Unused(bag, why) for bag, why in wrong.items() if bag not in good]
             try:
@@ -413,7 +411,8 @@ class _Study:
                            self.dates[name, date].bags,
                            tuple(seen.checksum for seen in self.dates[name, date].whole),
                            self.run.out.absolute(), name) for name, date in last.items()]
-        answers = model_pieces(asked, self.run.jobs, lambda done: self.progress('models'))
+        answers = in_processes(made_model, asked, self.run.jobs,
+                               lambda done: self.progress('models'))
         self.unused += [item for item in answers if isinstance(item, Unused)]
         return {item.name: f'models/{item.name}' for item, made in zip(asked, answers, strict=True)
                 if not isinstance(made, Unused)}
@@ -422,8 +421,3 @@ class _Study:
 def _relative(path: str, base: Path) -> str:
     """Name a bag as the plan does."""
     return str(Path(path).relative_to(base)) if Path(path).is_relative_to(base) else path
-
-
-def _whole(bag: str) -> str:
-    """Give the bag of a part."""
-    return bag.rpartition('@')[0] or bag

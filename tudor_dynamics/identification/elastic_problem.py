@@ -190,7 +190,11 @@ def records_of(bags: Sequence[BagData]) -> list[Record]:
 # -- Simulations of an elastic arm along recordings, for several choices of parameters at once
 
 class Simulations:
-    """Arms that follow recordings, in threads and side by side: inner [s]."""
+    """
+    Arms that follow recordings, in threads and side by side.
+
+    inner: longest inner step, which may be changed [s]; runs: simulations done so far.
+    """
 
     def __init__(
         self, arm: Arm, records: Sequence[Record], names: tuple[str, ...],
@@ -316,23 +320,9 @@ class Problem:
         self.strain = np.vstack([r.strain[r.skip:] for r in records])
         spread = np.maximum(self.strain.std(axis=0), 1e-12)
         self.weights = np.tile(1.0 / spread, (len(self.strain), 1))
-        self._simulations = Simulations(arm, self.records, names, fixed, inner)
+        self.simulations = Simulations(arm, self.records, names, fixed, inner)
         self._last: list[tuple[FloatArray, FloatArray | None]] = []
         self._gains: FloatArray | None = None
-
-    @property
-    def runs(self) -> int:
-        """Give the number of simulations done so far."""
-        return self._simulations.runs
-
-    @property
-    def inner(self) -> float:
-        """Give the longest inner step of the simulation [s]."""
-        return self._simulations.inner
-
-    @inner.setter
-    def inner(self, seconds: float) -> None:
-        self._simulations.inner = seconds
 
     @property
     def unknowns(self) -> int:
@@ -360,7 +350,7 @@ class Problem:
 
     def _kept(self, several: Sequence[FloatArray]) -> list[FloatArray | None]:
         """Simulate, and remember it: one of them is asked for again."""
-        found = self._simulations.several(several)
+        found = self.simulations.several(several)
         self._last = [(x.copy(), one) for x, one in zip(several, found, strict=True)]
         return found
 
@@ -381,10 +371,10 @@ class Problem:
             errors = self.errors(moments, x)
             noise = robust_scale(errors, self.strain)
             trusted = self.strain + np.clip(errors, -TRUSTED * noise, TRUSTED * noise) - errors
-            drawn = self._simulations.draw(x, trusted, gauges, noise / np.abs(gauges[:, 0]),
-                                           bandwidth)
+            drawn = self.simulations.draw(x, trusted, gauges, noise / np.abs(gauges[:, 0]),
+                                          bandwidth)
         else:
-            self._simulations.release()
+            self.simulations.release()
         self._gains = None if gauges is None or not drawn else gauges[:, 0]
         self._last = []
         return self.extended(x)
@@ -410,7 +400,7 @@ class Problem:
     def fits(self, several: Sequence[FloatArray]) -> list[float]:
         """Give the fit on all records [%] for several vectors; -inf where one is impossible."""
         return [-np.inf if moments is None else fit_percent(self.errors(moments, x), self.strain)
-                for x, moments in zip(several, self._simulations.several(several), strict=True)]
+                for x, moments in zip(several, self.simulations.several(several), strict=True)]
 
     def residuals(self, several: Sequence[FloatArray]) -> list[FloatArray]:
         """Give weighted errors, and how far parameters are from their prior, in one vector."""
@@ -430,7 +420,7 @@ class Problem:
 
         return np.array([
             np.zeros_like(here) if there is None else (there - here) / STEP
-            for there in self._simulations.several(list(x + STEP * np.eye(len(x))))])
+            for there in self.simulations.several(list(x + STEP * np.eye(len(x))))])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Differentiate ``residuals``; what a gain or an offset can take up is left out."""
@@ -529,7 +519,8 @@ def result_of(
     n = len(problem.names)
     gauge_errors = np.sqrt(np.maximum(np.diag(covariance)[n:], 0.0)).reshape(-1, 2)
     return Identified(tuple(physical), gains, gauge_errors, robust_scale(errors, problem.strain),
-                      fit_percent(errors, problem.strain), starts, runs + problem.runs, untold)
+                      fit_percent(errors, problem.strain), starts,
+                      runs + problem.simulations.runs, untold)
 
 
 def _covariance(problem: Problem, x: FloatArray) -> FloatArray:

@@ -148,7 +148,7 @@ def descend(
     """Improve the parameters stage by stage: x (names,); returns (names,)."""
     for number, stage in enumerate(stages):
         report(number)
-        problem.inner = stage.inner
+        problem.simulations.inner = stage.inner
         x = problem.draw(x, stage.bandwidth)
         reweight(problem, x)
         x = improve(problem, x, stage.steps, stage.enough)
@@ -238,7 +238,7 @@ def compare_starts(
                  if name not in some}
         part = Problem(arm, pieces, some, fixed, x[index], width[index], inner=COARSE)
         x[index] = improve(part, x[index], steps)
-        runs += part.runs
+        runs += part.simulations.runs
         return part.fits([x[index]])[0]
 
     for share, count in STARTS.items():
@@ -259,7 +259,7 @@ def compare_starts(
     for share in order[:CANDIDATES]:
         better(first[share], MORE)
     return Starts(tuple(first[share] for share in order), tuple(start for start, _ in starts),
-                  runs + scan.runs)
+                  runs + scan.simulations.runs)
 
 
 def _peaks(
@@ -395,7 +395,7 @@ def _descended(task: _Descent, progress: Progress) -> _End:
     x = descend(problem, task.start, task.stages, lambda k: progress(
         f'elastic model, {task.name}, stage {k + 1} of {len(task.stages)}'))
     fit, = problem.fits([x])
-    return _End(x, fit, problem.runs)
+    return _End(x, fit, problem.simulations.runs)
 
 
 def taken_over(arm: Arm, records: Sequence[Record], found: Identified) -> Identified:

@@ -125,13 +125,6 @@ class ElasticTrainer:
         self._found: dict[tuple[str, ...], Identified] = {}
         self.searches: Searches = self._found
 
-    @staticmethod
-    def check(arm: Arm, bags: Sequence[BagData] | None = None) -> None:
-        """Refuse what no elastic model can be identified from."""
-        check_arm(arm)
-        if bags is not None:
-            records_of(bags)
-
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
         """Fit the model of one output."""
         self.prepare([bags])

@@ -29,8 +29,8 @@ from tudor_dynamics.errors import check_type, FitError, SignalError, TudorWarnin
 from tudor_dynamics.identification.dataset import (
     BagData, BagFacts, common_outputs, facts_of, model_for, OUTPUTS, part, training_blocks, Unused)
 from tudor_dynamics.identification.doctor.findings import Finding
-from tudor_dynamics.identification.elastic_problem import Identified
-from tudor_dynamics.identification.elastic_trainer import ElasticTrainer, Searches
+from tudor_dynamics.identification.elastic_problem import Identified, records_of
+from tudor_dynamics.identification.elastic_trainer import check_arm, ElasticTrainer, Searches
 from tudor_dynamics.identification.ringdowns import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
     Case, cases_of, judge_model, method_of, noise_floor, random_split, validated, Validation,
@@ -173,7 +173,9 @@ def check_kinds(
 ) -> None:
     """Refuse an arm or bags that a kind cannot learn from, before hours of work and not after."""
     if ELASTIC in kinds:
-        ElasticTrainer.check(arm, bags)
+        check_arm(arm)
+        if bags is not None:
+            records_of(bags)
 
 
 # -- From bags to models with a verdict: the offline tool's main job, without its command line

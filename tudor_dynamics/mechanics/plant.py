@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.mechanics import chain as at, integrator as gen, settings
@@ -99,6 +99,8 @@ class Plant:
     ----------
     tables : PlantTables
         Arrays of the plant, for compiled functions that advance or observe it.
+    coordinates, rates : ndarray of shape (n,)
+        All coordinates, joints and nodes, and their rates; views of the tables [rad, m].
     loaded : bool
         Whether forces act from outside.
     bodies : ndarray of int, shape (n_joints,)
@@ -123,6 +125,8 @@ class Plant:
             settings=np.zeros(gen.SETTINGS), prescribed=np.zeros(n, dtype=bool),
             torque=np.zeros(n), motion=np.zeros((3, n)), chain=mechanism.chain(),
             composite=mechanism.composite())
+        self.coordinates, self.rates = self.tables.vectors[gen.Z], self.tables.vectors[gen.DZ]
+        self._stiffness = self.tables.matrices[gen.STIFFNESS]  # of the straight links
         self.loaded = False
         self.tables.settings[[gen.STEP, gen.RHO, gen.TOLERANCE]] = dt, rho, tolerance
         self._q = mechanism.q_index
@@ -143,31 +147,11 @@ class Plant:
         self.tables.chain.base[:] = -mechanism.gravity
         self.tables.settings[gen.FACTORED] = 0.0
 
-    @property
-    def coordinates(self) -> FloatArray:
-        """All coordinates, joints and nodes; a view [rad, m]."""
-        return self.tables.vectors[gen.Z]
-
-    @property
-    def rates(self) -> FloatArray:
-        """Rates of all coordinates; a view."""
-        return self.tables.vectors[gen.DZ]
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """Elastic stiffness matrix of the straight links; a view."""
-        return self.tables.matrices[gen.STIFFNESS]
-
-    @property
-    def prescribed(self) -> NDArray[np.bool_]:
-        """Which coordinates follow a given motion; a view."""
-        return self.tables.prescribed
-
     def energy(self) -> Energy:
         """Give the energy of the present state [J]."""
         mechanism, chain, z, dz = self.mechanism, self.tables.chain, self.coordinates, self.rates
         kinetic = 0.5 * dz @ self.mass_matrix() @ dz
-        elastic = 0.5 * z @ self.stiffness @ z + stretch_energy(
+        elastic = 0.5 * z @ self._stiffness @ z + stretch_energy(
             z, mechanism.body_int, mechanism.body_float)
         gravity = 0.0
         for b in np.flatnonzero(mechanism.body_int[:, at.PARENT] < 0):
@@ -187,7 +171,7 @@ class Plant:
 
     def bent_stiffness(self) -> FloatArray:
         """Give the tangent stiffness over all coordinates at the present state, (n, n)."""
-        bent = self.stiffness.copy()
+        bent = self._stiffness.copy()
         add_stretch(self.coordinates, self.mechanism.body_int, self.mechanism.body_float, 1.0, 0.0,
                     bent)
         return np.tril(bent) + np.tril(bent, -1).T
@@ -463,7 +447,7 @@ class Plant:
         if free.size == 0:
             return
         pick = np.ix_(free, free)
-        flexibility = np.linalg.solve(self.stiffness[pick], self.mass_matrix()[pick])
+        flexibility = np.linalg.solve(self._stiffness[pick], self.mass_matrix()[pick])
         slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
         # Links so stiff that 2 ms do not follow them are meant as rigid: they stay damped.
         if self.dt * slowest > 1.0 / 8.0 and self.dt > 2e-3:

@@ -166,18 +166,6 @@ def read_inertial(
             frame, sub(vector_at(acceleration[point], 0), vector_at(gravity, 0))))
 
 
-@dataclass(frozen=True, eq=False)
-class InertialReadings:
-    """What sensors measure, each in axes of its beam's end, x along it, or of the tip frame."""
-
-    sensor_axes: FloatArray  # of each sensor in the base frame, as columns, (sensors, 3, 3)
-    # Turning of each sensor, as a gyroscope reads it, (sensors, 3) [rad/s].
-    sensor_turning: FloatArray
-    # Acceleration less gravity, as an accelerometer reads it: at rest it points upwards,
-    # (sensors, 3) [m/s^2].
-    sensor_acceleration: FloatArray
-
-
 def _tip(mechanism: Mechanism) -> int:
     """Give the point at the tip: the node that carries a payload where it sits right on it."""
     body = int(np.flatnonzero(mechanism.body_int[:, at.POINT] <= mechanism.tip)[-1])
@@ -188,7 +176,12 @@ def _tip(mechanism: Mechanism) -> int:
 
 
 class InertialSensors:
-    """Sensors at the far end of each beam, named by the joint before it, and at the tip."""
+    """
+    Sensors at the far end of each beam, named by the joint before it, and at the tip.
+
+    They measure in axes of the beam's end, x along it, or of the tip frame: at rest the
+    acceleration points upwards.
+    """
 
     def __init__(self, mechanism: Mechanism) -> None:
         first = mechanism.body_int[:, at.POINT]
@@ -198,17 +191,17 @@ class InertialSensors:
         self._bodies = np.array([np.flatnonzero(first <= point)[-1] for point in points])
         self._nodes = np.array(list(points)) - first[self._bodies]
         count = len(self.names)
-        self._readings = InertialReadings(
-            np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros((count, 3)))
+        self._axes, self._turning, self._force = (
+            np.zeros((count, *shape)) for shape in ((3, 3), (3,), (3,)))
 
-    def read(self, plant: Plant, acceleration: FloatArray) -> InertialReadings:
-        """Measure the motion after ``Probe.observe``, accelerations (points, 3) [m/s^2]."""
-        found = self._readings
+    def read(self, plant: Plant, acceleration: FloatArray) -> dict[str, FloatArray]:
+        """Measure after ``Probe.observe`` (points, 3) [m/s^2]; by the fields of `PlantRecord`."""
         read_inertial(
             plant.coordinates, plant.rates, plant.mechanism.gravity, plant.tables.chain,
-            self._bodies, self._nodes, acceleration, found.sensor_axes.reshape(-1, 9),
-            found.sensor_turning, found.sensor_acceleration)
-        return found
+            self._bodies, self._nodes, acceleration, self._axes.reshape(-1, 9), self._turning,
+            self._force)
+        return {'sensor_axes': self._axes, 'sensor_turning': self._turning,
+                'sensor_acceleration': self._force}
 
 
 # -- Eigenfrequencies and mode shapes of a mechanism, joints held or free
@@ -362,7 +355,7 @@ class PlantRecord:
     # (samples,): largest elastic rotation of a node in its link's frame [rad], see
     # `settings.LARGEST_ROTATION`.
     rotation: FloatArray
-    # (samples, sensors, 3, 3): axes of each inertial sensor in the base frame, see
+    # (samples, sensors, 3, 3): axes of each inertial sensor in the base frame, as columns, see
     # `InertialSensors`.
     sensor_axes: FloatArray
     # (samples, sensors, 3): what each measures, in its axes: angular velocity [rad/s],
@@ -408,7 +401,7 @@ class _Recorder:
         """Give all that is recorded of the present state, by the fields of `PlantRecord`."""
         seen = self._probe.observe()
         felt = self._sensors.read(self._plant, seen.acceleration)
-        return {**vars(self._plant.state), **vars(seen), **vars(felt),
+        return {**vars(self._plant.state), **vars(seen), **felt,
                 'energy': self._plant.energy(), 'rotation': largest_rotation(self._plant)}
 
     def write(self, row: int) -> None:
@@ -447,7 +440,7 @@ def simulate_with_scipy(
     n, dt, rtol = plant.mechanism.size, plant.dt, 1e-6
     steps = torque.shape[0] - 1
     times = np.arange(steps + 1) * dt
-    free = ~plant.prescribed
+    free = ~plant.tables.prescribed
     z, dz = plant.coordinates.copy(), plant.rates.copy()
     count = int(free.sum())
 

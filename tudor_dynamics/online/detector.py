@@ -148,7 +148,9 @@ class ExcessStage:
         self._channels: FloatArray = np.zeros((CHANNEL_ROWS, n))
         self._channels[[USUAL, STICTION]] = thresholds.usual, thresholds.stiction
         self._channels[LEVEL] = np.where(np.isfinite(thresholds.usual), thresholds.usual, 0.0)
-        self._channels[WIDENING] = 1.0
+        # factor on the thresholds of each channel, for motion that they were not learned on
+        self.widening = self._channels[WIDENING]
+        self.widening[:] = 1.0
         self._joints: FloatArray = np.zeros((3, joints))
         self._joints[REACH] = thresholds.reach
         self._counts = np.zeros(REVERSED + joints, dtype=np.int64)
@@ -156,11 +158,6 @@ class ExcessStage:
         self._weights = np.ascontiguousarray(thresholds.taps[::-1]).reshape(-1, n)
         self._past: FloatArray = np.empty((2 * GROWTH, 1 + n))
         self.rates = rates
-
-    @property
-    def widening(self) -> FloatArray:
-        """Factor on the thresholds of each channel, for motion that they were not learned on."""
-        return self._channels[WIDENING]
 
     @property
     def rates(self) -> Rates:
