@@ -269,7 +269,7 @@ def fit_choices(
         with _timed(seconds, 'save and report'):
             progress('report')
             save_bundle(bundle, out, overwrite=overwrite, extra={
-                'report.html': report_bytes(result, assessment, planned=planned)})
+                'report.html': report_bytes(result, assessment, planned)})
     return Fit(result, assessment, bundle, planned, seconds)
 
 

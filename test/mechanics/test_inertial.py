@@ -60,8 +60,8 @@ def test_a_rigid_arm_that_turns() -> None:
     plant = Plant(build_mechanism(arm), 1e-3)
     plant.reset([0.7], [3.0])
     felt = InertialSensors(plant.mechanism).read(plant, Probe(plant).observe().acceleration)
-    np.testing.assert_allclose(felt.sensor_acceleration, [[-3.6, 0.0, 0.0]], atol=1e-9)
-    np.testing.assert_allclose(felt.sensor_turning, [[0.0, 0.0, 3.0]], atol=1e-12)
+    np.testing.assert_allclose(felt['sensor_acceleration'], [[-3.6, 0.0, 0.0]], atol=1e-9)
+    np.testing.assert_allclose(felt['sensor_turning'], [[0.0, 0.0, 3.0]], atol=1e-12)
 
 
 def test_it_feels_what_positions_show() -> None:

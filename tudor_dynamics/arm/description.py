@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import (
-    build_model, gauge_point, is_prismatic, joint_axis, unit_vector, with_gauge_joints)
+    build_model, gauge_axis, gauge_point, is_prismatic, joint_axis, with_gauge_joints)
 from tudor_dynamics.arm.schema import (
     ArmSpec, FRICTION_KEYS, GaugeSpec, JointSpec, read_spec, SourceSpec)
 from tudor_dynamics.errors import ArmError, check_type, TudorWarning
@@ -194,12 +194,9 @@ class Arm:
     @cached_property
     def gauge_model(self) -> pin.Model:
         """Model of the active joints with a virtual joint at each gauge."""
-        places = []
-        for gauge in sorted(self.gauges, key=lambda g: g.distance):
-            axis = (joint_axis(self.full_model, gauge.joint) if gauge.axis is None
-                    else unit_vector(gauge.axis))
-            places.append((gauge.name, gauge.joint, gauge_point(gauge), axis))
-        cut = with_gauge_joints(self.full_model, places)
+        cut = with_gauge_joints(self.full_model, [
+            (gauge.name, gauge.joint, gauge_point(gauge), gauge_axis(self.full_model, gauge))
+            for gauge in sorted(self.gauges, key=lambda gauge: gauge.distance)])
         return self._reduce(cut, self.active_joints + self.gauge_names)
 
     @cached_property
@@ -208,6 +205,15 @@ class Arm:
         model = self.model
         return np.array([model.joints[model.getJointId(name)].idx_v
                          for name in self.active_joints], dtype=np.intp)
+
+    def held_pose(self) -> tuple[FloatArray, list[int]]:
+        """Give a pose of ``full_model``, held joints in their places; index of active ones."""
+        joints, q = self.full_model.joints, np.zeros(self.full_model.nq)
+        index = {name: int(joints[self.full_model.getJointId(name)].idx_q)
+                 for name in self.movable_joints}
+        for name, place in self.held_joints.items():
+            q[index[name]] = place
+        return q, [index[name] for name in self.active_joints]
 
     def with_joints(self, changes: Mapping[str, Mapping[str, Any]]) -> Arm:
         """Give the same arm with other values of some keys of its joints, not checked again."""
@@ -220,6 +226,11 @@ class Arm:
         return replace(self, spec=self.spec.model_copy(update={
             'gauges': tuple(gauge for gauge in self.spec.gauges if gauge.name in names),
             'sensors': tuple(item for item in self.spec.sensors if item.gauge in names)}))
+
+    def with_friction_of(self, other: Arm) -> Arm:
+        """Give the same arm with the friction that the joints of another have."""
+        return self.with_joints({joint.name: {key: getattr(joint, key) for key in FRICTION_KEYS}
+                                 for joint in other.spec.joints})
 
     def with_open_friction(self) -> Arm:
         """Give the same arm without a word on the friction of its joints, for a fit to choose."""

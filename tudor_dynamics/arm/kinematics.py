@@ -268,6 +268,11 @@ def joint_axis(model: pin.Model, joint: str) -> NDArray[np.float64]:
     return np.asarray(axis, dtype=float)
 
 
+def gauge_axis(model: pin.Model, gauge: GaugeSpec) -> NDArray[np.float64]:
+    """Give the axis (3,) that a gauge's link bends about, in the frame of its joint."""
+    return joint_axis(model, gauge.joint) if gauge.axis is None else unit_vector(gauge.axis)
+
+
 def link_frame(model: pin.Model, joint: str) -> str:
     """Give the name of the frame that turns with a joint: its link's, or the joint's own."""
     index = model.getJointId(joint)

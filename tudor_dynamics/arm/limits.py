@@ -367,9 +367,8 @@ def _shapes(arm: Arm, folders: tuple[Path, ...], missing: list[str]) -> pin.Geom
     try:
         geometry = pin.buildGeomFromUrdfString(arm.full_model, text, pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as err:
-        msg = f'the shapes for collisions cannot be read ({err})'
-        raise ArmError(msg, place=arm.source,
-                       remedy='correct the <collision> elements') from None
+        raise ArmError(f'the shapes for collisions cannot be read ({err})',
+                       place=arm.source, remedy='correct the <collision> elements') from None
     for item in geometry.geometryObjects:
         if hasattr(item.geometry, 'buildConvexHull'):
             with suppress(RuntimeError, ValueError):  # flat ones stay what they are
@@ -378,10 +377,7 @@ def _shapes(arm: Arm, folders: tuple[Path, ...], missing: list[str]) -> pin.Geom
     locked = [arm.full_model.getJointId(name) for name in arm.held_joints]
     if not locked:
         return geometry
-    reference = np.zeros(arm.full_model.nq)
-    for name, place in arm.held_joints.items():
-        reference[arm.full_model.joints[arm.full_model.getJointId(name)].idx_q] = place
-    return pin.buildReducedModel(arm.full_model, geometry, locked, reference)[1]
+    return pin.buildReducedModel(arm.full_model, geometry, locked, arm.held_pose()[0])[1]
 
 
 def _mesh(name: str, folders: tuple[Path, ...]) -> Path | None:

@@ -33,7 +33,7 @@ from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechan
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.plots import check_target, plot_configuration, signal_names
 from tudor_dynamics.mechanics.run import (
-    largest_rotation, modes, PlantRecord, Probe, run_plant, simulate_with_scipy, Steps)
+    count_steps, largest_rotation, modes, PlantRecord, Probe, run_plant, simulate_with_scipy)
 from tudor_dynamics.mechanics.settings import LARGEST_ROTATION
 from tudor_dynamics.mechanics.study import (
     force_signal, motion_signal, SimulatedRun, torque_signal)
@@ -130,7 +130,7 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
         if name not in mechanism.joints:
             raise UsageError(f'joint {name!r} is not among the joints {list(mechanism.joints)} of '
                              f'{args.arm}')
-    Steps.of(args.seconds, args.dt, args.rate)  # says so if they are impossible
+    count_steps(args.seconds, args.dt, args.rate)  # says so if they are impossible
     if args.modes is not None and args.modes < 1:
         raise UsageError(f'--modes counts modes, found {args.modes}')
     if (args.plot or args.animate is None) and args.out is None and (
@@ -147,7 +147,7 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
 def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tuple[str, ...],
               ) -> PlantRecord:
     mechanism = plant.mechanism
-    steps, every = Steps.of(args.seconds, args.dt, args.rate)
+    steps, every = count_steps(args.seconds, args.dt, args.rate)
     check_budget('torques and motion', steps, 32.0 * (2 + len(mechanism.joints)))
     t = np.arange(steps + 1) * args.dt
     motion, start, rate = None, plant.state.q.copy(), None
@@ -171,18 +171,6 @@ def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tupl
             plant, probe, torque, every=every, method=args.integrator, progress=bar))
     return run_with_bar(steps, lambda bar: run_plant(
         plant, probe, torque, every=every, motion=motion, force=force, progress=bar))
-
-
-def _default_signals(mechanism: Mechanism, arm: Arm) -> list[str]:
-    names = signal_names(mechanism, arm.gauge_names)
-    wanted = [f'{what}:{joint}' for joint in arm.active_joints for what in ('q', 'effort')]
-    return [n for n in names if n in wanted or n == 'acceleration:tip'
-            or n.startswith(('moment:', 'strain:')) or n == 'energy']
-
-
-def file_name(signal: str) -> str:
-    """Give the file name of a signal's figure."""
-    return ''.join(c if c.isalnum() or c in '-_' else '_' for c in signal) + '.png'
 
 
 def run(args: argparse.Namespace) -> int:
@@ -210,18 +198,22 @@ def run(args: argparse.Namespace) -> int:
     if not _runs(args) and (args.plot or args.modes is not None):
         _warn_of(largest_rotation(plant), arm)
         return 0
-    signals = args.signals or _default_signals(mechanism, arm)
+    known = signal_names(mechanism, arm.gauge_names)
+    wanted = ['acceleration:tip', 'energy', *(
+        f'{what}:{joint}' for joint in arm.active_joints for what in ('q', 'effort'))]
+    signals = args.signals or [
+        name for name in known if name in wanted or name.startswith(('moment:', 'strain:'))]
     for name in signals:
-        if name not in signal_names(mechanism, arm.gauge_names):
-            raise UsageError(f'there is no signal {name!r}; there are '
-                             f'{", ".join(signal_names(mechanism, arm.gauge_names))}')
+        if name not in known:
+            raise UsageError(f'there is no signal {name!r}; there are {", ".join(known)}')
     result = SimulatedRun(
         arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
     if folder is not None:
         result.save(folder)
     if args.plot and folder is not None:
         for name in signals:
-            result.plot(name, folder / file_name(name), title=result.curves(name).title)
+            file = ''.join(c if c.isalnum() or c in '-_' else '_' for c in name)
+            result.plot(name, folder / f'{file}.png', title=result.curves(name).title)
     if args.animate is not None:
         result.animate(args.animate)
     _report(args, result.run, mechanism, arm)

@@ -217,9 +217,8 @@ def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
     for item in arm.spec.damper.joints:
         unit = gauges[item.gauge].unit
         if unit not in STRAIN_SCALE:
-            msg = (f'{arm.source}: the gain of the damper is in rad/s per m/m, but gauge '
-                   f'{item.gauge!r} has unit {unit}; expected one of {list(STRAIN_SCALE)}')
-            raise ArmError(msg)
+            raise ArmError(f'{arm.source}: the gain of the damper is in rad/s per m/m, but gauge '
+                           f'{item.gauge!r} has unit {unit}; expected one of {list(STRAIN_SCALE)}')
         scale, limit = STRAIN_SCALE[unit], limits[item.joint]
         result.append(DamperSettings(
             item.joint, item.gauge, -share * item.gain / scale, arm.spec.damper.mean_frequency,
@@ -340,9 +339,8 @@ Measure = Callable[[str, float, float], StepResponse]
 def ringing(response: StepResponse) -> FloatArray:
     """Take slow motion out of a response."""
     if len(response.strain) * response.dt < 2.0:
-        msg = (f'a response of {len(response.strain) * response.dt:g} s is too short to see a '
-               'decay; record 3 s or more')
-        raise SignalError(msg)
+        raise SignalError(f'a response of {len(response.strain) * response.dt:g} s is too short '
+                          'to see a decay; record 3 s or more')
     from scipy.signal import butter, sosfiltfilt  # slow to import
 
     sos = butter(2, settings.SIGN_HIGH_PASS * 2.0 * response.dt, 'highpass', output='sos')

@@ -25,7 +25,7 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.kinematics import gauge_point, joint_axis, unit_vector
+from tudor_dynamics.arm.kinematics import gauge_axis, gauge_point
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.control import settings
 from tudor_dynamics.errors import ArmError, UsageError
@@ -48,9 +48,8 @@ class TipSensing:
         sensors = {sensor.gauge: sensor for sensor in arm.spec.sensors}
         self._used = [k for k, gauge in enumerate(arm.gauges) if gauge.name in sensors]
         if not self._used:
-            msg = (f'{arm.source}: no gauge has a gain in N m; add sensors: with the gain of each '
-                   'gauge to control a force')
-            raise ArmError(msg)
+            raise ArmError(f'{arm.source}: no gauge has a gain in N m; add sensors: with the gain '
+                           'of each gauge to control a force')
         gauges = [arm.gauges[k] for k in self._used]
         self.names = tuple(gauge.name for gauge in gauges)
         self._gain = np.array([sensors[name].gain for name in self.names])
@@ -58,19 +57,12 @@ class TipSensing:
         self.normal = normal
         self._model = arm.full_model
         self._data = self._model.createData()
-        self._q = pin.neutral(self._model)
-        for joint in arm.spec.joints:
-            self._q[self._place(joint.name)] = joint.hold
-        self._columns = [self._place(name) for name in arm.active_joints]
+        self._q, self._columns = arm.held_pose()
         self._at = [(self._model.getJointId(gauge.joint), gauge_point(gauge),
-                     joint_axis(self._model, gauge.joint) if gauge.axis is None
-                     else unit_vector(gauge.axis)) for gauge in gauges]
+                     gauge_axis(self._model, gauge)) for gauge in gauges]
         self._tip = (self._model.getFrameId('tip') if self._model.existFrame('tip')
                      else self._model.nframes - 1)
         self.reset()
-
-    def _place(self, joint: str) -> int:
-        return int(self._model.joints[self._model.getJointId(joint)].idx_q)
 
     def reset(self) -> None:
         """Forget what gauges read without contact."""

@@ -60,8 +60,7 @@ class ReactingReference:
         hard: Limits | None = None,
     ) -> None:
         if reaction not in REACTIONS:
-            msg = f'reaction {reaction!r}; expected one of {", ".join(REACTIONS)}'
-            raise UsageError(msg)
+            raise UsageError(f'reaction {reaction!r}; expected one of {", ".join(REACTIONS)}')
         self.limits = limits
         self.reaction = reaction
         self.retreat_time = retreat_time

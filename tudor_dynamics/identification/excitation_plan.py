@@ -28,8 +28,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import SelfCollision
-from tudor_dynamics.arm.schema import (
-    FRICTION_KEYS, PreprocessingSpec, STATE_KEYS, validation_message)
+from tudor_dynamics.arm.schema import PreprocessingSpec, STATE_KEYS, validation_message
 from tudor_dynamics.bags.trajectory import (
     read_trajectory, Sent, Trajectory, write_trajectories)
 from tudor_dynamics.errors import SignalError, UsageError
@@ -355,9 +354,7 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
     if not found:
         raise UsageError('there is no analytical model for one payload in the bundle',
                          remedy='give --noise in place of --model')
-    friction = {joint.name: {key: getattr(joint, key) for key in FRICTION_KEYS}
-                for joint in bundle.arm.spec.joints}
-    return Target(arm.with_joints(friction), found, bundle.preprocessing,
+    return Target(arm.with_friction_of(bundle.arm), found, bundle.preprocessing,
                   Noise(noise, residual=True), known)
 
 
@@ -443,7 +440,6 @@ class PlanFolder:
     """A plan that was read."""
 
     path: Path  # folder that it was read from
-    arm: str  # name of the arm
     trajectory: Trajectory  # motion that was planned
     noise: Noise  # noise that was stated
     stated: bool  # whether anybody stated it
@@ -505,5 +501,5 @@ def read_plan(path: str | Path) -> PlanFolder:
     if not noise or any(not np.all(size > 0.0) or not np.isfinite(size).all()
                         for size in noise.values()):
         raise UsageError('noise: expected a positive number for each channel', place=path / HEAD)
-    return PlanFolder(path, head.arm, read_trajectory(path / TABLE),
+    return PlanFolder(path, read_trajectory(path / TABLE),
                       Noise(noise, head.noise_of == 'residuals'), head.noise_stated)

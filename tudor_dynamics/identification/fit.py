@@ -33,7 +33,7 @@ from tudor_dynamics.identification.elastic_problem import Identified, records_of
 from tudor_dynamics.identification.elastic_trainer import check_arm, ElasticTrainer, Searches
 from tudor_dynamics.identification.ringdowns import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
-    Case, cases_of, judge_model, method_of, noise_floor, random_split, validated, Validation,
+    Case, cases_of, judge, method_of, noise_floor, random_split, validated, Validation,
     Verdict)
 from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings
 from tudor_dynamics.models.estimation import ESTIMATORS
@@ -185,7 +185,7 @@ DEFAULT_KINDS = ('analytical',)
 
 
 @dataclass(frozen=True)
-class FitSettings:
+class FitSettings(ModelSettings):
     """
     Choices of a fit.
 
@@ -217,14 +217,7 @@ class FitSettings:
     """
 
     kinds: tuple[str, ...] = DEFAULT_KINDS
-    estimator: str = 'auto'
-    strain_form: str = 'exact'
-    shared: bool | None = None
-    elm_hidden: int = 100
-    elm_ridge: float = 1e-6
-    elm_seed: int = 0
     random_split: bool = False
-    payloads: tuple[float, float] | None = None
     elastic_start: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
@@ -267,7 +260,9 @@ class FittedOutput:
         unseen: Sequence[Case], noise: FloatArray, random: Validation | None = None,
     ) -> FittedOutput:
         """Judge a model by its figures."""
-        verdict = judge_model(model, validation, training.score.fit, noise.tolist())
+        known = model.conditioning()
+        verdict = judge(validation, training.score.fit, condition=known.condition,
+                        unexcited=known.unexcited, noise=noise.tolist())
         return cls(output, kind, model, training, validation, random, verdict, tuple(unseen),
                    noise)
 

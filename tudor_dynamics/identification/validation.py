@@ -463,12 +463,3 @@ def _figures(validation: Validation) -> str:
 def _dead(channels: Sequence[str], method: str) -> str:
     return (f'{", ".join(channels)} never changed on {method}: a dead sensor has no fit; do not '
             f'use {"this channel" if len(channels) == 1 else "these channels"}')
-
-
-def judge_model(
-    model: Model, validation: Validation, training_fit: float, noise: Sequence[float] = (),
-) -> Verdict:
-    """Judge a model as `judge` does, by its conditioning as well where it has one."""
-    known = model.conditioning()
-    return judge(validation, training_fit, condition=known.condition,
-                 unexcited=known.unexcited, noise=noise)

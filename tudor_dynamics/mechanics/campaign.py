@@ -153,11 +153,11 @@ def random_pushes(
         return ()
     slot = (seconds - settings.FIRST_PUSH) / count
     longest = settings.HELD_TIME[1] if held else settings.PUSH_TIME[1]
-    if not 1.5 * longest + 0.5 * settings.PUSH_TIME[1] <= slot < MAX_STEPS:
-        room = 1.5 * longest + 0.5 * settings.PUSH_TIME[1]
-        msg = (f'{count} pushes do not fit into {seconds:g} s: each takes up to {room:g} s after '
-               f'the first {settings.FIRST_PUSH:g} s; record longer or push less')
-        raise SimulationError(msg)
+    room = 1.5 * longest + 0.5 * settings.PUSH_TIME[1]
+    if not room <= slot < MAX_STEPS:
+        raise SimulationError(f'{count} pushes do not fit into {seconds:g} s: each takes up to '
+                              f'{room:g} s after the first {settings.FIRST_PUSH:g} s; record '
+                              'longer or push less')
     beams = [joint for joint in arm.active_joints if mechanism.length(joint) > 0.0]
     if not beams:
         msg = f'{arm.source}: no active joint moves an elastic link that could be pushed'
@@ -193,11 +193,7 @@ def push_wrenches(
     frames = np.full(len(stamp), 'base', dtype=object)
     model = arm.full_model
     data = model.createData()
-    hold = {joint.name: joint.hold for joint in arm.spec.joints}
-    columns = [model.joints[model.getJointId(name)].idx_q for name in arm.active_joints]
-    q = np.zeros(model.nq)
-    for name, value in hold.items():
-        q[model.joints[model.getJointId(name)].idx_q] = value
+    q, columns = arm.held_pose()
     for push, values in zip(pushes, forces, strict=True):
         floats = mechanism.body_float[mechanism.body_of[push.joint]]
         place = floats[at.BODY_PLACE:at.BODY_PLACE + 3] + push.distance * beam_axes(floats)[:, 0]
@@ -436,9 +432,7 @@ def _recording(arm: Arm, signals: LoopRecord, stamp: NDArray[np.int64]) -> Recor
 
 
 def _notes(loop: ClosedLoop) -> tuple[str, ...]:
-    notes = []
-    for joint, times in loop.status_seconds.items():
-        for state, seconds in times.items():
-            if state not in ('damping', 'starting') and seconds > 0.01:
-                notes.append(f'{joint}: the damper was faded out for {seconds:.2f} s ({state})')
-    return tuple(notes)
+    return tuple(f'{joint}: the damper was faded out for {seconds:.2f} s ({state})'
+                 for joint, times in loop.status_seconds.items()
+                 for state, seconds in times.items()
+                 if state not in ('damping', 'starting') and seconds > 0.01)

@@ -154,28 +154,23 @@ def plot_configuration(
     axes = figure.add_subplot(projection='3d')
     draw_mechanism(axes, mechanism, position)
     for joint in mechanism.joints:
-        x, y, z = position[mechanism.point(joint, 0)]
-        axes.text(x, y, z, f'  {joint}', fontsize=8)
-    x, y, z = position[mechanism.tip]
-    axes.text(x, y, z, '  tip', fontsize=8)
+        axes.text(*position[mechanism.point(joint, 0)], f'  {joint}', fontsize=8)
+    axes.text(*position[mechanism.tip], '  tip', fontsize=8)
     limit_axes(axes, position)
     axes.set_title(title)
     save_figure(figure, path)
 
 
-def draw_mechanism(axes: object, mechanism: Mechanism, position: FloatArray) -> None:
+def draw_mechanism(axes: Any, mechanism: Mechanism, position: FloatArray) -> None:
     """Draw beams, rigid connections, nodes and joints into three-dimensional axes [m]."""
-    plot = getattr(axes, 'plot')
     for points, beam in body_lines(mechanism):
-        part = position[points]
-        plot(part[:, 0], part[:, 1], part[:, 2], color=COLOURS[0] if beam else '#707070',
-             linewidth=2.5 if beam else 1.5, marker='.' if beam else '', markersize=6)
+        axes.plot(*position[points].T, color=COLOURS[0] if beam else '#707070',
+                  linewidth=2.5 if beam else 1.5, marker='.' if beam else '', markersize=6)
     hubs = position[[mechanism.point(joint, 0) for joint in mechanism.joints]]
-    plot(hubs[:, 0], hubs[:, 1], hubs[:, 2], linestyle='', marker='o', color=COLOURS[1],
-         markersize=6)
+    axes.plot(*hubs.T, linestyle='', marker='o', color=COLOURS[1], markersize=6)
 
 
-def limit_axes(axes: object, position: FloatArray) -> None:
+def limit_axes(axes: Any, position: FloatArray) -> None:
     """Give all axes the same scale, with the base in view: position (..., 3) [m]."""
     points = np.vstack([position.reshape(-1, 3), np.zeros(3)])
     low, high = points.min(axis=0), points.max(axis=0)
@@ -183,7 +178,7 @@ def limit_axes(axes: object, position: FloatArray) -> None:
     for name, centre in zip(AXES, middle, strict=True):
         getattr(axes, f'set_{name}lim')(centre - half, centre + half)
         getattr(axes, f'set_{name}label')(f'{name} [m]')
-    getattr(axes, 'set_box_aspect')((1, 1, 1))
+    axes.set_box_aspect((1, 1, 1))
 
 
 # -- A run as a moving picture: GIF, or MP4 where ffmpeg is installed
@@ -211,8 +206,7 @@ def animate(path: Path, run: PlantRecord, mechanism: Mechanism) -> None:
     def draw(frame: int) -> list[Artist]:
         axes.clear()
         draw_mechanism(axes, mechanism, run.position[frame])
-        axes.plot(tip[:frame + 1, 0], tip[:frame + 1, 1], tip[:frame + 1, 2], linewidth=0.7,
-                  color=COLOURS[2])
+        axes.plot(*tip[:frame + 1].T, linewidth=0.7, color=COLOURS[2])
         limit_axes(axes, run.position)
         axes.set_title(f't = {run.t[frame]:.2f} s')
         return []

@@ -21,7 +21,7 @@ from dataclasses import dataclass, fields
 import io
 import math
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -312,22 +312,15 @@ Motion = tuple[FloatArray, FloatArray, FloatArray]
 Integrator = Literal['generalised-alpha', 'radau', 'bdf']
 
 
-class Steps(NamedTuple):
-    """How far a run goes, in steps."""
-
-    total: int  # steps of the run
-    every: int  # steps between two records
-
-    @classmethod
-    def of(cls, seconds: float, dt: float, rate: float) -> Steps:
-        """Count them: seconds, dt [s], rate [Hz]."""
-        for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
-            check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
-            if not 0.0 < value < 1e9:
-                raise UsageError(f'{name} (--{name}) must be positive, found {value}')
-        check_budget(f'--seconds {seconds:g} --dt {dt:g}', seconds / dt)
-        total = max(int(round(seconds / dt)), 1)
-        return cls(total, max(int(round(1.0 / (rate * dt))), 1) if rate * dt > 1e-9 else 2 * total)
+def count_steps(seconds: float, dt: float, rate: float) -> tuple[int, int]:
+    """Count the steps of a run, and those between two records: seconds, dt [s], rate [Hz]."""
+    for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
+        check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
+        if not 0.0 < value < 1e9:
+            raise UsageError(f'{name} (--{name}) must be positive, found {value}')
+    check_budget(f'--seconds {seconds:g} --dt {dt:g}', seconds / dt)
+    total = max(int(round(seconds / dt)), 1)
+    return total, max(int(round(1.0 / (rate * dt))), 1) if rate * dt > 1e-9 else 2 * total
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.plots import (
     Curves, draw_signal, pick_signal, save_figure, signal_names, spectrum)
 from tudor_dynamics.mechanics.run import (
-    FIRST_STAMP, InertialSensors, PlantRecord, Probe, run_plant, Steps)
+    count_steps, FIRST_STAMP, InertialSensors, PlantRecord, Probe, run_plant)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -397,13 +397,13 @@ def simulate(
 
     """
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
-    steps = Steps.of(seconds, dt, rate)
+    steps, every = count_steps(seconds, dt, rate)
     arm = with_motors(arm)
     mechanism = build_mechanism(arm)
     plant = Plant(mechanism, dt)
     for name in hold:
         plant.drive(name, 'hold')
-    t = dt * np.arange(steps.total + 1, dtype=np.float64)
+    t = dt * np.arange(steps + 1, dtype=np.float64)
     by_name = torque if isinstance(torque, Mapping) else {arm.active_joints[0]: torque}
     torques = sampled_columns('torque', by_name, t, mechanism.joints, arm.active_joints)
     forces = (None if force is None else
@@ -412,7 +412,7 @@ def simulate(
         plant.reset(_places(plant, start or {}),
                     external_force=None if forces is None else forces[0])
     plant.start_torque(torques[0])
-    run = run_plant(plant, Probe(plant, arm=arm), torques, every=steps.every, force=forces,
+    run = run_plant(plant, Probe(plant, arm=arm), torques, every=every, force=forces,
                     progress=progress)
     return SimulatedRun(arm, mechanism, run, plant)
 

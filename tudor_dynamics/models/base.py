@@ -304,25 +304,10 @@ class Model(ABC):
     @abstractmethod
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
         """
-        Turn what was learned into what a bundle keeps.
+        Turn what was learned of an output into what a bundle of this arm keeps: plain values.
 
-        Parameters
-        ----------
-        arm : Arm
-            Arm of the bundle, for names and units.
-        output : {'effort', 'strain'}
-            What the model predicts.
-
-        Returns
-        -------
-        dict
-            Plain values; arrays, which are kept apart, stand in it under names of their own.
-
-        Raises
-        ------
-        NotFittedError
-            If it has learned nothing yet.
-
+        Arrays, which are kept apart, stand in it under names of their own. A NotFittedError says
+        that nothing was learned yet.
         """
 
     @classmethod
@@ -366,36 +351,17 @@ def check_payload(payload: float, known: Range) -> None:
 Learner = TypeVar('Learner', bound='MemorylessModel')
 
 
-class ModelSettings(Protocol):
-    """What `identification.fit.FitSettings` says of models that are to be fitted."""
+@dataclass(frozen=True, kw_only=True)
+class ModelSettings:
+    """Choices of a fit that its models take; see ``FitSettings``."""
 
-    @property
-    def estimator(self) -> str:
-        """Estimator of an analytical model."""
-
-    @property
-    def strain_form(self) -> str:
-        """Where an analytical model takes the bending moment."""
-
-    @property
-    def elm_hidden(self) -> int:
-        """How many neurons are hidden."""
-
-    @property
-    def elm_ridge(self) -> float:
-        """Ridge of the output weights."""
-
-    @property
-    def elm_seed(self) -> int:
-        """Seed of the hidden layer."""
-
-    @property
-    def shared(self) -> bool | None:
-        """Whether currents of unknown torque constants share the inertial parameters."""
-
-    @property
-    def payloads(self) -> Range | None:
-        """Least and largest payload of the training bags, where they differ [kg]."""
+    estimator: str = 'auto'
+    strain_form: str = 'exact'
+    shared: bool | None = None
+    elm_hidden: int = 100
+    elm_ridge: float = 1e-6
+    elm_seed: int = 0
+    payloads: Range | None = None
 
 
 class MemorylessModel(Model):

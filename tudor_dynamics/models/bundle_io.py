@@ -29,7 +29,7 @@ import numpy as np
 from tudor_dynamics import files
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm, arm_from_dict
-from tudor_dynamics.arm.schema import FRICTION_KEYS, PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import BundlePart, Model, read
@@ -394,7 +394,8 @@ def load_bundle(
     if own.digest != head.arm.digest:
         msg = 'the arm description inside gives another digest than when the model was fitted'
         raise ModelError(msg, place=path, remedy=f'{AGAIN} with this version')
-    if arm is not None and not _same_arm(arm, own):
+    # but for the friction of its joints, which a fit may choose
+    if arm is not None and arm.with_friction_of(own).digest != own.digest:
         raise ModelError(
             f'fitted for the arm {own.name!r} as it was described then, not for {arm.name!r} of '
             f'{arm.source}', place=path, remedy='fit it again, or give the arm it was fitted for')
@@ -411,13 +412,6 @@ def load_bundle(
     if with_data and FILE in content:
         unpack(_sets(bundle), head.data, content[FILE], path / FILE)
     return bundle
-
-
-def _same_arm(arm: Arm, own: Arm) -> bool:
-    """Compare two arms, but for the friction of their joints, which a fit may choose."""
-    friction = {joint.name: {key: getattr(joint, key) for key in FRICTION_KEYS}
-                for joint in own.spec.joints}
-    return arm.with_joints(friction).digest == own.digest
 
 
 def _models(

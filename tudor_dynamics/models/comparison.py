@@ -95,9 +95,9 @@ class FullParameters:
                 for r in ratio.tolist()]
 
 
-def full_parameters(bundle: ModelBundle, prior: Prior | None = None) -> FullParameters:
+def full_parameters(bundle: ModelBundle) -> FullParameters:
     """Find full parameters that can exist, of the effort model of a bundle."""
-    return full_parameters_of(bundle.arm, effort_model(bundle), prior)
+    return full_parameters_of(bundle.arm, effort_model(bundle))
 
 
 def effort_model(bundle: ModelBundle) -> AnalyticalModel:

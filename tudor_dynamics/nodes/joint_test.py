@@ -106,8 +106,7 @@ class JointTester(Trial):
         self._activate(True)
         self._commands = 0
         if not self.spin_until(lambda: self._commands > 0, PATIENCE):
-            msg = f'{DAMPER} commands nothing on {VELOCITY_COMMANDS}; {self._hints()}'
-            raise TudorError(msg)
+            raise TudorError(f'{DAMPER} commands nothing on {VELOCITY_COMMANDS}; {self._hints()}')
 
     def _hints(self) -> str:
         return '; '.join(f'{name} says: {text}' for name, text in self._said.items())

@@ -441,5 +441,4 @@ def contact_estimator(bundle: ModelBundle, kind: str, methods: Collection[str]) 
                 return make()
             except ModelError as err:
                 why.append(str(err))
-    msg = '; '.join(why) or 'contacts need the methods strain or momentum'
-    raise ModelError(msg)
+    raise ModelError('; '.join(why) or 'contacts need the methods strain or momentum')

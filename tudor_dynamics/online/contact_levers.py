@@ -25,8 +25,7 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.kinematics import gauge_point, joint_axis, unit_vector
-from tudor_dynamics.arm.schema import GaugeSpec
+from tudor_dynamics.arm.kinematics import gauge_axis, gauge_point, unit_vector
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
@@ -136,16 +135,10 @@ class LinkAxes:
     bending: FloatArray
 
 
-def gauge_axis(arm: Arm, gauge: GaugeSpec) -> FloatArray:
-    """Give the axis that a gauge's link bends about, in the frame of its joint."""
-    return (joint_axis(arm.full_model, gauge.joint) if gauge.axis is None
-            else unit_vector(gauge.axis))
-
-
 def link_axes(arm: Arm, joint: str) -> LinkAxes:
     """Give the directions of a link that has gauges."""
     gauge = next(gauge for gauge in arm.gauges if gauge.joint == joint)
-    along, bending = unit_vector(gauge.direction), gauge_axis(arm, gauge)
+    along, bending = unit_vector(gauge.direction), gauge_axis(arm.full_model, gauge)
     return LinkAxes(along, np.cross(bending, along), bending)
 
 
@@ -198,13 +191,10 @@ class RigidFront:
         self._arm, self._spans, self._gain = arm, spans, gain
         self._model = arm.full_model
         self._data = self._model.createData()
-        self._q = pin.neutral(self._model)
-        for joint in arm.spec.joints:
-            self._q[self._index(joint.name)] = joint.hold
-        self._columns = [self._index(name) for name in arm.active_joints]
+        self._q, self._columns = arm.held_pose()
         self._gauges = [
-            (self._model.getJointId(gauge.joint), gauge_point(gauge), gauge_axis(arm, gauge),
-             gauge.distance) for gauge in arm.gauges]
+            (self._model.getJointId(gauge.joint), gauge_point(gauge),
+             gauge_axis(self._model, gauge), gauge.distance) for gauge in arm.gauges]
         self._axes = [link_axes(arm, span.joint) for span in spans]
 
     def residual(
@@ -228,9 +218,6 @@ class RigidFront:
 
     def settle(self, left: FloatArray, dt: float, states: FloatArray) -> None:
         """Do nothing: a rigid arm has no state of its own."""
-
-    def _index(self, joint: str) -> int:
-        return int(self._model.joints[self._model.getJointId(joint)].idx_q)
 
     def rows(self, row: FloatArray) -> list[FloatArray]:
         """Give the moment at gauges by what presses, span by span: (gauges, PRESSING)."""

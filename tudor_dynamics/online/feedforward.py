@@ -454,28 +454,13 @@ class Feedforward:
 
     def along(self, trajectory: Trajectory) -> Trajectory:
         """
-        Give a trajectory with the efforts that it needs.
+        Give a trajectory of ``joints``, in any order, with the efforts that it needs.
 
-        Parameters
-        ----------
-        trajectory : Trajectory
-            Wanted motion of ``joints`` in any order, see there for what is not given; joints that
-            the description holds may be in it, as long as they stay where it holds them.
-
-        Returns
-        -------
-        Trajectory
-            The same with efforts, none for held joints; where motors are led, with their
-            positions, velocities and accelerations.
-
-        Raises
-        ------
-        SignalError
-            If joints are missing or unknown, a held one moves, or a motor would have to be led
-            beyond its limits.
-        SimulationError
-            If links are too weak for the load.
-
+        Joints that the description holds may be in it, as long as they stay where it holds them;
+        they get no efforts. Where motors are led, it has their positions, velocities and
+        accelerations. A SignalError says which joints are missing or unknown, which held one
+        moves, or which motor would have to be led beyond its limits; a SimulationError, that
+        links are too weak for the load.
         """
         self._check_held(trajectory)
         motion = states(trajectory.of(self.joints))

@@ -93,8 +93,7 @@ class LoadValue:
 class ChannelShare:
     """What a load explains of a channel."""
 
-    # Output, its joint or gauge, and the unit of that.
-    output: str
+    # Its joint or gauge, and the unit of that.
     channel: str
     unit: str
     # Root mean square of the residual without and with the load.
@@ -121,14 +120,11 @@ def load_values(load: PayloadEstimate) -> tuple[LoadValue, ...]:
 
 def load_shares(arm: Arm, load: PayloadEstimate) -> tuple[ChannelShare, ...]:
     """Say what a load explains of each channel."""
-    rows = []
-    for item in load.outputs:
-        left, units = item.leftover, output_units(arm, item.output)
-        for name, before, after, share in zip(
-                left.channels, *left.sizes(), left.shares(), strict=True):
-            rows.append(ChannelShare(item.output, name, units[name], float(before), float(after),
-                                     100.0 * float(share)))
-    return tuple(rows)
+    return tuple(
+        ChannelShare(name, output_units(arm, item.output)[name], float(before), float(after),
+                     100.0 * float(share))
+        for item in load.outputs for name, before, after, share in zip(
+            item.leftover.channels, *item.leftover.sizes(), item.leftover.shares(), strict=True))
 
 
 @on_page

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import csv
 from dataclasses import dataclass
+from functools import partial
 import io
 import math
 from typing import Any
@@ -164,9 +165,9 @@ class _Writer:
         """Write the physical parameters."""
         writers: dict[str, Callable[[str, float], None]] = {
             'bending': self._bending, 'density': self._density, 'lumped': self._lumped,
-            'payload': self._payload, 'gear': self._gear('stiffness'), 'play': self._play,
-            'tight': self._gear('damping'), 'alpha': self._rayleigh('alpha'),
-            'beta': self._rayleigh('beta')}
+            'payload': self._payload, 'gear': partial(self._gear, 'stiffness'),
+            'play': self._play, 'tight': partial(self._gear, 'damping'),
+            'alpha': partial(self._rayleigh, 'alpha'), 'beta': partial(self._rayleigh, 'beta')}
         values = {**self.described, **self.model.values}
         for parameter in self.model.physical:
             kind, _, owner = parameter.name.rstrip(')').partition('(')
@@ -185,8 +186,7 @@ class _Writer:
                 self.left_out.append(line)
 
     def _beam(self, joint: str) -> dict[str, Any]:
-        beam: dict[str, Any] = self._link(joint)['flexible']
-        return beam
+        return self._link(joint)['flexible']
 
     def _bending(self, joint: str, value: float) -> None:
         material = self._beam(joint)['material']
@@ -206,14 +206,12 @@ class _Writer:
         self.content['payload'] = self.content.get('payload') or {'mass': 0.0}
         _weigh(self.content['payload'], value)
 
-    def _gear(self, key: str) -> Callable[[str, float], None]:
-        def write(joint: str, value: float) -> None:
-            motor = self._motor(joint)
-            if motor is None:
-                self._link(joint)[f'joint_{key}'] = value
-            else:
-                motor[key] = value
-        return write
+    def _gear(self, key: str, joint: str, value: float) -> None:
+        motor = self._motor(joint)
+        if motor is None:
+            self._link(joint)[f'joint_{key}'] = value
+        else:
+            motor[key] = value
 
     def _play(self, joint: str, value: float) -> None:
         motor = self._motor(joint)
@@ -222,11 +220,8 @@ class _Writer:
         elif value > 0.0:
             self.left_out.append(f'backlash of {joint}, {2.0 * value:.4g} rad, without a motor')
 
-    def _rayleigh(self, key: str) -> Callable[[str, float], None]:
-        def write(_: str, value: float) -> None:
-            simulation = self.content.setdefault('simulation', {})
-            simulation.setdefault('rayleigh', {})[key] = value
-        return write
+    def _rayleigh(self, key: str, _: str, value: float) -> None:
+        self.content.setdefault('simulation', {}).setdefault('rayleigh', {})[key] = value
 
     def drive(self, joint: str, drive: ElasticDrive) -> None:
         """Write rotor, friction and torque constant of a joint, and say what has no place."""

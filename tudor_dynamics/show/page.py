@@ -140,16 +140,14 @@ TITLES = {'effort': 'Effort', 'strain': 'Strain'}
 
 
 def report_bytes(
-    result: FitResult, assessment: Assessment | None = None, *, date: str | None = None,
-    planned: Comparison | None = None,
+    result: FitResult, assessment: Assessment | None = None, planned: Comparison | None = None,
 ) -> bytes:
     """Render the report as the file that it becomes; paths that are no UTF-8 do not stop it."""
-    return render(result, assessment, date=date, planned=planned).encode('utf-8', errors='replace')
+    return render(result, assessment, planned).encode('utf-8', errors='replace')
 
 
 def render(
-    result: FitResult, assessment: Assessment | None = None, *, date: str | None = None,
-    planned: Comparison | None = None,
+    result: FitResult, assessment: Assessment | None = None, planned: Comparison | None = None,
 ) -> str:
     """Render the report of a fit: sections with their templates, and what all of them show."""
     assessment = assess(result) if assessment is None else assessment
@@ -174,7 +172,7 @@ def render(
         ('settings', 'Preprocessing and settings', True),
         ('reading', 'How to read this', True), ('next', 'What to do next', True)]
     return rendered(
-        'page', arm=result.arm.name, date=date, joints=result.arm.active_joints,
+        'page', arm=result.arm.name, joints=result.arm.active_joints,
         sections=[(anchor, title) for anchor, title, there in sections if there],
         overall=overall((result.causal or result).fitted, assessment.detects),
         ringing=_ringing(result),

@@ -348,9 +348,8 @@ class TudorNode(Node):
         for parameter in parameters:
             param = self.params.get(parameter.name)
             if param is not None and param.choices and parameter.value not in param.choices:
-                msg = (f'parameter {param.name} is {parameter.value!r}; expected one of '
-                       f'{", ".join(param.choices)}')
-                raise TudorError(msg)
+                raise TudorError(f'parameter {param.name} is {parameter.value!r}; expected one of '
+                                 f'{", ".join(param.choices)}')
 
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -451,8 +450,7 @@ class TudorNode(Node):
     def described_arm(self, contents: str, reader: str = '') -> Arm:
         """Read the parameter ``arm``; a reader takes no interfaces but JointStates."""
         if not self.value('arm'):
-            msg = f'no arm: set the parameter arm to a description with {contents}'
-            raise ArmError(msg)
+            raise ArmError(f'no arm: set the parameter arm to a description with {contents}')
         arm = load_arm(self.value('arm'))
         if reader:
             refuse_interfaces(arm, reader)

@@ -171,9 +171,11 @@ MANY = (
 
 ARM = Param('arm', '', 'arm description (YAML)')
 AUTOSTART = Param('autostart', True, 'configure and activate at the start')
+PARTIAL = Param('allow_partial_joints_goal', True, 'joints that a trajectory does not name are '
+                'held, otherwise it is refused', dynamic=True)
 DAMP = (
     ARM,
-    Param('autostart', True, 'configure and activate at the start'),
+    AUTOSTART,
     Param('require_joint_test', False, 'joints go no farther than a nudge until joint_test has '
           'found them right, since their driver started', dynamic=True),
     Param('damping', 1.0, "part of the damper's gains", '', 0.0, 1.25, dynamic=True),
@@ -198,8 +200,7 @@ REFERENCE = (
     Param('shaping_frequency', 0.0, 'first mode for zv and zvd, 0 for that of the schedule', 'Hz',
           0.0, 1e3),
     Param('shaping_damping', 0.01, 'its damping ratio', '', 0.0, 0.9),
-    Param('allow_partial_joints_goal', True, 'joints that a trajectory does not name are held, '
-          'otherwise it is refused', dynamic=True),
+    PARTIAL,
     Param('path_tolerance', 0.0, 'the arm stops farther off a trajectory; 0 for never', 'rad', 0.0,
           10.0, dynamic=True),
     Param('goal_tolerance', 0.0, 'a trajectory is missed if the arm ends farther off; 0 for never',
@@ -219,8 +220,7 @@ RELAY = (
     Param('controller', 'joint_trajectory_controller', 'the controller that is led, by its name'),
     Param('start_tolerance', 0.05, 'a first point at the start may be so far from where the arm '
           'is; controllers jump to it', 'rad', 0.0, 10.0, dynamic=True),
-    Param('allow_partial_joints_goal', True, 'joints that a trajectory does not name are held, '
-          'otherwise it is refused', dynamic=True))
+    PARTIAL)
 FORCE = (
     ARM,
     Param('model', '', 'model bundle that says what gauges read of the weight of the arm; without '
