@@ -307,8 +307,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, predict, compare."""
-    arm = load_arm(args.arm) if args.arm else None
-    bundle = load_bundle(args.model, arm=arm)
+    bundle = load_bundle(args.model, arm=load_arm(args.arm) if args.arm else None)
     if args.causal:
         bundle = bundle.beside_robot()
     if args.payload is not None:

@@ -21,11 +21,11 @@ from pathlib import Path
 import shlex
 import sys
 
-from tudor_dynamics.arm.description import OPEN, spelled
+from tudor_dynamics.arm.description import arm_from_dict, OPEN, spelled
 from tudor_dynamics.errors import printable, UsageError
 from tudor_dynamics.files import other_name, write_whole
 from tudor_dynamics.identification.drafting.draft import (
-    answer, check_draft, Draft, draft_of, question_of, text_of)
+    answer, Draft, draft_of, question_of, text_of)
 
 EXAMPLES = """\
 examples:
@@ -61,7 +61,8 @@ def run(args: argparse.Namespace) -> int:
                      dh=None if args.dh is None else Path(args.dh), out=out)
     if sys.stdin.isatty() and sys.stdout.isatty():
         _ask(draft)
-    check_draft(draft, out)
+    if not draft.unknown:
+        arm_from_dict(draft.content, base=out.parent, source=str(out))  # says what is wrong
     write_whole(out, text_of(draft).encode())
     _say(draft, out, args.bags)
     return 0

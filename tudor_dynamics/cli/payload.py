@@ -76,8 +76,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, estimate, print."""
-    arm = load_arm(args.arm) if args.arm else None
-    bundle = load_bundle(args.model, arm=arm)
+    bundle = load_bundle(args.model, arm=load_arm(args.arm) if args.arm else None)
     telling(bundle, args.kind)  # says so if there is none
     choices = [parse_choice(text) for text in args.bags]
     if not args.live and (args.announced or args.begin):

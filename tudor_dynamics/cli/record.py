@@ -124,15 +124,10 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError(f'--seconds {args.seconds}: give more than 2 and at most 3600')
 
 
-def _imperfections(ideal: list[str]) -> Imperfections:
-    if 'all' in ideal:
-        return Imperfections.none()
-    return Imperfections(**dict.fromkeys(ideal, False))
-
-
 def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
     result = []
     trajectory = None
+    ideal = Imperfections.names() if 'all' in args.ideal else args.ideal
     if args.trajectory is not None:
         if args.best_of > 1 or args.conditions:
             raise UsageError('--trajectory is one motion, of which nothing is left to choose',
@@ -147,7 +142,8 @@ def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
                 range(motion, motion + args.best_of))
         result.append(StimulusSpec(
             args.payload, args.seconds, args.rate, 0.0 if args.no_damping else 1.0,
-            args.excitation, motion, noise, push, args.pushes, _imperfections(args.ideal),
+            args.excitation, motion, noise, push, args.pushes,
+            Imperfections(**dict.fromkeys(ideal, False)),
             random_loads(args.loads, args.seconds, args.payload, push), args.held, trajectory))
     return result
 

@@ -220,8 +220,9 @@ def unpack(
                     msg = f'{name}: {values.shape} where finite numbers {shape} were expected'
                     raise ValueError(msg)
                 for part, matrices, n in zip(parts.values(), values, counts, strict=True):
-                    part.append([_product(matrix, int(k), factors)
-                                 for matrix, k in zip(matrices, n, strict=True)])
+                    part.append([
+                        Products(matrix.T @ matrix, int(k), matrix) if factors else
+                        Products(matrix, int(k)) for matrix, k in zip(matrices, n, strict=True)])
             model.data_ = parts
     except (KeyError, TypeError, ValueError, IndexError) as err:
         raise ModelError(f'the data do not belong to the models ({err})', place=file,
@@ -244,10 +245,6 @@ def _matrix(product: Products) -> FloatArray:
     full = np.zeros_like(product.gram)
     full[:len(product.triangle)] = product.triangle
     return full
-
-
-def _product(matrix: FloatArray, n: int, factors: bool) -> Products:
-    return Products(matrix.T @ matrix, n, matrix) if factors else Products(matrix, n)
 
 
 # -- Writing and reading model bundles

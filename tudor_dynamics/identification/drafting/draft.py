@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from tudor_dynamics.arm.description import arm_from_dict, OPEN, open_values
+from tudor_dynamics.arm.description import OPEN, open_values
 from tudor_dynamics.arm.schema import one_spelling
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.messages import DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
@@ -235,12 +235,6 @@ def draft_of(
 ) -> Draft:
     """Write the first description of an arm."""
     return _Writer(bags, urdf, dh, out).write()
-
-
-def check_draft(draft: Draft, out: Path) -> None:
-    """Make sure that a description without open values can be used."""
-    if not draft.unknown:
-        arm_from_dict(draft.content, base=out.parent, source=str(out))
 
 
 Question = tuple[str, Callable[[str], Any]]
