@@ -32,12 +32,13 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.elastic_problem import Identified, Start
 from tudor_dynamics.identification.elastic_search import FACTORS
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
-from tudor_dynamics.identification.ringdowns import ModeMap, Ringdown, Vibration
+from tudor_dynamics.identification.ringdowns import ModeMap, Ringdown
 from tudor_dynamics.models.elastic.model import driven_arm, PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.show.elastic import (
     levels, mode_figure, MOST_ROWS, NOT_SHOWN, start_rows, strongest, summary)
 from tudor_dynamics.show.page import render
+from tudor_dynamics.signals.filters import Vibration
 from tudor_dynamics.signals.preprocessing import prepare
 
 RATE = 100.0

@@ -28,7 +28,7 @@ from tudor_dynamics.identification.dataset import BagData, model_for
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import follow_motion
-from tudor_dynamics.signals.filters import ring_modes, RingMode
+from tudor_dynamics.signals.filters import ring_modes, RingMode, Vibration
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -131,14 +131,6 @@ MOVING = 1e-3
 """Range of positions above which a joint counts as moving [rad or m]."""
 MODES = 2
 """Modes wanted: links and gears have more, but bags hardly show them."""
-
-
-@dataclass(frozen=True)
-class Vibration:
-    """A damped oscillation."""
-
-    frequency: float  # of the damped oscillation [Hz]
-    damping: float  # damping ratio of the mode
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +332,5 @@ def _ringdown(
     same = None if moment is None else clear_ring(moment[part, gauge], dt)[1]
     return Ringdown(
         str(bag.choice), float(t[0]), float(t[-1] - t[0]), tuple(float(x) for x in q),
-        driven.arm.gauge_names[gauge], measured.amplitude,
-        Vibration(measured.frequency, measured.damping), held,
-        None if same is None else _nearest([Vibration(same.frequency, same.damping)],
-                                           measured.frequency))
+        driven.arm.gauge_names[gauge], measured.amplitude, measured, held,
+        None if same is None else _nearest([same], measured.frequency))

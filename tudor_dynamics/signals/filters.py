@@ -360,11 +360,17 @@ def central(dt: float | FloatArray, earlier: float | FloatArray) -> FloatArray:
 # Hankel matrices.
 
 @dataclass(frozen=True)
-class RingMode:
-    """One oscillation of a free decay."""
+class Vibration:
+    """A damped oscillation."""
 
     frequency: float  # of the damped oscillation [Hz]
     damping: float  # damping ratio; negative where the oscillation grows
+
+
+@dataclass(frozen=True)
+class RingMode(Vibration):
+    """One oscillation of a free decay."""
+
     amplitude: float  # at the first sample, in the unit of the signal
 
 
