@@ -23,7 +23,7 @@ import pytest
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import check_budget, MAX_BYTES, MAX_STEPS, UsageError
 from tudor_dynamics.library import fit
-from tudor_dynamics.mechanics.run import Steps
+from tudor_dynamics.mechanics.run import count_steps
 
 LINK = 'simulate config/single_flexible_link.yaml --torque 0 --out {out}'
 RECORD = 'record --arm config/tudor.yaml --out {out} --seconds 3 --stimuli 1'
@@ -73,5 +73,5 @@ def test_the_budget_itself() -> None:
     for steps, each in ((MAX_STEPS + 1, 1.0), (MAX_STEPS, 8 * MAX_BYTES), (float('nan'), 1.0)):
         with pytest.raises(UsageError, match='at most 2e.07 steps and 4e.09 bytes'):
             check_budget('x', steps, each)
-    assert Steps.of(5.0, 2.5e-4, 1000.0) == (20_000, 4)
-    assert Steps.of(1e-300, 1e-300, 1e-300) == (1, 2)
+    assert count_steps(5.0, 2.5e-4, 1000.0) == (20_000, 4)
+    assert count_steps(1e-300, 1e-300, 1e-300) == (1, 2)
