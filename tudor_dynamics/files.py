@@ -21,6 +21,7 @@ from contextlib import contextmanager
 import errno
 from functools import lru_cache
 import hashlib
+import io
 from itertools import count
 import os
 from pathlib import Path
@@ -149,6 +150,13 @@ def write_whole(path: Path, data: bytes) -> None:
     with whole(path) as scratch:
         scratch.write_bytes(data)
         os.chmod(scratch, 0o644)
+
+
+def write_figure(figure: Any, path: Path, dpi: int = 150) -> None:
+    """Write a figure of matplotlib, whole or not at all."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format=path.suffix[1:], dpi=dpi)
+    write_whole(path, stream.getvalue())
 
 
 def write_directory(path: Path, files: Mapping[str, bytes]) -> None:

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-import os
 from pathlib import Path
 import time
 from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
@@ -30,6 +29,7 @@ import numpy as np
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import check_type, ModelError, TudorWarning, UsageError
+from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, check_choices, choices, common_outputs, facts_of, filtered, load,
@@ -53,7 +53,6 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
 from tudor_dynamics.models.bundle_io import check_target, save_bundle
 from tudor_dynamics.models.estimation import triangular
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.monitor import MonitorSettings
 from tudor_dynamics.typing import FloatArray, Progress
@@ -120,7 +119,10 @@ def fit_bags(
     """Fit models to bags, of all payloads where the bags have several."""
     found = None if ignore_payload else payload_range(bags.training, bags.test)
     if found is not None:
-        settings = _of_all_payloads(settings, found)
+        if settings.random_split:
+            raise UsageError('--random-split is for models of one payload, and these bags have '
+                             'several; leave it out, or add --ignore-payload')
+        settings = replace(settings, payloads=found)
     chosen = bags.choose(settings)
     findings: tuple[Finding, ...] = ()
     if examine:
@@ -132,21 +134,6 @@ def fit_bags(
     result, *causal = bags.fits(chosen, specs)
     return replace(result, findings=findings, choices=chosen.made,
                    causal=causal[0] if causal else None)
-
-
-def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> FitSettings:
-    if settings.random_split:
-        raise UsageError('--random-split is for models of one payload, and these bags have '
-                         'several; leave it out, or add --ignore-payload')
-    kinds = tuple(kind for kind in settings.kinds if KINDS[kind].of_loads)
-    left_out = [kind for kind in settings.kinds if kind not in kinds]
-    if left_out and kinds:
-        msg = f'{", ".join(left_out)}: not fitted to several payloads at once, and left out'
-        warnings.warn(msg, TudorWarning, stacklevel=2)
-    if not kinds:
-        raise UsageError(f'{", ".join(left_out)} cannot be fitted to several payloads at once; '
-                         'fit each payload apart, or add --ignore-payload')
-    return replace(settings, kinds=kinds, payloads=payloads)
 
 
 def fit(
@@ -297,14 +284,11 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
 
 def _by_path(payloads: Mapping[str, float], bags: Sequence[BagChoice]) -> dict[str, float]:
     known = {str(Path(choice.path).resolve()) for choice in bags}
-    found = {}
-    for bag, mass in payloads.items():
-        path = str(Path(bag).resolve())
+    found = {str(Path(bag).resolve()): float(mass) for bag, mass in payloads.items()}
+    for path, mass in found.items():
         if path not in known or not 0.0 <= mass < float('inf'):
-            msg = (f'payloads has {mass!r} kg for {os.fspath(bag)!r}; expected a mass of 0 or '
-                   f'more for one of the bags {[str(choice) for choice in bags]}')
-            raise UsageError(msg)
-        found[path] = float(mass)
+            raise UsageError(f'payloads has {mass!r} kg for {path}; expected a mass of 0 or more '
+                             f'for one of the bags {[str(choice) for choice in bags]}')
     return found
 
 
@@ -456,8 +440,7 @@ class Prediction:
     ) -> Figure:
         """Draw a channel of the first bag: measured, predicted by each model, and the residual."""
         # plots are slow to import, and most predictions are read
-        from tudor_dynamics.show.figures import (
-            ComparedSignal, draw_signal, liveliest, PAGE, style, write_figure)
+        from tudor_dynamics.show.figures import ComparedSignal, draw_signal, liveliest, PAGE, style
         from tudor_dynamics.show.pictures import picture_path
 
         target = None if path is None else picture_path(path)

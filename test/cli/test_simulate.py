@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tudor simulate`` and ``tudor reproduce`` as a user calls them."""
+"""``tudor simulate`` as a user calls it."""
 
 from __future__ import annotations
 
@@ -220,19 +220,6 @@ def test_bad_options_get_one_line(root, tmp_path, capsys, options, words):
     assert main(['simulate', arm, '--out', str(tmp_path / 'o'), *options]) == 2
     message = capsys.readouterr().err.strip().splitlines()[-1]
     assert words in message
-
-
-@pytest.mark.parametrize('words', [[], ['table1', '--out', 'out'], ['--help']])
-def test_reproduce_says_what_took_its_place(capsys, words):
-    """One line, and the exit code of wrong input."""
-    if words == ['--help']:
-        with pytest.raises(SystemExit):
-            main(['reproduce', *words])
-        assert 'python -m papers' in capsys.readouterr().out
-        return
-    assert main(['reproduce', *words]) == 2
-    err = capsys.readouterr().err
-    assert 'make papers' in err and 'python -m papers' in err and err.count('\n') == 1
 
 
 @pytest.mark.parametrize(('seconds', 'fails', 'left'), [

@@ -170,6 +170,15 @@ def _arrange(table: Table, width: int) -> int:
     return total()
 
 
+def add_judged(parser: Any) -> None:
+    """Add the options that name bags, and the model of a fit that they are compared with."""
+    parser.add_argument('bags', nargs='+', metavar='BAG',
+                        help='bag directory or file, or a part of it: BAG@60-100%%')
+    parser.add_argument('--model', required=True, metavar='MODEL', help='bundle of tudor fit')
+    parser.add_argument('--arm', metavar='YAML',
+                        help='refuse the model if it is not of this arm (it carries its own)')
+
+
 def add_running(parser: Any, jobs: int | None = os.cpu_count() or 1) -> None:
     """Add what says where pieces of work are done."""
     parser.add_argument('--jobs', type=int, default=jobs, metavar='N',

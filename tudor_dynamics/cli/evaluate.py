@@ -30,7 +30,7 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import plan_from_arm
 from tudor_dynamics.cli.console import (
-    finite, new_table, print_findings, print_json, print_table, score_table, steps)
+    add_judged, finite, new_table, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
@@ -284,11 +284,7 @@ beside other models does not count.
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor evaluate``."""
-    parser.add_argument('bags', nargs='+', metavar='BAG',
-                        help='bag directory or file, or a part of it: BAG@60-100%%')
-    parser.add_argument('--model', required=True, metavar='MODEL', help='bundle of tudor fit')
-    parser.add_argument('--arm', metavar='YAML',
-                        help='refuse the model if it is not of this arm (it carries its own)')
+    add_judged(parser)
     parser.add_argument('--payload', type=float, metavar='KG',
                         help='mass at the tip, for a model of all payloads; by default what each '
                              "bag's metadata say")

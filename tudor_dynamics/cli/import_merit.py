@@ -23,9 +23,6 @@ anyway.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
-import os
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +30,7 @@ import numpy as np
 from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.files import open_regular
+from tudor_dynamics.mechanics.study import read_table
 from tudor_dynamics.typing import FloatArray
 
 EXAMPLES = """\
@@ -52,74 +49,21 @@ JOINTS = ('joint1', 'joint2', 'joint3')
 GAUGES = ('link2_hub', 'link2_mid', 'link3_hub', 'link3_mid')
 START = 1_000_000_000
 """Stamp of t = 0 [ns]: a stamp of zero would mean "not set" in ROS."""
-MAX_BYTES = 100_000_000
-MAX_TIME = 1e8
 TWO_TURNS = 4 * np.pi
 
 
 def read_merit(path: str | Path) -> FloatArray:
     """Read and check a MERIt file; returns (samples, 17)."""
-    path = Path(path)
-    try:
-        with io.TextIOWrapper(open_regular(path), encoding='utf-8-sig', newline='') as stream:
-            if os.fstat(stream.fileno()).st_size > MAX_BYTES:
-                msg = f'{path}: larger than {MAX_BYTES} bytes, this is no MERIt recording'
-                raise BagError(msg)
-            rows = [_numbers(path, line, cells)
-                    for line, cells in enumerate(csv.reader(stream), start=1)
-                    if any(cell.strip() for cell in cells) and not (  # columns' names
-                        line == 1 and len(cells) > 1 and not any(map(_is_number, cells)))]
-    except OSError as err:
-        msg = f'{path}: cannot be read ({err.strerror or err}); check path and permissions'
-        raise BagError(msg) from None
-    except (UnicodeDecodeError, csv.Error) as err:
-        raise BagError(f'{path}: no CSV text ({err}); give a file of the MERIt dataset') from None
-    if len(rows) < 2:
-        msg = f'{path}: has {len(rows)} rows of numbers; give a file of the MERIt dataset'
-        raise BagError(msg)
-    table = np.array(rows)
-    _check(path, table)
+    t, columns = read_table(Path(path), COLUMNS[1:])
+    if len(columns) < len(COLUMNS) - 1:
+        raise BagError(f'found the columns t, {", ".join(columns)}; expected {list(COLUMNS)}',
+                       place=path)
+    table = np.column_stack([t, *(columns[name] for name in COLUMNS[1:])])
+    largest = np.abs(table[:, 1:4]).max()
+    if largest > TWO_TURNS:
+        raise BagError(f'positions go to {largest:.4g}; columns 2 to 7 must be in rad and rad/s, '
+                       'this looks like degrees', place=path)
     return table
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _numbers(path: Path, line: int, cells: list[str]) -> list[float]:
-    if len(cells) != len(COLUMNS):
-        raise BagError(f'{path}: line {line} has {len(cells)} columns, expected {len(COLUMNS)} '
-                       f'separated by commas ({", ".join(COLUMNS)})')
-    try:
-        values = [float(cell) for cell in cells]
-    except ValueError:
-        place = next(i for i, cell in enumerate(cells) if not _is_number(cell))
-        raise BagError(f'{path}: line {line}, column {COLUMNS[place]}: {cells[place][:40]!r} is '
-                       'not a number; correct or remove the line') from None
-    for name, value in zip(COLUMNS, values, strict=True):
-        if not np.isfinite(value):
-            msg = f'{path}: line {line}, column {name}: {value} is not finite; remove the line'
-            raise BagError(msg)
-    return values
-
-
-def _check(path: Path, table: FloatArray) -> None:
-    t, q = table[:, 0], table[:, 1:4]
-    steps = np.diff(t)
-    if np.any(steps <= 0):
-        row = int(np.argmax(steps <= 0)) + 1
-        raise BagError(f'{path}: the time in row {row + 1} ({t[row]:g} s) does not follow '
-                       f'{t[row - 1]:g} s; the first column must increase, in seconds')
-    if t[0] < 0 or t[-1] > MAX_TIME or np.any(np.diff(np.round(t * 1e9)) <= 0):
-        raise BagError(f'{path}: the first column runs from {t[0]:g} to {t[-1]:g}; expected '
-                       'seconds that do not begin before 0')
-    if np.abs(q).max() > TWO_TURNS:
-        raise BagError(f'{path}: positions go to {np.abs(q).max():.4g}; columns 2 to 7 must be in '
-                       'rad and rad/s, this looks like degrees')
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -21,7 +21,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.cli.console import finite, new_table, print_json, print_table, steps
+from tudor_dynamics.cli.console import (
+    add_judged, finite, new_table, print_json, print_table, steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice, parse_payloads
 from tudor_dynamics.identification.loads import payload_of, telling
@@ -56,11 +57,7 @@ EACH = 10
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor payload``."""
-    parser.add_argument('bags', nargs='+', metavar='BAG',
-                        help='bag directory or file, or a part of it: BAG@60-100%%')
-    parser.add_argument('--model', required=True, metavar='MODEL', help='bundle of tudor fit')
-    parser.add_argument('--arm', metavar='YAML',
-                        help='refuse the model if it is not of this arm (it carries its own)')
+    add_judged(parser)
     parser.add_argument('--kind', choices=('analytical', 'elastic'),
                         help='kind of model that tells the load (analytical, where there is one)')
     parser.add_argument('--payload-of', nargs='+', default=[], metavar='BAG=KG',

@@ -69,8 +69,3 @@ class Commanded:
         places = np.maximum(np.searchsorted(self.at[:self.count], times, 'right') - 1, 0)
         since = (times - self.at[places])[:, np.newaxis]
         return np.asarray(self.way[places] + since * self.commands[places])
-
-    def in_force(self, time: float) -> FloatArray:
-        """Give the command in force at a time; nothing before the first [rad/s]."""
-        place = int(np.searchsorted(self.at[:self.count], time, 'right')) - 1
-        return self.commands[place] if place >= 0 else np.zeros(self.commands.shape[1])

@@ -444,12 +444,12 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
     known = {str(Path(choice.path).resolve()) for choice in choices}
     found = {}
     for text in texts:
-        path, mark, number = text.rpartition('=')
+        path, _, number = text.rpartition('=')
         try:
             mass = float(number)
         except ValueError:
             mass = -1.0
-        if not mark or not 0.0 <= mass < float('inf'):
+        if not path or not 0.0 <= mass < float('inf'):
             raise UsageError(f'--payload-of {text}: expected BAG=KG with a mass of 0 or more, '
                              'such as run1=0.2')
         resolved = str(Path(path).resolve())

@@ -241,8 +241,6 @@ WAVE, WAVE_ABOVE = 0.3, 0.5  # part of a residual's power in a wave, above [Hz]
 UNEXPLAINED = 0.6  # relative residual beyond which nothing is explained: a fit below 40 %
 # (doctor/readings.py)
 COPIED, COPIED_EXACTLY = 0.05, 1e-3  # part of an effort, of a gauge, in which copies differ
-STRAIGHT = 1e-6  # a smaller bend is none, as part of a large step
-STRAIGHT_RUN, STRAIGHT_SHARE = 3, 0.02  # samples in a row, and part of all samples
 EVEN_STAMPS = 0.5  # part by which the distance of stamps may differ where jumps are looked for
 JUMPED, LEAST_JUMP = 6.0, 2e-3  # times what 99.5 % differ from the motion around; [rad or m]
 WRAPPED = 0.05  # part by which a jump differs from a turn
@@ -253,8 +251,6 @@ STALE_LEAST = 2e-3  # fast motion is more in that time [rad or m]
 FAR_FROM_ZERO, ALTERNATING = 0.2, 0.05  # of the spread of a channel; part of the samples
 WHITE, WHITE_LAGS = 4.0, 8  # deviations of an autocorrelation that is none
 LEVELS = 24  # values of a channel of few digits
-HUM_SAMPLES, HUM_ABOVE = 256, 12.0  # [Hz]
-HUM_SHARE, HUM_PEAK = 1e-2, 50.0  # part of the variance; times what is around
 STANDSTILL = 3.0  # ends without motion that are longer are reported [s] (bench/doctor)
 
 # -- Comparisons of bags (doctor/between.py)

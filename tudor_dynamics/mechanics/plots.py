@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import io
 from pathlib import Path
 import shutil
 from typing import Any
@@ -29,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.files import whole, write_whole
+from tudor_dynamics.files import whole, write_figure
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.mechanism import Mechanism
 from tudor_dynamics.mechanics.run import PlantRecord
@@ -102,13 +101,6 @@ def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
     return np.fft.rfftfreq(len(values), dt), amplitude
 
 
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure, whole or not at all."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format='png', dpi=110)
-    write_whole(path, stream.getvalue())
-
-
 def draw_signal(run: PlantRecord, signal: Curves, *, title: str | None = None) -> Figure:
     """Draw a signal over time and over frequency."""
     figure = Figure(figsize=(9.0, 5.4), layout='constrained')
@@ -158,7 +150,7 @@ def plot_configuration(
     axes.text(*position[mechanism.tip], '  tip', fontsize=8)
     limit_axes(axes, position)
     axes.set_title(title)
-    save_figure(figure, path)
+    write_figure(figure, path, 110)
 
 
 def draw_mechanism(axes: Any, mechanism: Mechanism, position: FloatArray) -> None:

@@ -31,11 +31,11 @@ from tudor_dynamics.arm.description import Arm, by_topic, refuse_interfaces
 from tudor_dynamics.bags.messages import IMU, joint_signals, Signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
-from tudor_dynamics.files import read_text
+from tudor_dynamics.files import read_text, write_figure
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.plots import (
-    Curves, draw_signal, pick_signal, save_figure, signal_names, spectrum)
+    Curves, draw_signal, pick_signal, signal_names, spectrum)
 from tudor_dynamics.mechanics.run import (
     count_steps, FIRST_STAMP, InertialSensors, PlantRecord, Probe, run_plant)
 from tudor_dynamics.typing import FloatArray
@@ -321,7 +321,7 @@ class SimulatedRun:
         """
         figure = draw_signal(self.run, self.curves(signal), title=title or signal)
         if path is not None:
-            save_figure(figure, Path(path))
+            write_figure(figure, Path(path), 110)
         return figure
 
     def animate(self, path: str | Path) -> None:

@@ -439,7 +439,4 @@ def _model(
     prefix = f'{output}_{kind}_'
     own = {name.removeprefix(prefix): array for name, array in arrays.items()
            if name.startswith(prefix)}
-    if 'payload_range' in content and not KINDS[kind].of_loads:
-        raise ModelError(f'{KINDS[kind].label}: a range of payloads, of which this kind of model '
-                         'knows nothing')
     return KINDS[kind].model.from_dict({**content, **own}, arm, output)

@@ -30,12 +30,11 @@ class Kind:
 
     label: str  # what tables and legends call it
     model: type[Model]  # its class
-    of_loads: bool = False  # whether it can be fitted to bags of several loads
     compared: bool = False  # whether verdicts go by the others, where there are others
 
 
 KINDS: dict[str, Kind] = {
-    'analytical': Kind('analytical', AnalyticalModel, of_loads=True),
-    'elm': Kind('ELM', ExtremeLearningMachine, of_loads=True, compared=True),
-    'elastic': Kind('elastic', ElasticModel, of_loads=True)}
+    'analytical': Kind('analytical', AnalyticalModel),
+    'elm': Kind('ELM', ExtremeLearningMachine, compared=True),
+    'elastic': Kind('elastic', ElasticModel)}
 """Kinds by the names that commands, parameters and bundles use."""

@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from functools import wraps
 import io
 import math
-from pathlib import Path
 import re
 from typing import Any, ParamSpec
 
@@ -35,7 +34,6 @@ from matplotlib.patches import Patch
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.dataset import all_stretches, BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.validation import Trace
@@ -200,13 +198,6 @@ def legend_above(axes: Any, columns: int, *, right: bool = False, **more: Any) -
     """Put a legend above axes."""
     axes.legend(loc='lower right' if right else 'lower left',
                 bbox_to_anchor=(1.0 if right else 0.0, 1.0), ncol=columns, borderpad=0.1, **more)
-
-
-def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure, whole or not at all."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format=path.suffix[1:], dpi=150)
-    write_whole(path, stream.getvalue())
 
 
 MAX_POINTS = 2000

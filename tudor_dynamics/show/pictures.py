@@ -26,9 +26,9 @@ import numpy as np
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.detection import MethodResult
-from tudor_dynamics.show.figures import (
-    BLUE, P, plain_text, PRINT, style, VERMILION, write_figure)
+from tudor_dynamics.show.figures import BLUE, P, plain_text, PRINT, style, VERMILION
 from tudor_dynamics.signals.excitation import JointRange
 from tudor_dynamics.signals.motion_profile import MotionLimits, states
 from tudor_dynamics.typing import FloatArray

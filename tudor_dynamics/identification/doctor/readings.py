@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What readings show that no arm does: jumps, repeats, lines, copies, lost signs, hum."""
+"""What readings show that no arm does: jumps, repeats, copies, zeros, few digits."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 import math
 
@@ -25,19 +25,58 @@ import numpy as np
 
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
-from tudor_dynamics.identification.doctor.channels import Channel, runs
-from tudor_dynamics.identification.doctor.findings import Finding
-from tudor_dynamics.identification.ringdowns import power_density
+from tudor_dynamics.identification.doctor.findings import Finding, found
+from tudor_dynamics.typing import FloatArray, IndexArray
+
+SINGULAR = {'q': 'position of', 'effort': 'effort of', 'strain': 'gauge'}
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A column of a recording."""
+
+    field: str  # array it stands in
+    name: str  # joint or gauge
+    column: int  # column of the array
+    values: FloatArray  # samples in their unit, (n,)
+    bag: str
+
+    def found(self, kind: str, what: str, time: float, size: float, remedy: str = '') -> Finding:
+        """Say what it does."""
+        return found(kind, f'{SINGULAR[self.field]} {self.name}{what}', self.bag, (self.name,),
+                     time=time, size=size, remedy=remedy)
+
+
+def channels(
+    recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
+) -> Iterator[Channel]:
+    """Go through positions, efforts and strains, by joint and gauge."""
+    for field, names in (('q', joints), ('effort', joints), ('strain', gauges)):
+        values = getattr(recording, field)
+        if values is not None:
+            for i, name in enumerate(names):
+                yield Channel(field, name, i, values[:, i], recording.path)
+
+
+def runs(x: FloatArray) -> tuple[IndexArray, IndexArray]:
+    """Give first sample and length of each run of equal values of ``x``."""
+    first = np.flatnonzero(np.diff(x, prepend=np.nan) != 0.0)
+    return first, np.diff(first, append=len(x))
+
+
+def until(recording: Recording, time: float) -> str:
+    """Say what to do about a channel that is of no use from a time on [s]."""
+    return f'check sensor and wiring; use BAG@0-{100 * time / recording.t[-1]:.0f}% until then'
 
 
 def look_at_readings(recording: Recording, items: Sequence[Channel]) -> list[Finding]:
     """Look at each channel of a recording, and at those of a kind together."""
-    findings = [*copies(items), *_filled(recording, items)]
+    findings = copies(items)
     for item in items:
         if np.ptp(item.values) == 0.0:
             continue
         checks = (_stale, _jump, _noisy) if item.field == 'q' else (
-            _alternating, _noise_alone, _coarse, _hum)
+            _alternating, _noise_alone, _coarse)
         findings += [one for check in checks if (one := check(recording, item)) is not None][:1]
     return findings
 
@@ -50,25 +89,6 @@ def copies(items: Sequence[Channel]) -> list[Finding]:
             and np.ptp(one.values) > 0.0 and np.std(one.values - other.values) < (
                 settings.COPIED if one.field == 'effort' else settings.COPIED_EXACTLY)
             * np.std(one.values)]
-
-
-def _filled(recording: Recording, items: Sequence[Channel]) -> list[Finding]:
-    """Find stretches where all that moves lies on straight lines, as no noise does."""
-    bends, moves = [], []
-    for item in items:
-        steps = np.diff(item.values, append=item.values[-1])
-        size = float(np.percentile(np.abs(steps), 90))
-        bends.append(np.abs(np.diff(steps, prepend=steps[0])) < settings.STRAIGHT * size)
-        moves.append(np.abs(steps) > settings.STRAIGHT * size)
-    straight = np.all(bends, axis=0) & np.any(moves, axis=0)
-    first, length = runs(straight.astype(float))
-    found = straight[first] & (length >= settings.STRAIGHT_RUN)
-    share = float(length[found].sum()) / len(straight)
-    if not settings.STRAIGHT_SHARE < share < 1.0 - settings.STRAIGHT_SHARE:
-        return []
-    at = float(recording.t[first[found][0]])
-    return [items[0].found('filled', f' and all else lie on straight lines in {100 * share:.2g} % '
-                           f'of the samples, the first at {at:.2f} s', at, share)]
 
 
 def _jump(recording: Recording, item: Channel) -> Finding | None:
@@ -107,14 +127,10 @@ def _jump(recording: Recording, item: Channel) -> Finding | None:
 
 
 def _noisy(recording: Recording, item: Channel) -> Finding | None:
-    """Find positions that change from sample to sample as no arm can, or that have few digits."""
+    """Find positions that change from sample to sample as no arm can."""
     noise = float(np.median(np.abs(np.diff(item.values, 3)))) / math.sqrt(20.0) / 0.6745
     if noise < settings.NOISY:
         return None
-    steps = np.abs(np.diff(item.values))
-    digit = float(steps[steps > 0.0].min())
-    if np.abs(steps / digit - np.round(steps / digit)).max() < settings.STRAIGHT:
-        return item.found('coarse_positions', f' comes in steps of {digit:.3g}', 0.0, digit)
     return item.found('noisy_positions', f' has noise of {noise:.2g}', 0.0, noise)
 
 
@@ -137,9 +153,7 @@ def _alternating(recording: Recording, item: Channel) -> Finding | None:
     """Find a zero between two samples of one sign that are far from it, again and again."""
     x = item.values
     far = settings.FAR_FROM_ZERO * float(np.std(x))
-    alone = (x[1:-1] == 0.0) & (np.minimum(x[:-2], x[2:]) > far) | (
-        x[1:-1] == 0.0) & (np.maximum(x[:-2], x[2:]) < -far)
-    share = float(np.mean(alone))
+    share = float(np.mean((x[1:-1] == 0.0) & (x[:-2] * x[2:] > far ** 2)))
     if share < settings.ALTERNATING:
         return None
     return item.found('alternating', f' is zero between two samples that are not, in '
@@ -164,29 +178,3 @@ def _coarse(recording: Recording, item: Channel) -> Finding | None:
         return None
     step = float(np.min(np.diff(levels)))
     return item.found('coarse_channel', f' has {len(levels)} values, {step:.3g} apart', 0.0, step)
-
-
-def _hum(recording: Recording, item: Channel) -> Finding | None:
-    """Find one frequency, above those of motion, in all of a recording."""
-    parts = [part for part in recording.segments
-             if part.stop - part.start >= settings.HUM_SAMPLES]
-    if not parts:
-        return None
-    n = settings.HUM_SAMPLES
-    blocks = [power_density(item.values[k:k + n, None], 1.0 / recording.dt, n)
-              for part in parts for k in range(part.start, part.stop - n + 1, n)]
-    frequency = blocks[0][0]
-    spectra = np.array([density[:, 0] for _, density in blocks]) * frequency[1]
-    if len(spectra) < 4:
-        return None
-    # what gears and structures do comes and goes with motion: a mains does not
-    lasting = np.where(frequency > settings.HUM_ABOVE, spectra.min(axis=0), 0.0)
-    peak = int(np.argmax(lasting))
-    near = slice(max(peak - 1, 0), peak + 2)
-    line = float(lasting[near].sum())
-    around = float(np.median(lasting[max(peak - 20, 0):peak + 21]))
-    if (line < settings.HUM_SHARE * float(np.var(item.values))
-            or lasting[peak] < settings.HUM_PEAK * around):
-        return None
-    return item.found('hum', f' has a wave of {frequency[peak]:.3g} Hz with an amplitude of '
-                      f'{math.sqrt(2.0 * line):.3g} throughout', 0.0, float(frequency[peak]))

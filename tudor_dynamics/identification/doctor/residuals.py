@@ -21,8 +21,8 @@ import numpy as np
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.alternatives import Alternative
 from tudor_dynamics.identification.doctor.case import Explained, share_of
-from tudor_dynamics.identification.doctor.channels import SINGULAR, until
 from tudor_dynamics.identification.doctor.findings import Finding, found
+from tudor_dynamics.identification.doctor.readings import SINGULAR, until
 from tudor_dynamics.identification.doctor.trials import rings
 from tudor_dynamics.identification.ringdowns import HALF_WIDTH, power_density
 from tudor_dynamics.typing import FloatArray
@@ -37,13 +37,12 @@ def trends(chosen: Alternative) -> list[Finding]:
         straight = explained.extended(line)
         for i in np.flatnonzero(case.sound[name]).tolist():
             channel, y = case.bodies[name].channels[i], output[:, i]
-            words = f'{SINGULAR[name]} {channel}'
             dead = _dies(explained, i, t, y)
             if dead is not None:
+                what = f'{SINGULAR[name]} {channel} follows the arm no more from {dead:.2f} s on'
                 findings.append(found(
-                    'dying', f'{words} follows the arm no more from {dead:.2f} s on',
-                    case.recording.path, (channel,), time=dead, size=float(t[-1]) - dead,
-                    remedy=until(case.recording, dead)))
+                    'dying', what, case.recording.path, (channel,), time=dead,
+                    size=float(t[-1]) - dead, remedy=until(case.recording, dead)))
                 continue
             step = _step(chosen, name, i)
             # the slope by Frisch and Waugh: both sides freed of all other columns
@@ -53,10 +52,9 @@ def trends(chosen: Alternative) -> list[Finding]:
             if (np.log(now / both) > settings.DRIFT_GAIN * case.brevity
                     and abs(rise) > settings.DRIFT_SIZE * float(np.std(y))
                     and (step is None or both < (step.otherwise or 0.0) ** 2)):
-                findings.append(found(
-                    'drift', f'{words} drifts by {rise:.4g} in {t[-1] - t[0]:.4g} s',
-                    case.recording.path, (channel,), time=0.0, size=rise,
-                    now=float(np.sqrt(now)), otherwise=float(np.sqrt(both))))
+                findings.append(_found(
+                    chosen, 'drift', name, i, f'drifts by {rise:.4g} in {t[-1] - t[0]:.4g} s',
+                    rise, now, both))
                 continue
             odd = (_without_sign(chosen, name, i) or step or _wave(chosen, name, i)
                    or _unexplained(chosen, name, i))
@@ -166,8 +164,8 @@ def _step(chosen: Alternative, name: str, i: int) -> Finding | None:
         if share < best[0]:
             best = share, float(at), float(values[0]), float(values[1])
     share, at, zero, gain = best
-    now = float(share_of(left, y))
-    if share > settings.STEPPED[t[-1] - t[0] > settings.STEP_LONG] or now * (1.0 - share) < settings.STEP_SHARE:
+    now, least = float(share_of(left, y)), settings.STEPPED[t[-1] - t[0] > settings.STEP_LONG]
+    if share > least or now * (1.0 - share) < settings.STEP_SHARE:
         return None
     size = float(np.std(predicted))
     what = (f'has another gain from about {at:.1f} s on' if abs(gain) * size > abs(zero) else

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.case import Case
-from tudor_dynamics.identification.doctor.channels import Channel, channels, runs, until
 from tudor_dynamics.identification.doctor.findings import Finding, found
-from tudor_dynamics.identification.doctor.readings import look_at_readings
+from tudor_dynamics.identification.doctor.readings import (
+    Channel, channels, look_at_readings, runs, until)
 from tudor_dynamics.load.rows import Described, described_masses
 from tudor_dynamics.load.settings import BELIEVED
 from tudor_dynamics.signals.preprocessing import Timing, timing
