@@ -164,7 +164,7 @@ def _step(chosen: Alternative, name: str, i: int) -> Finding | None:
         if share < best[0]:
             best = share, float(at), float(values[0]), float(values[1])
     share, at, zero, gain = best
-    now, least = float(share_of(left, y)), settings.STEPPED[t[-1] - t[0] > settings.STEP_LONG]
+    now, least = float(share_of(left, y)), settings.STEPPED[int(t[-1] - t[0] > settings.STEP_LONG)]
     if share > least or now * (1.0 - share) < settings.STEP_SHARE:
         return None
     size = float(np.std(predicted))
