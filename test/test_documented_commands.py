@@ -156,7 +156,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / name, folder / name)
     (folder / 'bin').mkdir()
     modules = {'tudor': 'tudor_dynamics',
-               **{node: f'tudor_dynamics.nodes.{node}' for node in NODES}}
+               **{node: f'tudor_dynamics.nodes {node}' for node in NODES}}
     for tool, words in {'python': '', **{k: f'-m {v} ' for k, v in modules.items()}}.items():
         file = folder / 'bin' / tool
         file.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {words}"$@"\n')
