@@ -228,6 +228,7 @@ FLAT = 4  # samples in a row at the end of the range that make a saturation (ben
 FLAT_RUN = 3.0  # ... as many times longer than 99 % of those elsewhere (bench/doctor)
 FLAT_SHARE = 0.004  # ... and the share of all samples there (bench/doctor)
 JOINT_SCALES = (0.5, 0.8, 1.25, 2.0)  # single for fourfold edges, gears of the next size
+RESCALED = 0.95  # part of an error that another scale may leave: what bends wins 2 % by one
 # (doctor/residuals.py)
 SIGNS, SIGN_PASSES = 3, 10  # first guesses of a lost sign by what bodies do; passes each
 SIGNED = 0.25  # part of a share of the variance that remains with the sign guessed

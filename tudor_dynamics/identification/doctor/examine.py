@@ -43,7 +43,6 @@ from tudor_dynamics.signals.preprocessing import Timing
 from tudor_dynamics.typing import FloatArray
 
 
-THOUSAND = 1000.0
 BROKEN = ('constant', 'held', 'dying', 'saturated', 'alternating', 'copied_channel')
 """Findings of channels whose values no description is judged by."""
 
@@ -68,7 +67,7 @@ def _table(arm: Arm) -> tuple[list[Finding], Arm]:
     a, alpha, d, theta = np.array(rows).T
     reach = float(sum(np.abs(a) + np.abs(d)))
     if reach > settings.LONGEST_ARM:
-        a, d = a / THOUSAND, d / THOUSAND
+        a, d = a / 1000.0, d / 1000.0
         findings.append(found('dh_in_millimetres', f'the D-H rows reach {reach:.4g} m: their '
                               'lengths look like millimetres', size=reach))
     largest = float(np.abs([alpha, theta]).max())
@@ -93,9 +92,9 @@ def _gauges(arm: Arm) -> tuple[list[Finding], Arm]:
         reach = f', whose link is {length:.4g} m long' if length else ''
         what = f'gauge {gauge.name} sits {gauge.distance:.4g} m behind {gauge.joint}{reach}'
         kind = 'gauge_beyond_link'
-        if gauge.distance > 1.0 and gauge.distance / THOUSAND <= (length or settings.LONGEST_ARM):
+        if gauge.distance > 1.0 and gauge.distance / 1000.0 <= (length or settings.LONGEST_ARM):
             kind, what = 'gauge_in_millimetres', f'{what}: millimetres'
-            content['distance'] = gauge.distance / THOUSAND
+            content['distance'] = gauge.distance / 1000.0
             mended = _rebuilt(arm, {'gauges': gauges})
         findings.append(found(kind, what, channels=(gauge.name,), size=gauge.distance))
     return findings, mended

@@ -85,7 +85,7 @@ def copies(items: Sequence[Channel]) -> list[Finding]:
     """Find channels that give what another one gives."""
     return [replace(other.found('copied_channel', f' and that of {one.name} have the same values',
                                 0.0, 0.0), channels=(one.name, other.name))
-            for one, other in combinations(items, 2) if one.field == other.field
+            for one, other in combinations(items, 2) if one.field == other.field != 'q'
             and np.ptp(one.values) > 0.0 and np.std(one.values - other.values) < (
                 settings.COPIED if one.field == 'effort' else settings.COPIED_EXACTLY)
             * np.std(one.values)]

@@ -44,6 +44,8 @@ def trends(chosen: Alternative) -> list[Finding]:
                     'dying', what, case.recording.path, (channel,), time=dead,
                     size=float(t[-1]) - dead, remedy=until(case.recording, dead)))
                 continue
+            if name == 'effort' and not case.moves[i]:
+                continue
             step = _step(chosen, name, i)
             # the slope by Frisch and Waugh: both sides freed of all other columns
             x, z = explained.rest(i, line), explained.rest(i, y)
@@ -201,8 +203,7 @@ def _wave(chosen: Alternative, name: str, i: int) -> Finding | None:
 def _unexplained(chosen: Alternative, name: str, i: int) -> Finding | None:
     """Say that a channel of a joint that moves is not explained, by no cause that is known."""
     now = float(chosen.shares_of(name)[i])
-    if (now < settings.UNEXPLAINED ** 2 or name == 'effort' and not chosen.case.moves[i]
-            or rings(chosen, name, 0.0)):
+    if now < settings.UNEXPLAINED ** 2 or rings(chosen, name, 0.0):
         return None
     return _found(chosen, 'unexplained', name, i, f'is not explained: {100 * now:.0f} % of its '
                   'variance is left, and no check says why', 0.0, now)

@@ -66,7 +66,8 @@ class Trials:
         likeliest = sorted(groups.values(), key=lambda group: -sum(one.gain for one in group))
         tried = [(errors[::-1], group) for group in likeliest[:settings.LIKELIEST]
                  if (errors := self._try(group[0], {}, self._least(
-                     usual, settings.PAYING))) is not None]
+                     usual, settings.PAYING))) is not None
+                 and (group[0].kind != 'joint_scale' or errors[1] < settings.RESCALED * errors[0])]
         (otherwise, now), best = min(tried, key=lambda item: item[0], default=((0.0, 0.0), []))
         return [next((replace(one, unseen=(now, otherwise)) for one in best
                       if one.case is own.case), own) for own in usual]
