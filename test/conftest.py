@@ -43,7 +43,7 @@ os.environ['ROS_DOMAIN_ID'] = str(_first + int(_worker) % 10)
 
 LONGEST = ('test_evaluate_collisions.py', 'test_elastic_search.py',
            'test_documented_commands.py', 'test_flake8.py', 'test_mypy.py', 'test_processes.py',
-           'test_damper_sign_test.py', 'test_doctor_bench.py', 'nodes/test_closed_loop.py')
+           'test_doctor_bench.py', 'nodes/test_closed_loop.py')
 """What takes longest in one piece begins first, so that no worker is left alone with it; the loop
 over topics after what compiles, because it is repeated more slowly where it was held up."""
 
