@@ -159,12 +159,15 @@ def test_a_payload_in_kilograms(result: FitResult) -> None:
     assert (np.sqrt(np.mean(means**2, axis=0)) / most).min() * 0.95 < kilograms < 0.2
 
 
-def test_no_verdict_beside_a_finding_of_units(result: FitResult) -> None:
+@pytest.mark.parametrize(('kind', 'words'), [
+    ('effort_unit', 'effort in another unit'),
+    ('joint_scale', 'position of a joint in another scale')])
+def test_no_verdict_beside_a_finding_of_units(result: FitResult, kind: str, words: str) -> None:
     """Newtons, kilograms and efforts to feed are in doubt, and that is all that is said."""
-    said = assess(replace(result, findings=(found('effort_unit', 'N m, not A'),)))
+    said = assess(replace(result, findings=(found(kind, 'N m, not A'),)))
     levels = {use.name: use.level for use in said.uses if use.output == 'effort'}
     assert levels.pop('prediction') is Grade.GOOD and set(levels.values()) == {None}
-    assert 'effort in another unit' in next(use for use in said.uses if use.level is None).why
+    assert words in next(use for use in said.uses if use.level is None).why
     assert said.detects is None
 
 

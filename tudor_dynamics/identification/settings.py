@@ -57,7 +57,8 @@ TIP_FORCE = (65.0, 150.0)
 # beyond a half it is not fed; source: none known.
 LEFT_TO_CONTROL = (0.3, 0.5)
 # Findings by which units, and so newtons and kilograms, are in doubt.
-UNITS = ('effort_unit', 'dh_in_millimetres', 'dh_in_degrees', 'gauge_in_millimetres')
+UNITS = ('effort_unit', 'dh_in_millimetres', 'dh_in_degrees', 'gauge_in_millimetres',
+         'joint_scale')
 # Good and usable: error of a mean over `MEAN` over the range of what weight makes; source: none
 # known.
 WEIGHT_SHARE = (0.05, 0.2)
@@ -194,7 +195,7 @@ PAYING_ERRORS = 2.5  # standard errors between parts that it has to win by
 PREDICTED = 0.5  # error with the remedy from which on nothing is predicted
 LIKELIEST = 3  # alternatives of several bags that are tried
 
-# -- Trends of a channel (doctor/samples.py)
+# -- Trends of a channel (doctor/residuals.py)
 DRIFT_GAIN = 0.6  # log ratio by which a line in time reduces the residual (bench/doctor)
 DRIFT_SIZE = 0.15  # least drift, in standard deviations of the channel (bench/doctor)
 WINDOWS = 20  # windows of a recording in which a channel may have died (bench/doctor)
@@ -229,18 +230,18 @@ FLAT_RUN = 3.0  # ... as many times longer than 99 % of those elsewhere (bench/d
 FLAT_SHARE = 0.004  # ... and the share of all samples there (bench/doctor)
 JOINT_SCALES = (0.5, 0.8, 1.25, 2.0)  # single for fourfold edges, gears of the next size
 RESCALED = 0.95  # part of an error that another scale may leave: what bends wins 2 % by one
-# (doctor/residuals.py)
+# (doctor/residuals.py; chosen with bench/lab_faults)
 SIGNS, SIGN_PASSES = 3, 10  # first guesses of a lost sign by what bodies do; passes each
 SIGNED = 0.25  # part of a share of the variance that remains with the sign guessed
 STEP_SECONDS, STEP_WITHIN = 6.0, (0.3, 0.7)  # of recordings, in which a gain or zero may change
 STEPS = 11  # times that are tried there; what changes at the ends is friction (bench/lab_faults)
 AT_ONCE = 0.25  # part of the time by which changes of one load may be apart
-STEPPED = (0.25, 0.42)  # part of a residual's power that remains with it: short, long recordings
+STEPPED = (0.25, 0.42)  # residual's power after over before it: short, long recordings
 STEP_LONG = 40.0  # longer recordings show more [s]
 STEP_SHARE = 1e-3  # part of the variance that it explains
 WAVE, WAVE_ABOVE = 0.3, 0.5  # part of a residual's power in a wave, above [Hz]
 UNEXPLAINED = 0.6  # relative residual beyond which nothing is explained: a fit below 40 %
-# (doctor/readings.py)
+# (doctor/readings.py; chosen with bench/lab_faults)
 COPIED, COPIED_EXACTLY = 0.05, 1e-3  # part of an effort, of a gauge, in which copies differ
 EVEN_STAMPS = 0.5  # part by which the distance of stamps may differ where jumps are looked for
 JUMPED, LEAST_JUMP = 6.0, 2e-3  # times what 99.5 % differ from the motion around; [rad or m]
