@@ -170,7 +170,7 @@ def _arrange(table: Table, width: int) -> int:
     return total()
 
 
-def add_judged(parser: Any) -> None:
+def add_bags_and_model(parser: Any) -> None:
     """Add the options that name bags, and the model of a fit that they are compared with."""
     parser.add_argument('bags', nargs='+', metavar='BAG',
                         help='bag directory or file, or a part of it: BAG@60-100%%')

@@ -30,7 +30,8 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import plan_from_arm
 from tudor_dynamics.cli.console import (
-    add_judged, finite, new_table, print_findings, print_json, print_table, score_table, steps)
+    add_bags_and_model, finite, new_table, print_findings, print_json, print_table, score_table,
+    steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
@@ -284,7 +285,7 @@ beside other models does not count.
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor evaluate``."""
-    add_judged(parser)
+    add_bags_and_model(parser)
     parser.add_argument('--payload', type=float, metavar='KG',
                         help='mass at the tip, for a model of all payloads; by default what each '
                              "bag's metadata say")

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.console import (
-    add_judged, finite, new_table, print_json, print_table, steps)
+    add_bags_and_model, finite, new_table, print_json, print_table, steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice, parse_payloads
 from tudor_dynamics.identification.loads import payload_of, telling
@@ -57,7 +57,7 @@ EACH = 10
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor payload``."""
-    add_judged(parser)
+    add_bags_and_model(parser)
     parser.add_argument('--kind', choices=('analytical', 'elastic'),
                         help='kind of model that tells the load (analytical, where there is one)')
     parser.add_argument('--payload-of', nargs='+', default=[], metavar='BAG=KG',

@@ -34,6 +34,7 @@ RESIDUAL = 'relative residual'
 UNSEEN = 'relative error of parts left out'
 NAMES = 'correct the names in the driver or in the description'
 UNIT = 'correct joints[].effort.unit, or scale the efforts in the driver'
+ONE_PART = 'leave one part out with BAG@BEGIN-END%'
 PLACE = 'give gauges[].distance in metres, from the axis of the joint along its link'
 CHECKS = {
     'gravity_axis': Check('gravity of the description along another axis', '', 'deg', RESIDUAL),
@@ -103,12 +104,11 @@ CHECKS = {
     'coarse_channel': Check('channel of few digits', 'widen or narrow the range of the driver'),
     'hum': Check('wave of one frequency',
                  'check ground and shield, or sample faster and filter', 'Hz', RESIDUAL),
-    'gain_step': Check('channel changes its gain', 'check amplifier and connectors; leave one '
-                       'part out with BAG@BEGIN-END%', '', RESIDUAL, one_bag=True),
-    'offset_step': Check('channel changes its zero', 'check amplifier and connectors; leave one '
-                         'part out with BAG@BEGIN-END%', '', RESIDUAL, one_bag=True),
-    'payload_changed': Check('load changed while recording', 'leave one part out with '
-                             'BAG@BEGIN-END%', '', RESIDUAL, one_bag=True),
+    'gain_step': Check('channel changes its gain', f'check amplifier and connectors; {ONE_PART}',
+                       '', RESIDUAL, one_bag=True),
+    'offset_step': Check('channel changes its zero', f'check amplifier and connectors; {ONE_PART}',
+                         '', RESIDUAL, one_bag=True),
+    'payload_changed': Check('load changed while recording', ONE_PART, '', RESIDUAL, one_bag=True),
     'unexplained': Check('channel that is not explained', 'look at it beside the motion, or do '
                          'without it', '', RESIDUAL),
     'joint_scale': Check('position of a joint in another scale', 'correct counts per turn or the '

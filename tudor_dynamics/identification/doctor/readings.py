@@ -71,7 +71,7 @@ def until(recording: Recording, time: float) -> str:
 
 def look_at_readings(recording: Recording, items: Sequence[Channel]) -> list[Finding]:
     """Look at each channel of a recording, and at those of a kind together."""
-    findings = copies(items)
+    findings = _copies(items)
     for item in items:
         if np.ptp(item.values) == 0.0:
             continue
@@ -81,7 +81,7 @@ def look_at_readings(recording: Recording, items: Sequence[Channel]) -> list[Fin
     return findings
 
 
-def copies(items: Sequence[Channel]) -> list[Finding]:
+def _copies(items: Sequence[Channel]) -> list[Finding]:
     """Find channels that give what another one gives."""
     return [replace(other.found('copied_channel', f' and that of {one.name} have the same values',
                                 0.0, 0.0), channels=(one.name, other.name))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What residuals show of single channels: drift, death, lost signs, hum, and what has no name."""
+"""What residuals show of single channels: drift, death, steps, lost signs, waves."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def trends(chosen: Alternative) -> list[Finding]:
     case, t = chosen.case, chosen.case.decimated.t
     findings = []
     for name, explained in chosen.explained.items():
-        output, line = chosen.output(name), t - t.mean()
+        output, shares, line = chosen.output(name), chosen.shares_of(name), t - t.mean()
         straight = explained.extended(line)
         for i in np.flatnonzero(case.sound[name]).tolist():
             channel, y = case.bodies[name].channels[i], output[:, i]
@@ -46,11 +46,11 @@ def trends(chosen: Alternative) -> list[Finding]:
                 continue
             if name == 'effort' and not case.moves[i]:
                 continue
-            step = _step(chosen, name, i)
             # the slope by Frisch and Waugh: both sides freed of all other columns
-            x, z = explained.rest(i, line), explained.rest(i, y)
-            rise = float(x @ z) / max(float(x @ x), 1e-300) * float(t[-1] - t[0])
-            now, both = float(share_of(z, y)), float(share_of(straight.rest(i, y), y))
+            x, left = explained.rest(i, line), explained.rest(i, y)
+            rise = float(x @ left) / max(float(x @ x), 1e-300) * float(t[-1] - t[0])
+            now, both = float(share_of(left, y)), float(share_of(straight.rest(i, y), y))
+            step = _step(chosen, name, i, left)
             if (np.log(now / both) > settings.DRIFT_GAIN * case.brevity
                     and abs(rise) > settings.DRIFT_SIZE * float(np.std(y))
                     and (step is None or both < (step.otherwise or 0.0) ** 2)):
@@ -58,8 +58,8 @@ def trends(chosen: Alternative) -> list[Finding]:
                     chosen, 'drift', name, i, f'drifts by {rise:.4g} in {t[-1] - t[0]:.4g} s',
                     rise, now, both))
                 continue
-            odd = (_without_sign(chosen, name, i) or step or _wave(chosen, name, i)
-                   or _unexplained(chosen, name, i))
+            odd = (_without_sign(chosen, name, i) or step or _wave(chosen, name, i, left)
+                   or _unexplained(chosen, name, i, float(shares[i])))
             findings += [] if odd is None else [odd]
     return _at_once(findings)
 
@@ -151,13 +151,12 @@ def _without_sign(chosen: Alternative, name: str, i: int) -> Finding | None:
     return _found(chosen, 'rectified', name, i, 'has lost its sign', 0.0, now, best)
 
 
-def _step(chosen: Alternative, name: str, i: int) -> Finding | None:
-    """Find a time from which on a channel has another gain, or another zero."""
+def _step(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding | None:
+    """Find a time after which a channel has another gain, or another zero."""
     explained, y, t = chosen.explained[name], chosen.output(name)[:, i], chosen.case.decimated.t
-    left = explained.rest(i, y)
-    predicted, best = y - left, (1.0, 0.0, 0.0, 0.0)
     if t[-1] - t[0] < settings.STEP_SECONDS:
         return None
+    predicted, best = y - left, (1.0, 0.0, 0.0, 0.0)
     for at in t[0] + (t[-1] - t[0]) * np.linspace(*settings.STEP_WITHIN, settings.STEPS):
         after = (t > at).astype(float)
         columns = np.stack([explained.rest(i, x) for x in (after, after * predicted)], axis=1)
@@ -169,17 +168,16 @@ def _step(chosen: Alternative, name: str, i: int) -> Finding | None:
     now, least = float(share_of(left, y)), settings.STEPPED[int(t[-1] - t[0] > settings.STEP_LONG)]
     if share > least or now * (1.0 - share) < settings.STEP_SHARE:
         return None
-    size = float(np.std(predicted))
-    what = (f'has another gain from about {at:.1f} s on' if abs(gain) * size > abs(zero) else
-            f'has another zero from about {at:.1f} s on')
-    return _found(chosen, 'gain_step' if 'gain' in what else 'offset_step', name, i, what,
-                  gain if 'gain' in what else zero, now, now * share, at)
+    kind, word, size = (('gain_step', 'gain', gain) if
+                        abs(gain) * float(np.std(predicted)) > abs(zero) else
+                        ('offset_step', 'zero', zero))
+    return _found(chosen, kind, name, i, f'has another {word} from about {at:.1f} s on', size,
+                  now, now * share, at)
 
 
-def _wave(chosen: Alternative, name: str, i: int) -> Finding | None:
+def _wave(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding | None:
     """Find one frequency in all of a residual, at which the joints do not move."""
     case, y = chosen.case, chosen.output(name)[:, i]
-    left = chosen.explained[name].rest(i, y)
     step, n = float(np.median(np.diff(case.decimated.t))), case.motion.shape[1] // 3
     length = round(settings.RINGING_SECONDS / step)
     if len(left) < 3 * length:
@@ -200,9 +198,8 @@ def _wave(chosen: Alternative, name: str, i: int) -> Finding | None:
                   float(frequency[peak]), now, now * (1.0 - line))
 
 
-def _unexplained(chosen: Alternative, name: str, i: int) -> Finding | None:
-    """Say that a channel of a joint that moves is not explained, by no cause that is known."""
-    now = float(chosen.shares_of(name)[i])
+def _unexplained(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
+    """Say that most of a channel is left, and no check has found a cause: now, its share."""
     if now < settings.UNEXPLAINED ** 2 or rings(chosen, name, 0.0):
         return None
     return _found(chosen, 'unexplained', name, i, f'is not explained: {100 * now:.0f} % of its '
