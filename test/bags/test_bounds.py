@@ -29,14 +29,15 @@ import mcap_records as mcap
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-from tudor_dynamics.bags import sqlite, unpacking
+from tudor_dynamics import files
+from tudor_dynamics.bags import sqlite
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.messages import CdrError, joint_state_layout, MAX_NAMES
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.bags.unpacking import Damaged, FREE_BYTES, MAX_PIECE, Unpacker
 from tudor_dynamics.bags.writer import encode
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.files import Damaged, FREE_BYTES, MAX_PIECE, Unpacker
 import yaml
 
 FRAME = zstd.compress(bytes(1 << 24))
@@ -294,4 +295,4 @@ def test_compression_that_nobody_knows() -> None:
     """An unknown name of a compression is said."""
     with pytest.raises(Damaged, match="compression 'rar' is unknown"):
         Unpacker(10).unpack(b'x', 'rar', 1)
-    assert unpacking.MAX_RATIO == 64  # as the documents say
+    assert files.MAX_RATIO == 64  # as the documents say

@@ -32,9 +32,9 @@ from tudor_dynamics.bags.mcap import McapFile
 from tudor_dynamics.bags.messages import JOINT_STATE
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.bags.unpacking import Damaged
 from tudor_dynamics.bags.writer import encode
 from tudor_dynamics.errors import BagError, TudorWarning
+from tudor_dynamics.files import Damaged
 
 STORAGES = ('mcap', 'sqlite3')
 SUFFIX = {'mcap': '.mcap', 'sqlite3': '.db3'}

@@ -33,8 +33,7 @@ from pathlib import Path
 import struct
 import zlib
 
-from tudor_dynamics.bags.unpacking import BreaksOff, Damaged, MAX_PIECE, Unpacker
-from tudor_dynamics.files import open_regular
+from tudor_dynamics.files import BreaksOff, Damaged, MAX_PIECE, open_regular, Unpacker
 
 MAGIC = b'\x89MCAP0\r\n'
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06

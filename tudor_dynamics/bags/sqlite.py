@@ -27,8 +27,7 @@ from pathlib import Path
 import sqlite3
 from urllib.parse import quote
 
-from tudor_dynamics.bags.unpacking import Damaged, MAX_PIECE
-from tudor_dynamics.files import open_regular
+from tudor_dynamics.files import Damaged, MAX_PIECE, open_regular
 
 FREE_STEPS = 20_000_000
 STEPS_PER_BYTE = 16

@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.mcap import McapFile
 from tudor_dynamics.bags.sqlite import SqliteFile
-from tudor_dynamics.bags.unpacking import (
-    BreaksOff, Damaged, unpacked_file, Unpacker, ZSTD_MAGIC)
 from tudor_dynamics.errors import BagError, TudorWarning
-from tudor_dynamics.files import open_regular, read_yaml, scratch_prefix
+from tudor_dynamics.files import (
+    BreaksOff, Damaged, open_regular, read_yaml, scratch_prefix, unpacked_file, Unpacker,
+    ZSTD_MAGIC)
 
 # A bag is untrusted. Whatever its bytes are, what leaves this module is data or a BagError on one
 # line that names the file, the cause and the remedy.
