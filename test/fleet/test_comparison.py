@@ -24,9 +24,8 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.fleet.comparison import (
-    Fleet, Measure, Named, named_outliers, Observation, parted, quantities, Quantity,
+    Fleet, Measure, Named, named_outliers, Observation, page_of, parted, quantities, Quantity,
     ring_quantities)
-from tudor_dynamics.fleet.study import page_of
 from tudor_dynamics.identification.dataset import BagChoice, SurveyedBag, Unused
 
 DAYS = [datetime.date(2026, 1, day) for day in (1, 11, 21)]

@@ -20,7 +20,7 @@ from elastic_making import lone_arm, lone_recording, LONE_TRUTH
 import pytest
 
 from tudor_dynamics.bags.writer import recording_series, write_bag
-from tudor_dynamics.fleet import pieces
+from tudor_dynamics.fleet import study
 from tudor_dynamics.identification.dataset import BagChoice, SurveyedBag
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.passes import Folder, Task
@@ -44,7 +44,7 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
 def test_stiffness_over_time(task: Task) -> None:
     """A blade is found as stiff as it is, date after date; a date without strain says why."""
     counts: list[int] = []
-    seen, unused = pieces.stiffnesses({'cell': task}, ALL, 1, counts.append)
+    seen, unused = study.stiffnesses({'cell': task}, ALL, 1, counts.append)
     assert counts[-1] == 3
     assert [str(item).split(':')[0] for item in unused] == ['cell 2026-01-03']
     assert 'no stiffness' in unused[0].why
@@ -62,23 +62,23 @@ def test_what_was_found_is_not_searched_for_again(
 ) -> None:
     """A file that was cut off, a first date that changed: that alone is searched for."""
     searches: list[object] = []
-    identify = pieces.identify
+    identify = study.identify
 
     def counted(*args: object, **options: object) -> object:
         searches.append(options['warm'])
         return identify(*args, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(pieces, 'identify', counted)
+    monkeypatch.setattr(study, 'identify', counted)
     both = {when: bags for when, bags in ALL.items() if when[1] != DAYS[2]}
-    found = pieces.stiffnesses({'cell': task}, both, 1, lambda _: None)
+    found = study.stiffnesses({'cell': task}, both, 1, lambda _: None)
     last, = task.store.path.glob('b' * 24 + '*')
     searches.clear()
-    assert pieces.stiffnesses({'cell': task}, both, 1, lambda _: None) == found
+    assert study.stiffnesses({'cell': task}, both, 1, lambda _: None) == found
     assert not searches
     last.write_bytes(last.read_bytes()[:100])
-    assert pieces.stiffnesses({'cell': task}, both, 1, lambda _: None) == found
+    assert study.stiffnesses({'cell': task}, both, 1, lambda _: None) == found
     assert len(searches) == 1 and searches[0]  # begins where the first date ended
     searches.clear()
     other = {**both, ('cell', DAYS[0]): [SurveyedBag(BagChoice('bag_3'), 'd' * 64, 0.2)]}
-    pieces.stiffnesses({'cell': task}, other, 1, lambda _: None)
+    study.stiffnesses({'cell': task}, other, 1, lambda _: None)
     assert searches == [None]  # ends where it ended, so the next date is the same

@@ -33,8 +33,8 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, filtered, split_bag
 from tudor_dynamics.identification.elastic_problem import Identified, Record, record_of, RUN_IN
-from tudor_dynamics.identification.elastic_trainer import ElasticTrainer
-from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, left_out
+from tudor_dynamics.identification.fit import (
+    ElasticTrainer, fit_models, FitResult, FitSettings, left_out)
 from tudor_dynamics.identification.validation import Grade, trace
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.signals.preprocessing import prepare
@@ -179,7 +179,7 @@ def test_a_search_is_taken_over_behind_another_filter(
     def never(*_: object, **__: object) -> Identified:
         raise AssertionError('searched again')
 
-    monkeypatch.setattr('tudor_dynamics.identification.elastic_trainer.identify', never)
+    monkeypatch.setattr('tudor_dynamics.identification.fit.identify', never)
     spec = PreprocessingSpec(filter='zero_phase', cutoff=20.0, rate=None)
     again = fit_models(
         lone_arm(), *([filtered(item, spec) for item in some]
@@ -215,7 +215,7 @@ def search(fitted: FitResult, monkeypatch: pytest.MonkeyPatch) -> Search:
     """Replace the search."""
     assert fitted.elastic is not None
     made = Search(fitted.elastic)
-    monkeypatch.setattr('tudor_dynamics.identification.elastic_trainer.identify', made)
+    monkeypatch.setattr('tudor_dynamics.identification.fit.identify', made)
     return made
 
 

@@ -66,7 +66,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def search(monkeypatch: pytest.MonkeyPatch) -> Search:
     """Replace the search."""
     made = Search()
-    monkeypatch.setattr('tudor_dynamics.identification.elastic_trainer.identify', made)
+    monkeypatch.setattr('tudor_dynamics.identification.fit.identify', made)
     return made
 
 

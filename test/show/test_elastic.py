@@ -27,7 +27,6 @@ import pytest
 
 from tudor_dynamics.arm.description import Arm, arm_from_dict
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.identification import elastic_trainer as elastic_module
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.elastic_problem import Identified, Start
 from tudor_dynamics.identification.elastic_search import FACTORS
@@ -91,7 +90,7 @@ def truth(arm: Arm) -> Identified:
 
 def fitted(arm: Arm, monkeypatch: pytest.MonkeyPatch, **settings: Any) -> FitResult:
     """Fit an elastic model whose search is short of a miracle: it finds the truth at once."""
-    monkeypatch.setattr(elastic_module, 'identify', lambda *_, **__: truth(arm))
+    monkeypatch.setattr('tudor_dynamics.identification.fit.identify', lambda *_, **__: truth(arm))
     bags = [bag(arm, f'run{seed}', seed) for seed in (1, 2)]
     return fit_models(arm, bags[:1], bags[1:], None, arm.spec.preprocessing,
                       FitSettings(**{'kinds': ('analytical', 'elastic'), **settings}))

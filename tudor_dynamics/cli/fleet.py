@@ -26,8 +26,8 @@ from tudor_dynamics.cli.console import (
 from tudor_dynamics.errors import FitError, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.fleet.cluster import on_cluster
-from tudor_dynamics.fleet.comparison import Fleet, WORDS
-from tudor_dynamics.fleet.study import load_plan, page_of, study, StudySettings
+from tudor_dynamics.fleet.comparison import Fleet, page_of, WORDS
+from tudor_dynamics.fleet.study import load_plan, study, StudySettings
 
 EXAMPLES = """\
 examples:

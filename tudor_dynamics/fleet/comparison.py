@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What arms are compared by, and which arm is an outlier or drifts."""
+"""What arms are compared by, which arm is an outlier or drifts, and a page that shows it."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ from dataclasses import asdict, dataclass, replace
 import datetime
 from typing import Any
 
+from matplotlib.dates import DateFormatter
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
@@ -34,6 +37,9 @@ from tudor_dynamics.models.elastic.model import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import kind_of
 from tudor_dynamics.models.estimation import Products
 from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.show.figures import (
+    BLUE, label, new_figure, on_page, plain_text, VERMILION)
+from tudor_dynamics.show.page import rendered
 from tudor_dynamics.typing import FloatArray
 
 
@@ -448,3 +454,66 @@ def _series(items: Sequence[Observation], start: datetime.date) -> History:
     return History(np.array([float((item.date - start).days) for item in order]),
                    np.array([item.quantity.value for item in order]),
                    np.array([item.quantity.error for item in order]))
+
+
+# -- The page of a fleet: which arms are named, and each quantity of all arms over time
+
+COLOURS = (VERMILION, BLUE, '#007a57', '#7a4fa3', '#a0642c', '#cc79a7')
+"""Of arms that are named; those of others are grey."""
+MARKERS = 'osD^vP'
+MOST = 200
+"""Arms that a figure draws, besides those that are named."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A quantity over time."""
+
+    title: str  # quantity and channel
+    figure: str  # all arms over time, as data URI
+    named: tuple[str, ...]  # arms that are named for it
+
+
+def page_of(fleet: Fleet) -> str:
+    """Render the page."""
+    groups: dict[str, list[Observation]] = {}
+    for item in fleet.seen:
+        quantity = item.quantity
+        groups.setdefault(f'{quantity.name}, {quantity.channel} ({item.output})', []).append(item)
+    named = {title: tuple(dict.fromkeys(item.arm for item in fleet.named if item.what == title))
+             for title in groups}
+    drawn = [Drawn(title, _figure(title, items, named[title]), named[title])
+             for title, items in groups.items()]
+    dates = sorted({item.date for item in fleet.seen})
+    return rendered('fleet', fleet=fleet, drawn=drawn, words=WORDS, dates=dates,
+                    alike=len(fleet.arms) - len({item.arm for item in fleet.named}))
+
+
+@on_page
+def _figure(title: str, items: Sequence[Observation], named: Sequence[str]) -> Figure:
+    arms: dict[str, list[Observation]] = {}
+    for item in items:
+        arms.setdefault(item.arm, []).append(item)
+    others = [arm for arm in arms if arm not in named]
+    figure, ((axes,),) = new_figure(1, [2.2], [0.5])
+    for arm in [*others[:MOST], *named]:
+        some = sorted(arms[arm], key=lambda item: item.date)
+        look = {'color': '#b0b0b0', 'linewidth': 0.8, 'marker': '.', 'zorder': 1}
+        if arm in named:
+            place = list(named).index(arm)
+            look = {'color': COLOURS[place % len(COLOURS)], 'linewidth': 1.4,
+                    'marker': MARKERS[place % len(MARKERS)], 'label': arm, 'zorder': 2}
+        axes.errorbar([datetime.datetime.combine(item.date, datetime.time()) for item in some],
+                      [item.quantity.value for item in some],
+                      yerr=[item.quantity.error for item in some], markersize=4, capsize=2,
+                      elinewidth=0.7, **look)
+    plain_text(axes.set_title, title)
+    axes.set_ylabel(label(items[0].quantity.name.partition(' at ')[0],
+                          items[0].quantity.unit))
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))  # whole days, few enough
+    days = DateFormatter('%Y-%m-%d')  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_formatter(days)
+    if named:
+        for text in axes.legend(loc='best').get_texts():
+            text.set_parse_math(False)
+    return figure

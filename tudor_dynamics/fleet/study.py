@@ -12,43 +12,43 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From the plan of a fleet to its comparison and its page."""
+"""From the plan of a fleet to its comparison, with a model of each arm."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 import datetime
+import hashlib
+import json
 from pathlib import Path
 
-from matplotlib.dates import DateFormatter
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from pydantic import Field, field_validator, ValidationError
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import Name, PreprocessingSpec, Spec, validation_message
-from tudor_dynamics.errors import FitError, TudorError, UsageError
-from tudor_dynamics.files import load_yaml, read_bounded
+from tudor_dynamics.errors import FitError, quiet, TudorError, UsageError
+from tudor_dynamics.files import load_yaml, read_bounded, source_digest, write_whole
 from tudor_dynamics.fleet.comparison import (
     aged, Fleet, Measure, measures, Named, named_aged, named_outliers, Observation, parted,
-    quantities, ring_quantities, WORDS)
-from tudor_dynamics.fleet.pieces import made_model, ModelTask, ring_pieces, stiffnesses
+    quantities, Quantity, ring_quantities, rings, stiffness_quantities)
+from tudor_dynamics.identification import passes
 from tudor_dynamics.identification.choice import choices_of, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, common_outputs, filtered, found_choices, load, spread_sample, SurveyedBag,
     Unused)
-from tudor_dynamics.identification.elastic_trainer import check_arm
-from tudor_dynamics.identification.fit import FitSettings, RowTrainer
+from tudor_dynamics.identification.elastic_problem import records_of
+from tudor_dynamics.identification.elastic_search import identify
+from tudor_dynamics.identification.fit import check_arm, FitSettings, RowTrainer
 from tudor_dynamics.identification.many_bags import fold_models
 from tudor_dynamics.identification.next_steps import ErrorChange
 from tudor_dynamics.identification.passes import Folder, gather, Part, survey, Task
+from tudor_dynamics.library import fit
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.parallel import in_processes
-from tudor_dynamics.show.figures import (
-    BLUE, label, new_figure, on_page, plain_text, VERMILION)
-from tudor_dynamics.show.page import rendered
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.elastic.model import PhysicalParameter
+from tudor_dynamics.parallel import Count, in_processes
 from tudor_dynamics.typing import Progress
 
 
@@ -121,67 +121,137 @@ def load_plan(path: Path) -> FleetPlan:
     return plan
 
 
-# -- The page of a fleet: which arms are named, and each quantity of all arms over time
+# -- What is done for each arm of a fleet in a process of its own: ring-downs, and a model
 
-COLOURS = (VERMILION, BLUE, '#007a57', '#7a4fa3', '#a0642c', '#cc79a7')
-"""Of arms that are named; those of others are grey."""
-MARKERS = 'osD^vP'
-MOST = 200
-"""Arms that a figure draws, besides those that are named."""
+Rings = list[tuple[str, float, float]]
+RingPiece = tuple[Arm, PreprocessingSpec, Path, tuple[BagChoice, ...]]
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """A quantity over time."""
+@dataclass(frozen=True, eq=False)
+class ModelTask:
+    """A model to be made."""
 
-    title: str  # quantity and channel
-    figure: str  # all arms over time, as data URI
-    named: tuple[str, ...]  # arms that are named for it
-
-
-def page_of(fleet: Fleet) -> str:
-    """Render the page."""
-    groups: dict[str, list[Observation]] = {}
-    for item in fleet.seen:
-        quantity = item.quantity
-        groups.setdefault(f'{quantity.name}, {quantity.channel} ({item.output})', []).append(item)
-    named = {title: tuple(dict.fromkeys(item.arm for item in fleet.named if item.what == title))
-             for title in groups}
-    drawn = [Drawn(title, _figure(title, items, named[title]), named[title])
-             for title, items in groups.items()]
-    dates = sorted({item.date for item in fleet.seen})
-    return rendered('fleet', fleet=fleet, drawn=drawn, words=WORDS, dates=dates,
-                    alike=len(fleet.arms) - len({item.arm for item in fleet.named}))
+    arm: Arm  # arm with its friction
+    spec: PreprocessingSpec  # filters and rate
+    settings: FitSettings  # settings with nothing left open
+    base: Path  # directory that the names of bags are relative to
+    bags: tuple[BagChoice, ...]  # bags to learn from
+    checksums: tuple[str, ...]  # SHA-256 of each
+    out: Path  # folder of the fleet
+    name: str  # name of the arm
 
 
-@on_page
-def _figure(title: str, items: Sequence[Observation], named: Sequence[str]) -> Figure:
-    arms: dict[str, list[Observation]] = {}
-    for item in items:
-        arms.setdefault(item.arm, []).append(item)
-    others = [arm for arm in arms if arm not in named]
-    figure, ((axes,),) = new_figure(1, [2.2], [0.5])
-    for arm in [*others[:MOST], *named]:
-        some = sorted(arms[arm], key=lambda item: item.date)
-        look = {'color': '#b0b0b0', 'linewidth': 0.8, 'marker': '.', 'zorder': 1}
-        if arm in named:
-            place = list(named).index(arm)
-            look = {'color': COLOURS[place % len(COLOURS)], 'linewidth': 1.4,
-                    'marker': MARKERS[place % len(MARKERS)], 'label': arm, 'zorder': 2}
-        axes.errorbar([datetime.datetime.combine(item.date, datetime.time()) for item in some],
-                      [item.quantity.value for item in some],
-                      yerr=[item.quantity.error for item in some], markersize=4, capsize=2,
-                      elinewidth=0.7, **look)
-    plain_text(axes.set_title, title)
-    axes.set_ylabel(label(items[0].quantity.name.partition(' at ')[0],
-                          items[0].quantity.unit))
-    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))  # whole days, few enough
-    days = DateFormatter('%Y-%m-%d')  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_formatter(days)
-    if named:
-        for text in axes.legend(loc='best').get_texts():
-            text.set_parse_math(False)
-    return figure
+def _rings(piece: RingPiece, count: Count) -> Rings:
+    """Find the ring-downs of an arm at a date: gauge, frequency [Hz], damping."""
+    arm, spec, base, bags = piece
+    found: Rings = []
+    with quiet():
+        for choice in bags:
+            try:
+                found += rings(arm, load(replace(choice, path=str(base / choice.path)), arm, spec))
+            except TudorError:
+                continue  # named when its parts were gone through
+    count(1)
+    return found
+
+
+def made_model(piece: ModelTask, count: Count) -> Path | Unused:
+    """Make the model of an arm, unless it is there."""
+    out = piece.out / 'models' / piece.name
+    mark = piece.out / 'sums' / f'{piece.name}.model'
+    depends = hashlib.sha256(json.dumps([
+        piece.arm.digest, piece.arm.spec.model_dump_json(), piece.spec.model_dump_json(),
+        repr(piece.settings), [str(choice) for choice in piece.bags], piece.checksums,
+        source_digest(passes.PARTS)]).encode()).hexdigest()
+    try:
+        with quiet():
+            if not (mark.is_file() and mark.read_text() == depends and _stands(out)):
+                fit([str(piece.base / str(choice)) for choice in piece.bags], piece.arm,
+                    settings=piece.settings, preprocessing=piece.spec, out=out, overwrite=True)
+                write_whole(mark, depends.encode())
+    except TudorError as err:
+        return Unused(f'model of {piece.name}', err.advice)
+    finally:
+        count(1)
+    return out
+
+
+def _stands(out: Path) -> bool:
+    try:
+        load_bundle(out)
+    except TudorError:
+        return False
+    return True
+
+
+# -- Stiffnesses of a fleet: a search for the elastic model of each arm at each of its dates.
+#
+# What a search has found is kept with the sums of the bags, under a name of all that it depends
+# on: bags, arm, filters, sources, and the date before, where the search began.
+
+SEARCHED_WITH = (*passes.PARTS, 'mechanics')
+"""Parts of the package that a search depends on."""
+Physical = tuple[PhysicalParameter, ...]
+Dates = tuple[Task, tuple[Sequence[SurveyedBag], ...]]
+"""What is asked of an arm, and its bags date by date."""
+
+
+def stiffnesses(
+    tasks: Mapping[str, Task], bags: Mapping[tuple[str, datetime.date], Sequence[SurveyedBag]],
+    jobs: int, progress: Callable[[int], None],
+) -> tuple[list[Observation], list[Unused]]:
+    """Search for the stiffnesses of arms over time; what was found before is taken up."""
+    whens = [sorted(when for when in bags if when[0] == name) for name in tasks]
+    found = in_processes(_over_time, [
+        (task, tuple(bags[when] for when in mine))
+        for task, mine in zip(tasks.values(), whens, strict=True)], jobs, progress)
+    seen: list[Observation] = []
+    unused: list[Unused] = []
+    for when, answer in ((when, answer) for mine, some in zip(whens, found, strict=True)
+                         for when, answer in zip(mine, some, strict=True)):
+        if isinstance(answer, str):
+            unused.append(Unused(f'{when[0]} {when[1]}', f'no stiffness: {answer}'))
+        else:
+            seen += [Observation(*when, 'elastic', item) for item in answer]
+    return seen, unused
+
+
+def _over_time(piece: Dates, count: Count) -> list[list[Quantity] | str]:
+    task, dates = piece
+    found: list[list[Quantity] | str] = []
+    warm: dict[str, float] | None = None
+    with quiet():
+        for bags in dates:
+            try:
+                known = _known(task, bags, warm)
+            except TudorError as err:
+                found.append(err.advice)
+            else:
+                # it is the same arm: the next date begins where this one ended
+                warm = {item.name: item.value for item in known}
+                found.append(stiffness_quantities(known))
+            count(1)
+    return found
+
+
+def _known(task: Task, bags: Sequence[SurveyedBag], warm: dict[str, float] | None) -> Physical:
+    """Take up what was found in the bags of a date, or search for it and keep it."""
+    name = task.name(bags[0], '.json', json.dumps(
+        ['elastic', source_digest(SEARCHED_WITH), warm, [task.name(bag, '') for bag in bags[1:]]]))
+    known = _read(task.store.read(name))
+    if known is None:
+        known = identify(task.arm, records_of([task.read(bag) for bag in bags]),
+                         warm=warm).physical
+        task.store.write(name, json.dumps([asdict(item) for item in known]).encode())
+    return known
+
+
+def _read(content: bytes | None) -> Physical | None:
+    """Read what a search has found; None where nothing whole is there."""
+    try:
+        return tuple(PhysicalParameter(**item) for item in json.loads(content or b'')) or None
+    except (ValueError, TypeError):
+        return None
 
 
 # -- From the plan of a fleet to what is compared: the same choices for all arms, part by part
@@ -383,9 +453,12 @@ class _Study:
                 date.parts.setdefault(output, []).append(part)
 
     def _rings(self, spec: PreprocessingSpec) -> list[Observation]:
+        if not any(arm.gauges for arm in self.arms.values()):
+            return []
         asked = [(self.arms[name], spec, self.run.base.absolute(), date.bags)
                  for (name, _), date in self.dates.items()]
-        found = ring_pieces(asked, self.run.jobs, lambda done: self.progress('ring-downs'))
+        found = in_processes(_rings, asked, self.run.jobs,
+                             lambda done: self.progress('ring-downs'))
         return [Observation(*when, 'ring', item)
                 for when, rings in zip(self.dates, found, strict=True)
                 for item in ring_quantities(rings)]
