@@ -104,7 +104,7 @@ def fill_mcap(bag: LiveWriter, monkeypatch: pytest.MonkeyPatch, room: int, kept:
 
 def fill_sqlite3(bag: LiveWriter, _: pytest.MonkeyPatch, room: int, kept: bool) -> None:
     """Let the file grow by so much, by SQLite's own bound."""
-    connection = bag._bag.writer.storage.conn
+    connection = bag._writer.storage.conn
     pages, = connection.execute('PRAGMA page_count').fetchone()
     more = max(room // 4096, 4) if kept else 0
     connection.execute(f'PRAGMA max_page_count = {pages + more}')
@@ -127,7 +127,7 @@ def test_a_full_disk_ends_it_with_what_it_has(
     with pytest.raises(BagError, match=f'{SAID[storage]}.* the 1000 messages'):
         for k in range(100):  # a second each: longer than any room
             write(bag, 1000 + 2000 * k, 2000, LATE)
-            monkeypatch.setattr(bag._bag, '_mark', lambda: pytest.fail('saved'))
+            monkeypatch.setattr(bag, '_mark', lambda: pytest.fail('saved'))
             bag.save()
     bag.close()
     assert numbers(tmp_path / 'b') == list(range(1000))
@@ -241,7 +241,7 @@ HALF_WRITTEN = """
 import os, signal, sys
 from tudor_dynamics.bags.writer import LiveWriter
 bag = LiveWriter(sys.argv[1], 'sqlite3')
-connection = bag._bag.writer.storage.conn
+connection = bag._writer.storage.conn
 bag.add('/wrench', 'geometry_msgs/msg/Wrench')
 for k in range(30000):
     if k == 1000:

@@ -96,7 +96,7 @@ def test_a_full_disk_is_an_error(
     if storage == 'mcap':
         monkeypatch.setattr(WholeFile, '_some', some)
     else:
-        connection = node.writer._bag.writer.storage.conn
+        connection = node.writer._writer.storage.conn
         pages, = connection.execute('PRAGMA page_count').fetchone()
         connection.execute(f'PRAGMA max_page_count = {pages + 2}')
     assert node.exit_code is None

@@ -109,36 +109,6 @@ class SqliteSaver:
         self._connection.rollback()
 
 
-class SavedWriter:
-    """rosbags' writer with a way back."""
-
-    def __init__(self, writer: Writer, storage: str) -> None:
-        self.writer: Any = writer
-        self._saver = McapSaver(writer) if storage == 'mcap' else SqliteSaver(writer)
-        self._mark()
-
-    def _mark(self) -> None:
-        writer = self.writer
-        self._saved = dict(writer.counts), writer.min_timestamp, writer.max_timestamp
-
-    def save(self) -> None:
-        """Bring everything to disk; what is there stays, whatever becomes of the process."""
-        self._saver.save()
-        self._mark()
-
-    def restore(self) -> None:
-        """Forget what was written after the last `save`."""
-        self._saver.restore()
-        counts, first, last = self._saved
-        self.writer.counts = dict.fromkeys(self.writer.counts, 0) | counts
-        self.writer.min_timestamp, self.writer.max_timestamp = first, last
-
-    @property
-    def count(self) -> int:
-        """Messages written."""
-        return sum(self.writer.counts.values())
-
-
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 METADATA_VERSION: Literal[9] = 9
 """Of metadata.yaml, as Jazzy writes it."""
@@ -325,7 +295,9 @@ class LiveWriter:
             writer = Writer(scratch / self.path.name, version=METADATA_VERSION,
                             storage_plugin=PLUGINS[storage])
             writer.open()
-            self._bag = SavedWriter(writer, storage)
+            self._writer: Any = writer
+            self._saver = McapSaver(writer) if storage == 'mcap' else SqliteSaver(writer)
+            self._mark()
         except FAILURES as err:
             if scratch is not None:
                 shutil.rmtree(scratch, ignore_errors=True)
@@ -339,7 +311,7 @@ class LiveWriter:
     @property
     def count(self) -> int:
         """Messages written."""
-        return self._bag.count
+        return sum(self._writer.counts.values())
 
     def add(self, topic: str, msgtype: str) -> bool:
         """Announce a topic; False for a type that this program does not know."""
@@ -347,20 +319,36 @@ class LiveWriter:
             if msgtype not in self._typestore.types:
                 return False
             with self._ending():
-                self._connections[topic] = self._bag.writer.add_connection(
+                self._connections[topic] = self._writer.add_connection(
                     topic, msgtype, typestore=self._typestore)
-                self._bag.save()
+                self._save()
         return True
 
     def write(self, topic: str, time: int, data: bytes) -> None:
         """Write a message of a topic that was announced: time [ns]."""
         with self._ending():
-            self._bag.writer.write(self._connections[topic], time, data)
+            self._writer.write(self._connections[topic], time, data)
 
     def save(self) -> None:
         """Bring what was written to disk, where it outlives the process."""
         with self._ending():
-            self._bag.save()
+            self._save()
+
+    def _save(self) -> None:
+        self._saver.save()
+        self._mark()
+
+    def _mark(self) -> None:
+        """Remember what the metadata say of what was saved."""
+        writer = self._writer
+        self._saved = dict(writer.counts), writer.min_timestamp, writer.max_timestamp
+
+    def _restore(self) -> None:
+        """Forget what was written after it was last saved."""
+        self._saver.restore()
+        counts, first, last = self._saved
+        self._writer.counts = dict.fromkeys(self._writer.counts, 0) | counts
+        self._writer.min_timestamp, self._writer.max_timestamp = first, last
 
     def close(self) -> None:
         """Finish the bag and give it its name; without any message there is none."""
@@ -384,13 +372,13 @@ class LiveWriter:
         try:
             (self._scratch / RESERVE).unlink()
             if failure:
-                self._bag.restore()
-            count = self._bag.count
+                self._restore()
+            count = self.count
             try:
-                self._bag.writer.close()
+                self._writer.close()
             except FAILURES as err:
                 failure = failure or f'cannot be finished ({reason(err)})'
-                self._bag.writer.abort()
+                self._writer.abort()
                 (made / 'metadata.yaml.tmp').unlink(missing_ok=True)
             if count:
                 made.rename(self.path)
