@@ -24,7 +24,6 @@ import pytest
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.base import Blocks, MemorylessModel, ModelSettings
-from tudor_dynamics.models.elm import channels_of
 from tudor_dynamics.models.kinds import Kind, KINDS
 from tudor_dynamics.typing import FloatArray
 
@@ -48,7 +47,7 @@ class HarmonicModel(MemorylessModel):
     @classmethod
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> HarmonicModel:
         """Build one that is not fitted yet."""
-        return cls(channels_of(arm, output))
+        return cls(arm.channels[output])
 
     def fit_blocks(self, blocks: Blocks) -> HarmonicModel:
         """Learn by least squares."""
@@ -77,7 +76,7 @@ class HarmonicModel(MemorylessModel):
     @classmethod
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> HarmonicModel:
         """Build it from what a bundle keeps."""
-        model = cls(channels_of(arm, output))
+        model = cls(arm.channels[output])
         shape = (1 + 6 * len(arm.active_joints), len(model.channels))
         if content['channels'] != list(model.channels) or content['weights'].shape != shape:
             msg = f'harmonic model of {content["channels"]}; expected {list(model.channels)}'

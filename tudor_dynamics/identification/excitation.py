@@ -237,8 +237,6 @@ def covariance_of(information: FloatArray) -> FloatArray:
 # products. Only the outputs are missing, and the inverse of the information does not depend on
 # them.
 
-OUTPUTS = ('effort', 'strain')
-
 
 @dataclass(frozen=True, eq=False)
 class Noise:
@@ -334,18 +332,17 @@ def known_efforts(arm: Arm, parameters: FloatArray | None = None) -> Efforts | N
         arm = arm.with_joints({joint.name: {'effort': joint.effort.model_copy(update={
             'unit': 'N' if arm.is_prismatic(joint.name) else 'N m', 'torque_constant': None})}
             for joint in arm.joints if joint.effort.unit == 'A'})
-    largest = EFFORT * effort_limits(arm)
+    largest, regressor = EFFORT * effort_limits(arm), EffortRegressor(arm)
     if parameters is None:
         inertias = list(arm.model.inertias)[1:]
         if not sum(float(inertia.mass) for inertia in inertias) > 0.0:
             return None
-        regressor = EffortRegressor(arm)
         bodies = np.concatenate([inertia.toDynamicParameters() for inertia in inertias])
         parameters = np.zeros((len(arm.joints), len(regressor.columns)))
         parameters[:, :len(bodies)] = bodies
     if not np.isfinite(largest).any():
         return None
-    return Efforts(EffortRegressor(arm), parameters, largest)
+    return Efforts(regressor, parameters, largest)
 
 
 @dataclass(frozen=True, eq=False)

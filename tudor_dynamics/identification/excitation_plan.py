@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import SelfCollision
@@ -33,9 +33,10 @@ from tudor_dynamics.bags.trajectory import (
     read_trajectory, Sent, Trajectory, write_trajectories)
 from tudor_dynamics.errors import SignalError, UsageError
 from tudor_dynamics.files import read_bounded, write_whole
+from tudor_dynamics.identification.dataset import OUTPUTS
 from tudor_dynamics.identification.excitation import (
     Beyond, Bounds, CLEARANCE, covariance_of, Criterion, expected_errors, ExpectedError,
-    Information, known_efforts, mean_error, Noise, OUTPUTS, Series, series, Subject)
+    Information, known_efforts, mean_error, Noise, Series, series, Subject)
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import (
@@ -413,26 +414,15 @@ STAMP = 1_000_000_000
 """Stamp of the only message [ns]; one of zero would mean "not set" in ROS."""
 
 
-class _Error(BaseModel):
-    """One standard error; null where the motion does not show the parameter."""
-
-    model_config = ConfigDict(extra='ignore', frozen=True)
-    output: str
-    column: str
-    standard_error: float | None = Field(ge=0.0, allow_inf_nan=False)
-
-
 class _Head(BaseModel):
     """What is read of ``plan.json``."""
 
     model_config = ConfigDict(extra='ignore', frozen=True)
     format: str  # noqa: A003
     version: int
-    arm: str
     noise: dict[str, dict[str, float]]
     noise_of: str
     noise_stated: bool
-    expected: tuple[_Error, ...] = Field(max_length=100_000)
 
 
 @dataclass(frozen=True, eq=False)
@@ -451,7 +441,7 @@ def plan_head(plan: Plan, arm: Arm, facts: dict[str, Any], *, stated: bool) -> d
 
     def by_joint(values: Any) -> dict[str, float]:
         return dict(zip(joints, (round(float(value), 6) for value in values), strict=True))
-    names = {'effort': joints, 'strain': arm.gauge_names}
+    names = arm.channels
     errors = []
     for item in plan.expected:
         row = asdict(item)

@@ -96,7 +96,7 @@ class ExtremeLearningMachine(MemorylessModel):
     @classmethod
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> ExtremeLearningMachine:
         """Build one that is not fitted yet; see ``MemorylessModel``."""
-        return cls(channels_of(arm, output), hidden=settings.elm_hidden,
+        return cls(arm.channels[output], hidden=settings.elm_hidden,
                    ridge=settings.elm_ridge, seed=settings.elm_seed,
                    payload_range=settings.payloads)
 
@@ -168,7 +168,7 @@ class ExtremeLearningMachine(MemorylessModel):
         cls, content: dict[str, Any], arm: Arm, output: str,
     ) -> ExtremeLearningMachine:
         """Build it from settings and arrays; see ``Model``."""
-        part, channels = read(ElmPart, content), channels_of(arm, output)
+        part, channels = read(ElmPart, content), arm.channels[output]
         hidden = part.hidden
         if not 1 <= hidden <= MAX_HIDDEN or part.channels != channels:
             msg = f'ELM of {hidden} neurons for {list(part.channels)}; expected {list(channels)}'
@@ -224,11 +224,6 @@ class ExtremeLearningMachine(MemorylessModel):
         motion = block.motion if block.decimation is None else block.decimation(block.motion)
         return [(self._features(motion[i:i + ROWS_AT_A_TIME]), block.output[i:i + ROWS_AT_A_TIME])
                 for i in range(0, len(motion), ROWS_AT_A_TIME)]
-
-
-def channels_of(arm: Arm, output: str) -> tuple[str, ...]:
-    """Give the names of an output's channels: joints of efforts, gauges of strains."""
-    return arm.active_joints if output == 'effort' else arm.gauge_names
 
 
 def _normalise(x: FloatArray, limits: FloatArray) -> FloatArray:

@@ -193,7 +193,7 @@ class ElasticModel(Model):
         self.coefficients_: tuple[FloatArray, ...] | None = None
         self.standard_errors_: tuple[FloatArray, ...] | None = None
         self.noise_: FloatArray | None = None
-        self.channels = arm.gauge_names if output == 'strain' else arm.active_joints
+        self.channels = arm.channels[output]
         self.columns: tuple[tuple[str, ...], ...] = effort_columns(arm)
         if output == 'strain':
             self.columns = (('moment', 'offset'),) * len(self.channels)
