@@ -379,15 +379,14 @@ PACKAGE = Path(__file__).resolve().parent
 
 
 @lru_cache
-def source_digest(parts: tuple[str, ...], package: Path = PACKAGE) -> str:
+def source_digest(parts: tuple[str, ...]) -> str:
     """Give the version of some parts of the package, and of the modules at its top."""
-    files = set(package.glob('*.py'))
+    files = set(PACKAGE.glob('*.py'))
     for part in parts:
-        path = package / part
-        files.update([path] if path.suffix else path.rglob('*.py'))
-        path.stat()
+        (PACKAGE / part).stat()  # what is not there cannot say so otherwise
+        files.update((PACKAGE / part).rglob('*.py'))
     digest = hashlib.sha256(__version__.encode())
     for file in sorted(files):
-        name, content = file.relative_to(package).as_posix(), file.read_bytes()
+        name, content = file.relative_to(PACKAGE).as_posix(), file.read_bytes()
         digest.update(f'{name} {len(content)}\n'.encode() + content)
     return f'{__version__} {digest.hexdigest()[:16]}'

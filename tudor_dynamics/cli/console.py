@@ -179,9 +179,9 @@ def add_bags_and_model(parser: Any) -> None:
                         help='refuse the model if it is not of this arm (it carries its own)')
 
 
-def add_running(parser: Any, jobs: int | None = os.cpu_count() or 1) -> None:
+def add_running(parser: Any) -> None:
     """Add what says where pieces of work are done."""
-    parser.add_argument('--jobs', type=int, default=jobs, metavar='N',
+    parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, metavar='N',
                         help='processes (default: one a core)')
     parser.add_argument('--cluster', metavar='tcp://HOST:PORT',
                         help='Dask scheduler whose workers do it in their place; they see the '

@@ -181,7 +181,6 @@ Searches = Mapping[tuple[str, ...], Identified]
 
 def check_arm(arm: Arm) -> None:
     """Refuse an arm of which no elastic model can be made, before hours of work and not after."""
-    reason = ''
     beyond = sorted({term for joint in arm.joints
                      for term in term_names(joint, loaded=True, state=True)})
     if arm.coupling is not None or beyond:
@@ -189,15 +188,13 @@ def check_arm(arm: Arm) -> None:
         raise FitError(f'{arm.source}: the elastic model knows nothing of {what}; leave that out '
                        'of the description, or elastic out of --models')
     if not arm.gauges:
-        reason = (f'{arm.source}: no gauges are described, and the elastic model is identified '
-                  'from strain')
-    else:
-        try:
-            DrivenArm(arm)
-        except TudorError as err:
-            reason = f'{err} (the elastic model needs links)'
-    if reason:
-        raise FitError(f'{reason}; describe them, or leave it out of --models')
+        raise FitError(f'{arm.source}: no gauges are described, and the elastic model is '
+                       'identified from strain; describe them, or leave it out of --models')
+    try:
+        DrivenArm(arm)
+    except TudorError as err:
+        raise FitError(f'{err} (the elastic model needs links); describe them, or leave it out of '
+                       '--models') from None
 
 
 def check_kinds(

@@ -248,11 +248,6 @@ class Pairing:
         self._motions: deque[tuple[Motion, FloatArray | None]] = deque()
         self._measured: deque[tuple[int, FloatArray]] = deque()
 
-    @property
-    def waiting(self) -> int:
-        """Give the number of motions that wait for a measurement."""
-        return len(self._motions)
-
     def add_motion(self, motion: Motion, predicted: FloatArray | None) -> list[PairedSample]:
         """Add a motion, later than those before it: predicted (channels,)."""
         if self._motions and motion.stamp <= self._motions[-1][0].stamp:
