@@ -128,6 +128,22 @@ def test_a_model_of_one_load_tells_the_rest() -> None:
     assert told.mass == pytest.approx(0.3, abs=0.02)
 
 
+def test_one_estimate_says_where_the_load_sits() -> None:
+    """Shown by the motion, at the tip, or as the payloads of the model were."""
+    arm, rows = models(of_all=False)
+    arm, of_all = models(of_all=True)
+    effort = {'effort': rows['effort']}
+    seen = estimate_payload(arm, effort, [stretch(arm, motion(60.0, 3), 0.3, 3, noise=0.02)])
+    assert f', centre at x {1000 * seen.com[0]:.0f} +- ' in seen.sentence
+    assert f' in {seen.frame}; scale: ' in seen.sentence
+    assumed = estimate_payload(arm, effort, [stretch(arm, motion(60.0, 3), 0.3, 3)], whole=False)
+    assert assumed.at_tip and (
+        ', its centre not shown by this motion: taken to sit at the tip, '
+        f'x {1000 * LENGTH_2:.0f} mm, y 0 mm, z 0 mm in {assumed.frame};') in assumed.sentence
+    known = estimate_payload(arm, of_all, [stretch(arm, motion(60.0, 3), 0.3, 3)])
+    assert 'mounted as the payloads of the model were' in known.sentence
+
+
 def test_without_a_scale() -> None:
     """Strains of unknown gain tell a load as a part of the arm's own moment."""
     arm, known = models(of_all=False)

@@ -381,13 +381,12 @@ def _print_loads(evaluated: Evaluated, bundle: ModelBundle) -> None:
     from tudor_dynamics.show.bodies import load_shares, load_values  # slow to import
     for bag, carried in evaluated.loads.items():
         table = new_table(f'load in {bag}', ('what',), ('value', 'std. deviation'))
-        for row in load_values(carried):
-            table.add_row(f'{row.name} [{row.unit}]', f'{row.value:.4g}', f'{row.std:.2g}')
+        for name, unit, value, std in load_values(carried):
+            table.add_row(f'{name} [{unit}]', f'{value:.4g}', f'{std:.2g}')
         print_table(table)
         table = new_table('residual', ('channel',), ('without', 'with it', 'explained [%]'))
-        for one in load_shares(bundle.arm, carried):
-            table.add_row(f'{one.channel} [{one.unit}]', f'{one.before:.3g}', f'{one.after:.3g}',
-                          f'{one.share:.0f}')
+        for name, unit, before, after, share in load_shares(bundle.arm, carried):
+            table.add_row(f'{name} [{unit}]', f'{before:.3g}', f'{after:.3g}', f'{share:.0f}')
         print_table(table)
 
 

@@ -27,7 +27,6 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice, parse_payloads
 from tudor_dynamics.identification.loads import payload_of, telling
 from tudor_dynamics.load.offline import PayloadEstimate, Verdict
-from tudor_dynamics.load.rows import Source
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.online.monitor import follow_load
@@ -39,7 +38,7 @@ examples:
   tudor payload run5 --model model --payload-of run5=0.3
   tudor payload run5 --model model --live --announced 12.5 31
 
-Each bag is told by itself: mass, centre and, where the motion shows it, inertia, each with its
+Each bag has one estimate: mass, centre and, where the motion shows it, inertia, each with its
 standard deviation. Kilograms come from a model of two known payloads (tudor fit --payload-of),
 from torques or torque constants, from the gains of gauges (sensors of the description) or from
 the masses of the URDF; without any of them the load is a part of the arm's own moment. With
@@ -87,8 +86,7 @@ def run(args: argparse.Namespace) -> int:
     if args.live:
         return _live(args, bundle, bags, truths)
     found = [payload_of(bundle, [bag], args.kind) for bag in bags]
-    known = [next((mass for path, mass in truths.items() if path == _resolved(bag)), None)
-             for bag in bags]
+    known = [truths.get(_resolved(bag)) for bag in bags]
     if args.json:
         print_json(finite({'model': args.model, 'bags': {
             str(bag.choice): {**item.as_dict(), **({} if mass is None else {'true_mass': mass})}
@@ -141,15 +139,12 @@ def _resolved(bag: BagData) -> str:
 def _print(
     bags: Sequence[BagData], found: Sequence[PayloadEstimate], known: Sequence[float | None],
 ) -> None:
-    table = new_table('what each output says of a mass at the tip', names=('bag', 'output'),
-                      figures=('load', '+-', 'unit', 'residual\nwithout %', 'with %'))
+    table = new_table('residual without the load and with it', names=('bag', 'output'),
+                      figures=('without %', 'with %'))
     for bag, item in zip(bags, found, strict=True):
-        plain = item.source is Source.NOTHING
         for one in item.outputs:
-            size = 100.0 if plain else 1.0
-            table.add_row(str(bag.choice), one.output, f'{size * one.mass:.4g}',
-                          f'{size * one.std:.2g}', '% of arm' if plain else 'kg',
-                          f'{100 * one.before:.1f}', f'{100 * one.after:.1f}')
+            table.add_row(str(bag.choice), one.output, f'{100 * one.before:.1f}',
+                          f'{100 * one.after:.1f}')
     print_table(table)
     for bag, item, mass in zip(bags, found, known, strict=True):
         print(f'{bag.choice}: {item.sentence}')

@@ -174,6 +174,7 @@ class PayloadEstimate:
     inertia_std: FloatArray = field(default_factory=lambda: np.full(6, math.nan))
     frame: str  # frame that turns with the last joint
     at_tip: bool = True  # assumed, where motion does not show its place
+    tip: FloatArray  # (3,): place of the tip in `frame` [m]
     source: Source  # where kilograms come from
     scale_std: float = math.nan  # relative, of the scale; `mass_std` has it in it
     # Moment of the load over that of the arm itself, both held out horizontally by its last
@@ -217,13 +218,16 @@ class PayloadEstimate:
                     'torque constants, the gain of a gauge, or a model of two known payloads')
         place = ''
         if self.verdict is Verdict.LOAD:
+            known = [f'{axis} {1000 * value:.0f} +- {1000 * std:.0f} mm' for axis, value, std in
+                     zip('xyz', self.com, self.com_std, strict=True) if math.isfinite(value)]
+            tip = ', '.join(f'{axis} {1000 * value:.0f} mm' for axis, value in zip(
+                'xyz', self.tip, strict=True))
+            place = (f', centre at {", ".join(known)} in {self.frame}' if known else
+                     ', its centre not shown by this motion')
             if self.at_tip:
-                place = ', taken to sit at the tip'
-            elif np.isfinite(self.com).any():
-                place = ', centre at ' + ', '.join(
-                    f'{axis} {1000 * value:.0f} +- {1000 * std:.0f} mm' for axis, value, std in
-                    zip('xyz', self.com, self.com_std, strict=True) if math.isfinite(value)
-                ) + f' in {self.frame}'
+                place += (': mounted as the payloads of the model were taken to be'
+                          if self.source is Source.PAYLOADS else
+                          f': taken to sit at the tip, {tip} in {self.frame}')
         return (f'{self.verdict.value}: {self.mass:.4g} +- {self.mass_std:.2g} kg{place}; scale: '
                 f'{self.source.value}')
 
@@ -425,7 +429,7 @@ def _relative(arm: Arm, loads: Sequence[_OutputLoad], known: float) -> PayloadEs
     std = _over(math.sqrt(best.variance), best.reference)
     return PayloadEstimate(
         verdict=_verdict(value, std, std, 1.0), known=known, frame=carrier_frame(arm),
-        source=Source.NOTHING, relative=value, relative_std=std,
+        tip=tip(arm), source=Source.NOTHING, relative=value, relative_std=std,
         outputs=tuple(item.summary(_over(1.0, item.reference)) for item in loads))
 
 
@@ -459,7 +463,8 @@ def _combined(arm: Arm, loads: Sequence[_OutputLoad], known: float) -> PayloadEs
     std = math.hypot(plain, relative * mass)
     return PayloadEstimate(
         verdict=_verdict(mass, std, plain, reference), mass=known + mass, mass_std=std,
-        known=known, frame=carrier_frame(arm), at_tip=at_tip, source=best.scale.source,
+        known=known, frame=carrier_frame(arm), at_tip=at_tip, tip=tip(arm),
+        source=best.scale.source,
         scale_std=relative, relative=_over(mass, reference), relative_std=_over(plain, reference),
         outputs=tuple(item.summary(at_tip=at_tip) for item in loads), **places)
 

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -78,53 +77,33 @@ COLUMNS = 2
 """Channels beside each other."""
 
 
-@dataclass(frozen=True)
-class LoadValue:
-    """A value that became known."""
-
-    name: str
-    unit: str
-    # Value with its standard deviation.
-    value: float
-    std: float
-
-
-@dataclass(frozen=True)
-class ChannelShare:
-    """What a load explains of a channel."""
-
-    # Its joint or gauge, and the unit of that.
-    channel: str
-    unit: str
-    # Root mean square of the residual without and with the load.
-    before: float
-    after: float
-    share: float  # part of its squares that the load explains [%]
-
-
-def load_values(load: PayloadEstimate) -> tuple[LoadValue, ...]:
-    """List what is known of a load."""
+def load_values(load: PayloadEstimate) -> list[tuple[str, str, float, float]]:
+    """List what is known of a load: name, unit, value, standard deviation."""
     if math.isnan(load.mass):
-        first = LoadValue("Part of the arm's own moment", '%', 100.0 * load.relative,
-                          100.0 * load.relative_std)
+        found = [("Part of the arm's own moment", '%', 100.0 * load.relative,
+                  100.0 * load.relative_std)]
     else:
-        first = LoadValue('Mass beyond what the model knows', 'kg', load.mass - load.known,
-                          load.mass_std)
-    named = [(f'Centre {axis}', 'm', value, std)
-             for axis, value, std in zip('xyz', load.com, load.com_std, strict=True)]
-    named += [(f'Inertia {axes}', 'kg m^2', value, std) for axes, value, std in zip(
+        found = [('Mass beyond what the model knows', 'kg', load.mass - load.known,
+                  load.mass_std)]
+    found += [(f'Centre {axis}', 'm', float(value), float(std))
+              for axis, value, std in zip('xyz', load.com, load.com_std, strict=True)]
+    found += [(f'Inertia {axes}', 'kg m^2', float(value), float(std)) for axes, value, std in zip(
         ('xx', 'xy', 'yy', 'xz', 'yz', 'zz'), load.inertia, load.inertia_std, strict=True)]
-    return (first, *(LoadValue(name, unit, float(value), float(std))
-                     for name, unit, value, std in named if math.isfinite(value)))
+    return [row for row in found if math.isfinite(row[2])]
 
 
-def load_shares(arm: Arm, load: PayloadEstimate) -> tuple[ChannelShare, ...]:
-    """Say what a load explains of each channel."""
-    return tuple(
-        ChannelShare(name, output_units(arm, item.output)[name], float(before), float(after),
-                     100.0 * float(share))
-        for item in load.outputs for name, before, after, share in zip(
-            item.leftover.channels, *item.leftover.sizes(), item.leftover.shares(), strict=True))
+def load_shares(arm: Arm, load: PayloadEstimate) -> list[tuple[str, str, float, float, float]]:
+    """
+    Say what a load explains of each channel.
+
+    Channel, its unit, root mean square of the residual without and with the load, and the share of
+    its squares that the load explains [%].
+    """
+    return [(name, output_units(arm, item.output)[name], float(before), float(after),
+             100.0 * float(share))
+            for item in load.outputs for name, before, after, share in zip(
+                item.leftover.channels, *item.leftover.sizes(), item.leftover.shares(),
+                strict=True)]
 
 
 @on_page
