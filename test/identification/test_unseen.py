@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -67,6 +67,17 @@ def test_each_bag_is_left_out_once() -> None:
     found = left_out(bags, SPEC)
     assert [(''.join(item.choice.path for item in known), one.choice.path)
             for known, one in found] == [('bc', 'a'), ('ac', 'b'), ('ab', 'c')]
+
+
+def test_the_only_bag_of_a_load_is_left_out_in_parts() -> None:
+    """A model of all loads is judged by each load that it knows; bags of one load as before."""
+    bags = [replace(bag(name, 10.0), payload=mass) for name, mass in zip(
+        'abc', (0.0, 0.0, 0.2), strict=True)]
+    assert [one.choice.path for _, one in left_out(bags, SPEC)] == ['a', 'b', 'c']
+    found = left_out(bags, SPEC, loads=True)
+    assert [one.choice.path for _, one in found] == ['a', 'b', 'c', 'c']
+    for known, _ in found[2:]:
+        assert [item.payload for item in known] == [0.0, 0.0, 0.2]
 
 
 @pytest.mark.parametrize(('seconds', 'count'), [

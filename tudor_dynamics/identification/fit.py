@@ -91,21 +91,31 @@ SHORTEST = 4.0
 """Parts shorter than this lose too much at their ends, in which filters settle [s]."""
 
 
-def left_out(training: Sequence[BagData], preprocessing: PreprocessingSpec) -> list[Left]:
-    """Leave out each training bag once, or each part of an only one that is long enough."""
-    bags = list(training)
-    if len(bags) > 1:
-        return [([*bags[:i], *bags[i + 1:]], bag) for i, bag in enumerate(bags)]
-    count = min(PARTS, int(bags[0].recording.t[-1] / SHORTEST))
+def left_out(
+    training: Sequence[BagData], preprocessing: PreprocessingSpec, *, loads: bool = False,
+) -> list[Left]:
+    """
+    Leave out each training bag once; of an only bag, or the only one of its load, each part.
+
+    What is left out has to be like what is learned from: with a load that nothing else shows, a
+    model of all loads would be judged by what it cannot know.
+    """
     found: list[Left] = []
-    for i in range(count if count > 1 else 0):
-        begin, end = i / count, (i + 1) / count
-        try:
-            rest = [part(bags[0], *piece, preprocessing)
-                    for piece in ((0.0, begin), (end, 1.0)) if piece[0] < piece[1]]
-            found.append((rest, part(bags[0], begin, end, preprocessing)))
-        except SignalError:
-            continue  # a part in which nothing is long enough
+    for i, bag in enumerate(training):
+        others = [*training[:i], *training[i + 1:]]
+        alone = not others or loads and bag.payload not in [other.payload for other in others]
+        count = min(PARTS, int(bag.recording.t[-1] / SHORTEST)) if alone else 1
+        if count < 2:
+            found += [(others, bag)] * bool(others)
+            continue
+        for k in range(count):
+            begin, end = k / count, (k + 1) / count
+            try:
+                rest = [part(bag, *piece, preprocessing)
+                        for piece in ((0.0, begin), (end, 1.0)) if piece[0] < piece[1]]
+                found.append(([*others, *rest], part(bag, begin, end, preprocessing)))
+            except SignalError:
+                continue  # a part in which nothing is long enough
     return found
 
 
@@ -514,6 +524,7 @@ def fit_models(
     trainers = {kind: elastic if kind == ELASTIC else RowTrainer(kind, arm, settings)
                 for kind in settings.kinds}
     others = left_out(training, preprocessing)
+    parts = left_out(training, preprocessing, loads=settings.payloads is not None)
     if ELASTIC in trainers:
         elastic.prepare([training, *([] if test or len(training) < 2 else
                                      [known for known, _ in others])])
@@ -522,7 +533,8 @@ def fit_models(
         for kind in settings.kinds:
             progress(f'{kind} {output}')
             fitted.append(_fit_one(
-                training, test, holdout, others, output, kind, settings, trainers[kind], noise))
+                training, test, holdout, others if kind == ELASTIC else parts, output, kind,
+                settings, trainers[kind], noise))
     return replace(
         result_of(arm, preprocessing, settings, fitted, training, test,
                   [facts_of(bag) for bag in training], [facts_of(bag) for bag in test], notes),
@@ -559,7 +571,7 @@ def _fit_one(
         return blank(kind, trainer.arm, output, settings).fit(motion, values)
 
     model = fit_bags(training)
-    method = method_of([str(bag.choice) for bag in test], len(training), len(training))
+    method = method_of([str(bag.choice) for bag in test], len(training), len(others))
     if test:
         cases = cases_of(model, test)
     elif len(training) > 1:

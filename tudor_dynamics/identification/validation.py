@@ -340,7 +340,8 @@ def method_of(tests: Sequence[str], bags: int, groups: int) -> str:
     if tests:
         return f'test bag {tests[0]}' if len(tests) == 1 else f'{len(tests)} test bags'
     return (f'leave one bag out, {bags} bags' if groups == bags else
-            f'leave one of {groups} groups of bags out, {bags} bags')
+            f'leave one of {groups} {"groups" if groups < bags else "parts"} of bags out, '
+            f'{bags} bags')
 
 
 def random_split(
