@@ -92,6 +92,19 @@ def test_nothing_is_added_that_does_not_pay() -> None:
     assert 'nothing else pays' in str(chosen.made[0])
 
 
+def test_an_elastic_model_has_the_friction_of_the_others() -> None:
+    """Alone it takes the terms that it takes beside an analytical model."""
+    def friction(motion: FloatArray, _: FloatArray) -> FloatArray:
+        return 5.0 * motion[:, 3:6] * np.abs(motion[:, 3:6])
+
+    arm = _arm()
+    bags = [_recording(arm, seed, more=friction) for seed in (1, 2)]
+    alone, beside = (_choose(arm, *bags, settings=FitSettings(kinds=kinds)) for kinds in (
+        ('elastic',), ('analytical', 'elastic')))
+    assert alone.arm.joints == beside.arm.joints != arm.joints
+    assert set(_words(alone)) == {'friction'}
+
+
 @pytest.mark.parametrize(('term', 'friction'), [
     ('load', lambda motion, effort: 0.3 * np.abs(effort) * np.tanh(motion[:, 3:6] / 0.02)),
     ('offset', lambda motion, effort: np.full((len(motion), 3), 3.0)),

@@ -460,7 +460,7 @@ class _Chooser:
         """Go through what is open, what matters most first."""
         if self.filter_open:
             self._choose_filter()
-        if 'effort' in self.outputs and 'analytical' in self.settings.kinds:
+        if 'effort' in self.outputs and {'analytical', 'elastic'} & {*self.settings.kinds}:
             self._choose_effort()
         changes = {old.name: choices_of(new) for old, new in zip(
             self.arm.joints, self.joints, strict=True) if new != old}
@@ -542,7 +542,7 @@ class _Chooser:
             self.made.append(Choice('inertial parameters', words[self.shared], words[0],
                                     percent(shared if self.shared else separate),
                                     percent(separate)))
-        if self.settings.estimator == 'auto':
+        if self.settings.estimator == 'auto' and 'analytical' in self.settings.kinds:
             self._choose_estimator(left_out, percent)
 
     def _choose_estimator(
