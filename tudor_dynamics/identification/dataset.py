@@ -114,6 +114,11 @@ class BagChoice:
         scale = 1.0 if self.seconds else duration
         return self.begin * scale, self.end * scale
 
+    def within(self, begin: float, end: float) -> BagChoice:
+        """Give a part of this one, by fractions of it."""
+        width = self.end - self.begin
+        return replace(self, begin=self.begin + begin * width, end=self.begin + end * width)
+
     def __str__(self) -> str:
         """Write the choice as it is written on the command line."""
         if self.seconds:
@@ -341,9 +346,7 @@ def split_bag(
 def part(bag: BagData, begin: float, end: float, preprocessing: PreprocessingSpec) -> BagData:
     """Take a part of a bag by time, filtered on its own."""
     recording = cut(bag.recording, BagChoice(bag.choice.path, begin, end))
-    width = bag.choice.end - bag.choice.begin
-    named = replace(bag.choice, begin=bag.choice.begin + begin * width,
-                    end=bag.choice.begin + end * width)
+    named = bag.choice.within(begin, end)
     return filtered(BagData(named, recording, (), bag.payload), preprocessing)
 
 

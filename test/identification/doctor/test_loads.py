@@ -125,3 +125,12 @@ def test_evidence_of_a_wrong_payload() -> None:
         'payload_wrong', 'run3', 'payload [kg]')
     assert finding.now == 0.0 and finding.otherwise == pytest.approx(0.5, abs=0.1)
     assert finding.size == finding.otherwise
+
+
+@pytest.mark.parametrize('payloads', [[0.0, 0.25, 0.5], [0.5, 0.25, 0.0], [0.0, 0.2, 0.2]])
+@pytest.mark.parametrize('first', [0, 10])
+def test_small_steps_of_load_are_as_stated(payloads: list[float], first: int) -> None:
+    """Of two bags that differ little one direction may look alike: that is no other load."""
+    bags = [bag(healthy(seed=first + k, payload=mass), f'run{k}', mass)
+            for k, mass in enumerate(payloads)]
+    assert examine_bags(described(), bags) == ()

@@ -177,8 +177,8 @@ def _loads(
               for key, item in pairs.items()}
     best = max(pairs.values(), key=lambda item: item.error)
     channel = int(np.argmax(np.abs(best.load) * np.sqrt(best.share)))
-    change = {key: float(item.load[channel]) if differ[key] else 0.0
-              for key, item in pairs.items()}
+    # also of bags that are nearly alike: a small load is no load, but no other one either
+    change = {key: float(item.load[channel]) for key, item in pairs.items()}
     masses = np.array(stated, dtype=float)
     if np.isnan(masses).any():
         return _heavier(names, differ, change)
@@ -190,7 +190,8 @@ def _loads(
         measured = np.array([change[key] for key in rest])
         if len(rest) and np.ptp(steps) > settings.LEAST_PAYLOAD:
             unit = float(steps @ measured) / float(steps @ steps)
-            if unit == 0.0:
+            if unit == 0.0 or not all(differ[key] for key, step in zip(rest, steps, strict=True)
+                                      if step):
                 continue
             error = float(np.max(np.abs(measured / unit - steps)))
             mass = float(np.median([masses[a] + change[a, j] / unit for a in others]))
@@ -203,16 +204,15 @@ def _loads(
     if not suspects:
         return _heavier(names, differ, change) if n == 2 and (
             abs(masses[0] - masses[1]) < settings.LEAST_PAYLOAD) else []
-    most = max(off for off, *_ in suspects)
-    chosen = [item for item in suspects if item[0] > 0.8 * most or item[0] == most]
-    _, j, mass = chosen[0]
-    if most < settings.PAYLOAD_OFF * max(float(np.ptp(np.delete(masses, j))),
-                                         settings.LEAST_PAYLOAD):
+    chosen = [(j, mass) for off, j, mass in suspects if off >= settings.PAYLOAD_OFF * max(
+        float(np.ptp(np.delete(masses, j))), settings.LEAST_PAYLOAD)]
+    if not chosen:
         return []
+    j, mass = chosen[0]
     if len(chosen) > 1:
-        shown = ' and '.join(f'{masses[k]:g}' for _, k, _ in chosen)
+        shown = ' and '.join(f'{masses[k]:g}' for k, _ in chosen)
         return [found('payload_wrong', f'the payloads of {shown} kg do not go together: one of '
-                      'them is wrong', ', '.join(names[k] for _, k, _ in chosen))]
+                      'them is wrong', ', '.join(names[k] for k, _ in chosen))]
     what = f'the payload of {masses[j]:g} kg is not what the others show: it carries'
     if math.isnan(mass):
         return [found('payload_wrong', f'{what} another load', names[j])]

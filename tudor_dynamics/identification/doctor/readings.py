@@ -25,6 +25,7 @@ import numpy as np
 
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
+from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.doctor.findings import Finding, found
 from tudor_dynamics.typing import FloatArray, IndexArray
 
@@ -66,7 +67,8 @@ def runs(x: FloatArray) -> tuple[IndexArray, IndexArray]:
 
 def until(recording: Recording, time: float) -> str:
     """Say what to do about a channel that is of no use from a time on [s]."""
-    return f'check sensor and wiring; use BAG@0-{100 * time / recording.t[-1]:.0f}% until then'
+    before = parse_choice(recording.path).within(0.0, round(time / recording.t[-1], 2))
+    return f'check sensor and wiring; use {before} until then'
 
 
 def look_at_readings(recording: Recording, items: Sequence[Channel]) -> list[Finding]:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
+from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.doctor.case import Case
 from tudor_dynamics.identification.doctor.findings import Finding, found
 from tudor_dynamics.identification.doctor.readings import (
@@ -237,12 +238,13 @@ def standstill(recording: Recording, moves: NDArray[np.bool_]) -> list[Finding]:
     before, after = float(t[places[0]]), float(t[-1] - t[places[-1]])
     if max(before, after) < settings.STANDSTILL:
         return []
-    begin, end = 100.0 * before / t[-1], 100.0 * (1.0 - after / t[-1])
+    moving = parse_choice(recording.path).within(
+        np.floor(100.0 * before / t[-1]) / 100.0, np.ceil(100.0 * (1.0 - after / t[-1])) / 100.0)
     return [found(
         'standstill', f'the arm stands still for {before:.3g} s before and {after:.3g} s after '
         'the motion', recording.path, size=before + after,
         time=0.0 if before >= settings.STANDSTILL else float(t[-1]) - after,
-        remedy=f'use BAG@{np.floor(begin):.0f}-{np.ceil(end):.0f}%')]
+        remedy=f'use {moving}')]
 
 
 def jitter(recording: Recording, retimed: Timing | None) -> list[Finding]:
