@@ -18,11 +18,13 @@ Let other programs read exported files, and move by them as the arm did.
 The UR10 and the UR10e are fitted to the first 60 % of their recordings, with the URDF that their
 maker publishes, and exported. Pinocchio, MuJoCo, urdf_parser_py and yourdfpy, from PyPI in an
 environment of their own, read the URDF (MuJoCo without its meshes, whose files are not here, and
-the MJCF too); what they print is shown. Then both are judged by the efforts of the last 40 %
-(relative error by joint), and MuJoCo moves under the
-recorded torques, a quarter of a second at a time from where the arm was, once by
-the maker's URDF, once by the maker's bodies with the friction and rotors that suit them best, once
-by the exported MJCF. Shown is the root mean square of what positions are off at the end of each
+the MJCF too); what they print is shown. Then the files are judged by the efforts of the last 40 %
+(relative error by joint, and of all joints): the URDF by Pinocchio's inverse dynamics with the
+damping and friction that it has, the MJCF by MuJoCo's. "friction of files" are base parameters
+with viscous and Coulomb friction alone, the least error that such friction leaves. MuJoCo moves
+under the recorded torques, a quarter of a second at a time from where the arm was, once by the
+maker's URDF, once by the maker's bodies with the friction and rotors that suit them best, once by
+the exported MJCF. Shown is the root mean square of what positions are off at the end of each
 time, in degrees by joint. The UR10's URDF is that of example-robot-data (PyPI), the UR10e's stands
 in DATA.
 
@@ -43,11 +45,12 @@ import tempfile
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 from reference_fits import CONFIG, fit, tudor
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.comparison import (
-    described_parameters_of, effort_model, full_parameters, relative_errors)
+    described_parameters_of, effort_model, file_parameters)
 from tudor_dynamics.show.mjcf import mjcf_of
 import yaml
 
@@ -61,6 +64,10 @@ READ = {
     'yourdfpy': 'import sys; from yourdfpy import URDF; '
                 'assert URDF.load(sys.argv[1], load_meshes=False).validate()',
     'MuJoCo': 'import sys, mujoco; mujoco.MjModel.from_xml_path(sys.argv[1])'}
+SLOW = 0.02
+"""Speed over which dry friction changes its sign [rad/s], the default of descriptions."""
+MOST = 1.3
+"""Error of a file over that of the model, at most."""
 HORIZON, STEP = 0.25, 1e-3
 """Of a motion from where the arm was, and of MuJoCo in it [s]."""
 
@@ -128,6 +135,62 @@ def moved(xml, stretches, channels, constants):
     return np.sqrt(np.mean(np.square(off), axis=0)), len(off)
 
 
+def by_pinocchio(text, channels):
+    """Give the inverse dynamics of a URDF as a function of q, dq, ddq, all that it has in it."""
+    model = pin.buildModelFromXML(text)
+    data = model.createData()
+    order = [model.joints[model.getJointId(name)].idx_v for name in channels]
+    damping, friction = model.damping[order], model.friction[order]
+
+    def efforts(row):
+        q, dq, ddq = np.zeros((3, model.nv))
+        q[order], dq[order], ddq[order] = row.reshape(3, -1)
+        return pin.rnea(model, data, q, dq, ddq)[order] + damping * dq[order] + friction * np.tanh(
+            dq[order] / SLOW)
+    return efforts
+
+
+def by_mujoco(text, channels):
+    """Give the inverse dynamics of MJCF likewise; its dry friction is a constraint, added here."""
+    model = mujoco.MjModel.from_xml_string(text)
+    order = [model.joint(name).qposadr[0] for name in channels]
+    friction = model.dof_frictionloss[order].copy()
+    model.dof_frictionloss[:] = 0.0
+    data = mujoco.MjData(model)
+
+    def efforts(row):
+        data.qpos[order], data.qvel[order], data.qacc[order] = row.reshape(3, -1)
+        mujoco.mj_inverse(model, data)
+        return data.qfrc_inverse[order] + friction * np.tanh(data.qvel[order] / SLOW)
+    return efforts
+
+
+def errors_of(efforts, stretches, constants):
+    """Judge a file by recorded motion: relative errors by joint, and of all joints [%]."""
+    measured, predicted = [], []
+    for stretch in stretches:
+        found = np.array([efforts(row) for row in stretch.motion]) / constants
+        measured.append(stretch.decimation(stretch.effort))
+        predicted.append(stretch.decimation(found))
+    return relative(np.vstack(measured), np.vstack(predicted))
+
+
+def relative(measured, predicted):
+    """Give relative errors by joint, and of all joints in one [%]."""
+    error = measured - predicted
+    return 100.0 * np.append(
+        np.linalg.norm(error, axis=0) / np.linalg.norm(measured, axis=0),
+        np.linalg.norm(error) / np.linalg.norm(measured))
+
+
+def errors_of_model(model, stretches):
+    """Judge a model of the package likewise."""
+    return relative(
+        np.vstack([stretch.decimation(stretch.effort) for stretch in stretches]),
+        np.vstack([stretch.decimation(model.regressor.outputs(
+            model.inputs(stretch), model.coefficients())) for stretch in stretches]))
+
+
 def bare(xml):
     """Take friction and rotors out of MJCF: what a URDF says of bodies alone."""
     return re.sub(r' (armature|damping|frictionloss)="[^"]*"', '', xml)
@@ -145,6 +208,11 @@ def without_drives(described):
     return model
 
 
+def constants_of(found):
+    """Give the torque of each joint for a unit of what is measured."""
+    return np.array([found.torque_constants[joint] for joint in found.arm.active_joints])
+
+
 def judge(name, python, description, bag):
     """Fit, export, let others read, and move."""
     with tempfile.TemporaryDirectory() as temporary:
@@ -159,22 +227,38 @@ def judge(name, python, description, bag):
         print(name)
         read_by_others(python, folder, bundle.arm.urdf, (folder / 'out.urdf').read_text(),
                        (folder / 'out.mjcf').read_text())
-        full = full_parameters(bundle)
         described = described_parameters_of(bundle.arm, effort_model(bundle))
         unseen = load(parse_choice(f'{bag}@60-100%'), bundle.arm, bundle.preprocessing, learn=True)
+        urdf, mjcf = ((folder / f'out.{kind}').read_text() for kind in ('urdf', 'mjcf'))
+        full = file_parameters(bundle, rotors=True)
+        fit(folder / 'plain', folder / 'arm.yaml', [f'{bag}@0-60%'], [f'{bag}@60-100%'],
+            '--models', 'analytical', '--friction', 'viscous', 'coulomb')
+        plain = load_bundle(folder / 'plain')
+        channels = bundle.arm.active_joints
         alone = without_drives(described)
-        for label, found in (('maker, URDF alone', alone), ('maker, with drives', described.model),
-                             ('exported', full.model), ('base parameters', effort_model(bundle))):
-            errors = 100.0 * relative_errors(found, unseen.stretches)
+        base = errors_of_model(effort_model(bundle), unseen.stretches)
+        for label, errors in (
+                ('maker, URDF alone', errors_of_model(alone, unseen.stretches)),
+                ('maker, with drives', errors_of_model(described.model, unseen.stretches)),
+                ('exported URDF', errors_of(by_pinocchio(urdf, channels), unseen.stretches,
+                                            constants_of(full))),
+                ('exported MJCF', errors_of(by_mujoco(mjcf, channels), unseen.stretches,
+                                            constants_of(full))),
+                ('friction of files', errors_of_model(
+                    plain.models['effort']['analytical'], load(parse_choice(
+                        f'{bag}@60-100%'), plain.arm, plain.preprocessing, learn=True).stretches)),
+                ('base parameters', base)):
+            ratio = errors[-1] / base[-1]
             print(f'  {label:20} relative error [%]:     '
-                  f'{" ".join(f"{value:7.2f}" for value in errors)}', flush=True)
+                  f'{" ".join(f"{value:7.2f}" for value in errors[:-1])}   all '
+                  f'{errors[-1]:6.2f}, {ratio:5.2f} times the model', flush=True)
+            if 'exported' in label and ratio > MOST:
+                print(f'  FALLS SHORT of {MOST:g} times')
         for label, found, xml in (
                 ('maker, URDF alone', described, bare(mjcf_of(described))),
                 ('maker, with drives', described, mjcf_of(described)),
-                ('exported', full, (folder / 'out.mjcf').read_text())):
-            constants = np.array([found.torque_constants[joint]
-                                  for joint in bundle.arm.active_joints])
-            off, times = moved(xml, unseen.stretches, bundle.arm.active_joints, constants)
+                ('exported', full, mjcf)):
+            off, times = moved(xml, unseen.stretches, channels, constants_of(found))
             print(f'  {label:20} off after {HORIZON:g} s [deg]: '
                   f'{" ".join(f"{value:7.2f}" for value in off)}   ({times} times)', flush=True)
 

@@ -21,15 +21,20 @@ from pathlib import Path
 
 from rich.console import Console
 
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.cli.console import new_table, print_table
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.models.comparison import full_parameters, FullParameters
+from tudor_dynamics.models.comparison import (
+    file_errors, file_parameters, full_parameters, FullParameters)
 from tudor_dynamics.models.elastic.model import elastic_of
+from tudor_dynamics.models.friction import TERMS
 from tudor_dynamics.show.description import csv_of, description_of, elastic_drives, yaml_of
 from tudor_dynamics.show.mjcf import elastic_mjcf, mjcf_of, not_in_mjcf
-from tudor_dynamics.show.urdf import simple_frictions, urdf_of
+from tudor_dynamics.show.urdf import urdf_of
+from tudor_dynamics.typing import FloatArray
 
 EXAMPLES = """\
 examples:
@@ -41,18 +46,21 @@ examples:
 
 Masses, centres, inertias, rotor inertias and friction are those that explain the recordings the
 model was fitted to, among all that can exist; what the recordings do not show comes from the
-description. In the URDF nothing but <inertial> and <dynamics> changes. An elastic model becomes
+description. URDF and MJCF have two numbers for friction (URDF: and no rotors), those that suit the
+recordings best; the error is that of the file, read again. In the URDF nothing but <inertial> and
+<dynamics> changes. An elastic model becomes
 MJCF with springs in gears and links (--rigid: without), and the description that tudor simulate
 and tudor record read. See docs/export.md.
 """
 
-FORMATS = {'urdf': urdf_of, 'mjcf': mjcf_of, 'yaml': yaml_of, 'csv': csv_of}
+TABLES = {'yaml': yaml_of, 'csv': csv_of}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor export``."""
     parser.add_argument('model', metavar='MODEL', help='bundle of tudor fit, with efforts')
-    parser.add_argument('--to', choices=(*FORMATS, 'arm'), required=True, help='format')
+    parser.add_argument('--to', choices=('urdf', 'mjcf', *TABLES, 'arm'), required=True,
+                        help='format')
     parser.add_argument('--out', metavar='FILE', required=True, help='file to be written')
     parser.add_argument('--rigid', action='store_true',
                         help='MJCF of the rigid model where there is an elastic one too')
@@ -66,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError('is the name of the URDF beside it', place=out,
                          remedy='choose a name that ends in .yaml')
     console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
-    files, left_out = _content(args, out, console)
+    bundle = load_bundle(args.model, with_data=True)
+    files, left_out, full = _content(bundle, args, out)
     for path in files:
         if path.exists() and not args.overwrite:
             raise UsageError('exists already', place=path,
@@ -77,6 +86,9 @@ def run(args: argparse.Namespace) -> int:
         except OSError as err:
             raise UsageError(f'cannot be written ({err.strerror or err})', place=path,
                              remedy='choose another --out') from None
+    if full is not None:
+        show(full, full.solution.relative_errors if args.to in TABLES else
+             file_errors(bundle, full, out), console)
     for what in left_out:
         console.print(f'{args.to} has no place for: {what}')
     print(f'{args.to}: {", ".join(map(str, reversed(files)))}')
@@ -84,29 +96,42 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _content(
-    args: argparse.Namespace, out: Path, console: Console,
-) -> tuple[dict[Path, str], tuple[str, ...]]:
-    """Give the texts to be written, that which was asked for last, and what they leave out."""
-    bundle = load_bundle(args.model, with_data=True)
+    bundle: ModelBundle, args: argparse.Namespace, out: Path,
+) -> tuple[dict[Path, str], tuple[str, ...], FullParameters | None]:
+    """Give the texts to be written, what they leave out, and parameters that are printed."""
     elastic = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if args.to == 'arm':
         beside = out.with_suffix('.urdf')
         described = description_of(bundle, beside.name)
         urdf = {} if bundle.arm.urdf is None else {beside: bundle.arm.urdf}
-        return {**urdf, out: described.text}, described.left_out
+        return {**urdf, out: described.text}, described.left_out, None
     if args.to == 'mjcf' and elastic is not None and not args.rigid:
         drives = elastic_drives(bundle)
-        return {out: elastic_mjcf(elastic, drives)}, not_in_mjcf(elastic, drives)
-    full = full_parameters(bundle)
-    show(full, args.to, console)
-    return {out: FORMATS[args.to](full)}, ()
+        return {out: elastic_mjcf(elastic, drives)}, not_in_mjcf(elastic, drives), None
+    if args.to in TABLES:
+        full = full_parameters(bundle)
+        return {out: TABLES[args.to](full)}, (), full
+    rotors = args.to == 'mjcf'
+    full = file_parameters(bundle, rotors=rotors)
+    text = mjcf_of(full) if rotors else urdf_of(full)
+    return {out: text}, lost(bundle.arm, rotors=rotors), full
 
 
-def show(full: FullParameters, target: str, console: Console) -> None:
-    """Print what was found, what it rests on, and what the format leaves out."""
+def lost(arm: Arm, *, rotors: bool) -> tuple[str, ...]:
+    """Name the parts of an arm's model that URDF or MJCF cannot hold."""
+    found: dict[str, bool] = {
+        **{str(term): not TERMS[term].pair for joint in arm.joints for term in joint.friction},
+        'each direction its own friction': any(joint.asymmetric for joint in arm.joints),
+        'rotor inertias': not rotors and any(joint.rotor_inertia for joint in arm.joints),
+        'couplings': arm.coupling is not None}
+    return tuple(what for what, there in found.items() if there)
+
+
+def show(full: FullParameters, errors: FloatArray, console: Console) -> None:
+    """Print what was found, what it rests on, and the error of the file: errors (joints,)."""
     solution, model = full.solution, full.arm.model
     table = new_table(f'{full.arm.name}: bodies and drives', names=('joint',), figures=(
-        'mass [kg]', '+-', 'described', 'from data', 'error free', 'error'))
+        'mass [kg]', '+-', 'described', 'from data', 'error of\nmodel', 'of file'))
     places = {name: i for i, name in enumerate(full.model.channels)}
     sources = full.sources()
     for i, (name, body) in enumerate(full.bodies.items()):
@@ -117,19 +142,13 @@ def show(full: FullParameters, target: str, console: Console) -> None:
             name, f'{body[0]:.4g}', f'{solution.body_errors[i, 0]:.2g}',
             f'{described:.4g}' if described > 0.0 else '-', f'{own.count("data")} of 10',
             f'{100 * solution.free_errors[place]:.2f} %',
-            f'{100 * solution.relative_errors[place]:.2f} %')
+            f'{100 * errors[place]:.2f} %')
     print_table(table)
     console.print('from data: parameters of the body that the data fix; the others lean on the '
-                  'description. error: on the training bags, of base parameters, and of these')
+                  'description. error: on the training bags, of the model, and of this file')
+    if loose := full.loose_constants():
+        console.print(f'torque constants that the data do not fix: {loose}')
     if full.assumed:
         console.print('torque constants are not known: torques and masses are scaled so that '
                       'the bodies weigh about what the description says; give effort.'
                       'torque_constant of one joint for absolute ones')
-    if target in ('urdf', 'mjcf'):
-        left = {name: simple.left_out for name, simple in simple_frictions(full).items()}
-        some = [f'{name} ({", ".join(terms)})' for name, terms in left.items() if terms]
-        if some:
-            console.print(f'{target} has two numbers for friction, without: {"; ".join(some)}; '
-                          '--to yaml has all of it')
-        if target == 'urdf' and any(terms.get('Ia') for terms in full.drives.values()):
-            console.print('urdf has no place for rotor inertias: --to mjcf or yaml has them')

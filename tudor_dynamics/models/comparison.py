@@ -24,15 +24,15 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.arm.kinematics import joint_axis
+from tudor_dynamics.arm.kinematics import joint_axis, model_from_urdf
 from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.models.analytical import AnalyticalModel, Group
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.consistent import (
-    full_of, Prior, prior_of, scaled_columns, Solution, solve_consistent, solve_drives)
+    full_of, Prior, prior_of, Problem, scaled_columns, Solution, solve_consistent, solve_drives)
 from tudor_dynamics.models.estimation import Constants, summed
-from tudor_dynamics.models.friction import BY_LOAD
+from tudor_dynamics.models.friction import BY_LOAD, FRICTION, term_of, TERMS
 from tudor_dynamics.models.regressor import BaseSet
 from tudor_dynamics.models.settings import FROM_BOTH, FROM_DATA
 from tudor_dynamics.signals.preprocessing import Stretch
@@ -94,10 +94,71 @@ class FullParameters:
         return ['data' if r <= FROM_DATA else 'both' if r <= FROM_BOTH else 'description'
                 for r in ratio.tolist()]
 
+    def loose_constants(self) -> str:
+        """Name the torque constants that the data do not fix: all, or in proportion to others."""
+        errors = self.solution.constant_errors
+        if self.assumed:
+            errors = np.sqrt(errors ** 2 - np.min(errors) ** 2)
+        return ', '.join(f'{name} ({value:.3g} +- {error * value:.2g})' for (name, value), error in
+                         zip(self.torque_constants.items(), errors.tolist(), strict=True)
+                         if error > FROM_DATA)
+
 
 def full_parameters(bundle: ModelBundle) -> FullParameters:
     """Find full parameters that can exist, of the effort model of a bundle."""
     return full_parameters_of(bundle.arm, effort_model(bundle))
+
+
+# -- The same as a file has it: of a drive no more than rotor, damping and friction
+
+
+def _of_file(bundle: ModelBundle) -> tuple[Problem, FloatArray]:
+    """Give the data, and what the parameters of a file are in the model's drives, (drives, n)."""
+    model = effort_model(bundle)
+    problem = Problem(bundle.arm, model, summed(model.data_.values()), prior_of(bundle.arm))
+    names = problem.columns[problem.first:]
+    # of each joint rotor, damping, friction, and the zero of its effort, which no file has
+    table = np.zeros((len(names), len(model.channels), 4))
+    for row, name in zip(table, names, strict=True):
+        kind, _, joint = name[:-1].partition('(')
+        pair = 'rotor' if kind == 'Ia' else TERMS[term_of(name)].pair
+        sign = TERMS[term_of(name)].backward_sign if kind.endswith('-') else 1.0
+        row[model.channels.index(joint)] = (
+            pair == 'rotor', sign * (pair == 'damping'), sign * (pair == 'friction'),
+            kind in ('offset', f'{FRICTION}+', f'{FRICTION}-'))
+    return problem, table.reshape(len(names), -1)
+
+
+def file_parameters(bundle: ModelBundle, *, rotors: bool) -> FullParameters:
+    """Find full parameters, and for their bodies the drives of a file that suit the data best."""
+    from scipy import optimize  # slow to import
+
+    full, (problem, table) = full_parameters(bundle), _of_file(bundle)
+    table[:, ::4] *= rotors
+    rows, wanted = [], []
+    for channel, matrix, target in problem.parts:
+        scaled = matrix * np.where(problem.scaled, 1.0 / full.solution.constants[channel], 1.0)
+        rows.append(scaled[:, problem.first:] @ table)
+        wanted.append(target - scaled[:, :problem.first] @ full.solution.bodies.ravel())
+    whole = np.vstack(rows)
+    size = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+    found = optimize.lsq_linear(whole / size, np.concatenate(wanted), (
+        np.tile([0.0, 0.0, 0.0, -np.inf], len(size) // 4), np.inf)).x / size
+    return _full(bundle.arm, effort_model(bundle), replace(full.solution, drives=table @ found))
+
+
+def file_errors(bundle: ModelBundle, full: FullParameters, file: Path) -> FloatArray:
+    """Judge a URDF or MJCF, as Pinocchio reads it, by the training data; returns (joints,)."""
+    text = file.read_text()
+    read = pin.buildModelFromMJCF(str(file)) if '<mujoco' in text else replace(
+        bundle.arm, full_model=model_from_urdf(text, str(file))).model
+    (problem, table), drives = _of_file(bundle), []
+    for name, constant in zip(full.model.channels, full.solution.constants, strict=True):
+        place = read.joints[read.getJointId(name)].idx_v
+        drives += [read.armature[place], read.damping[place] / constant,
+                   read.friction[place] / constant, 0.0]
+    bodies = [read.inertias[read.getJointId(name)].toDynamicParameters() for name in full.bodies]
+    return problem.errors(np.concatenate([*bodies, table @ drives]), full.solution.constants)
 
 
 def effort_model(bundle: ModelBundle) -> AnalyticalModel:

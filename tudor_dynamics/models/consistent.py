@@ -357,15 +357,15 @@ class Problem:
 
     def reweigh(self, x: FloatArray) -> None:
         """Take the noise of each channel from what bodies that can exist leave over of it."""
-        ratios = self.free / np.maximum(self._errors(x), 1e-300)
+        full, constants, _ = self._split(x)
+        ratios = self.free / np.maximum(self.errors(full, np.exp(constants)), 1e-300)
         self.parts = [(channel, ratios[channel] * matrix, ratios[channel] * target)
                       for channel, matrix, target in self.parts]
         self.data = self._joined()
 
-    def _errors(self, x: FloatArray) -> FloatArray:
-        """Give the relative error of each channel."""
-        full, constants, _ = self._split(x)
-        factors = np.where(self.scaled, np.exp(-constants)[:, None], 1.0)
+    def errors(self, full: FloatArray, constants: FloatArray) -> FloatArray:
+        """Give the relative error of each channel: full (columns,), constants (channels,)."""
+        factors = np.where(self.scaled, 1.0 / constants[:, None], 1.0)
         return np.array([
             np.linalg.norm(matrix @ (full * factors[channel]) - target)
             / max(float(np.linalg.norm(target)), 1e-300)
@@ -393,8 +393,8 @@ class Problem:
         drives = raised(full[self.first:], self.columns[self.first:], self.rows)
         return Solution(full[:self.first].reshape(-1, PARAMETERS), drives, np.exp(constants),
                         errors, self.sizes * deviation[self.first:end], relative, widths,
-                        self.prior.described, self.speeds, self.loads, self._errors(x),
-                        self.free)
+                        self.prior.described, self.speeds, self.loads,
+                        self.errors(full, np.exp(constants)), self.free)
 
 
 def _mean_sizes(

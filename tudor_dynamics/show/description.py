@@ -300,6 +300,8 @@ def yaml_of(full: FullParameters) -> str:
     if full.assumed:
         head += ('# Torque constants are not known: all torques and masses are scaled so that\n'
                  '# bodies weigh about what the description says of them.\n')
+    if loose := full.loose_constants():
+        head += f'# Torque constants that the data do not fix: {loose}\n'
     content = {'tudor_dynamics_drives': {'ros__parameters': {
         'joints': list(full.arm.active_joints), **joints}},
         'joint_trajectory_controller': {'ros__parameters': {'gains': feed}}}
