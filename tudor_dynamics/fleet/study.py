@@ -36,8 +36,7 @@ from tudor_dynamics.fleet.comparison import (
 from tudor_dynamics.identification import passes
 from tudor_dynamics.identification.choice import choices_of, choose
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, common_outputs, filtered, found_choices, load, spread_sample, SurveyedBag,
-    Unused)
+    BagData, common_outputs, filtered, found_choices, load, spread_sample, SurveyedBag, Unused)
 from tudor_dynamics.identification.elastic_problem import records_of
 from tudor_dynamics.identification.elastic_search import identify
 from tudor_dynamics.identification.fit import check_arm, FitSettings, RowTrainer
@@ -124,53 +123,43 @@ def load_plan(path: Path) -> FleetPlan:
 # -- What is done for each arm of a fleet in a process of its own: ring-downs, and a model
 
 Rings = list[tuple[str, float, float]]
-RingPiece = tuple[Arm, PreprocessingSpec, Path, tuple[BagChoice, ...]]
+Asked = tuple[Task, tuple[SurveyedBag, ...]]
+"""What is asked of an arm, and its bags at a date."""
+ModelPiece = tuple[str, Task, tuple[SurveyedBag, ...], Path]
+"""Name of an arm, what is asked of it, bags to learn from, folder of the fleet."""
 
 
-@dataclass(frozen=True, eq=False)
-class ModelTask:
-    """A model to be made."""
-
-    arm: Arm  # arm with its friction
-    spec: PreprocessingSpec  # filters and rate
-    settings: FitSettings  # settings with nothing left open
-    base: Path  # directory that the names of bags are relative to
-    bags: tuple[BagChoice, ...]  # bags to learn from
-    checksums: tuple[str, ...]  # SHA-256 of each
-    out: Path  # folder of the fleet
-    name: str  # name of the arm
-
-
-def _rings(piece: RingPiece, count: Count) -> Rings:
+def _rings(piece: Asked, count: Count) -> Rings:
     """Find the ring-downs of an arm at a date: gauge, frequency [Hz], damping."""
-    arm, spec, base, bags = piece
+    task, bags = piece
     found: Rings = []
     with quiet():
-        for choice in bags:
+        for seen in bags:
             try:
-                found += rings(arm, load(replace(choice, path=str(base / choice.path)), arm, spec))
+                found += rings(task.arm, load(
+                    replace(seen.choice, path=str(task.place(seen))), task.arm, task.specs[0]))
             except TudorError:
                 continue  # named when its parts were gone through
     count(1)
     return found
 
 
-def made_model(piece: ModelTask, count: Count) -> Path | Unused:
+def made_model(piece: ModelPiece, count: Count) -> Path | Unused:
     """Make the model of an arm, unless it is there."""
-    out = piece.out / 'models' / piece.name
-    mark = piece.out / 'sums' / f'{piece.name}.model'
+    name, task, bags, folder = piece
+    out, mark = folder / 'models' / name, folder / 'sums' / f'{name}.model'
     depends = hashlib.sha256(json.dumps([
-        piece.arm.digest, piece.arm.spec.model_dump_json(), piece.spec.model_dump_json(),
-        repr(piece.settings), [str(choice) for choice in piece.bags], piece.checksums,
-        source_digest(passes.PARTS)]).encode()).hexdigest()
+        task.arm.digest, task.arm.spec.model_dump_json(), task.specs[0].model_dump_json(),
+        repr(task.settings), [str(seen.choice) for seen in bags], [seen.checksum for seen in bags],
+        task.source]).encode()).hexdigest()
     try:
         with quiet():
             if not (mark.is_file() and mark.read_text() == depends and _stands(out)):
-                fit([str(piece.base / str(choice)) for choice in piece.bags], piece.arm,
-                    settings=piece.settings, preprocessing=piece.spec, out=out, overwrite=True)
+                fit([str(task.base / str(seen.choice)) for seen in bags], task.arm,
+                    settings=task.settings, preprocessing=task.specs[0], out=out, overwrite=True)
                 write_whole(mark, depends.encode())
     except TudorError as err:
-        return Unused(f'model of {piece.name}', err.advice)
+        return Unused(f'model of {name}', err.advice)
     finally:
         count(1)
     return out
@@ -287,11 +276,6 @@ class _Date:
     parts: dict[str, list[Part]] = field(default_factory=dict)
 
     @property
-    def bags(self) -> tuple[BagChoice, ...]:
-        """Give the bags as they were named."""
-        return tuple(seen.choice for seen in self.whole)
-
-    @property
     def used(self) -> tuple[SurveyedBag, ...]:
         """Give the bags that at least one part of is used."""
         names = {sight.choice.path for sight in self.sights}
@@ -331,7 +315,7 @@ class _Study:
         seen = [Observation(*when, output, item) for when, date in self.dates.items()
                 for output, model in date.models.items()
                 for item in quantities(some[output], model, date.others[output])]
-        seen += self._rings(chosen.preprocessing)
+        seen += self._rings(chosen.preprocessing, chosen.settings)
         if self.run.elastic:
             stiff, without = stiffnesses(
                 self._tasks(chosen.preprocessing, chosen.settings, ('strain',)),
@@ -394,7 +378,7 @@ class _Study:
     def _sample(self) -> list[BagData]:
         """Read some bags, evenly among arms and dates."""
         def read(item: tuple[When, _Date]) -> BagData:
-            choice, arm = item[1].bags[0], self.arms[item[0][0]]
+            choice, arm = item[1].whole[0].choice, self.arms[item[0][0]]
             return load(replace(choice, path=str(self.run.base / choice.path)), arm,
                         arm.spec.preprocessing, learn=True)
 
@@ -452,11 +436,13 @@ class _Study:
             for (_, output), part in task.kept(sight).parts.items():
                 date.parts.setdefault(output, []).append(part)
 
-    def _rings(self, spec: PreprocessingSpec) -> list[Observation]:
+    def _rings(
+        self, spec: PreprocessingSpec, settings: FitSettings,
+    ) -> list[Observation]:
         if not any(arm.gauges for arm in self.arms.values()):
             return []
-        asked = [(self.arms[name], spec, self.run.base.absolute(), date.bags)
-                 for (name, _), date in self.dates.items()]
+        tasks = self._tasks(spec, settings, ())
+        asked = [(tasks[name], tuple(date.whole)) for (name, _), date in self.dates.items()]
         found = in_processes(_rings, asked, self.run.jobs,
                              lambda done: self.progress('ring-downs'))
         return [Observation(*when, 'ring', item)
@@ -480,14 +466,13 @@ class _Study:
         last: dict[str, datetime.date] = {}
         for name, date in self.dates:
             last[name] = max(last.get(name, date), date)
-        asked = [ModelTask(self.arms[name], spec, settings, self.run.base.absolute(),
-                           self.dates[name, date].bags,
-                           tuple(seen.checksum for seen in self.dates[name, date].whole),
-                           self.run.out.absolute(), name) for name, date in last.items()]
+        tasks = self._tasks(spec, settings, ())
+        asked = [(name, tasks[name], tuple(self.dates[name, date].whole), self.run.out.absolute())
+                 for name, date in last.items()]
         answers = in_processes(made_model, asked, self.run.jobs,
                                lambda done: self.progress('models'))
         self.unused += [item for item in answers if isinstance(item, Unused)]
-        return {item.name: f'models/{item.name}' for item, made in zip(asked, answers, strict=True)
+        return {name: f'models/{name}' for name, made in zip(last, answers, strict=True)
                 if not isinstance(made, Unused)}
 
 
