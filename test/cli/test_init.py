@@ -199,8 +199,10 @@ def test_a_prismatic_joint_and_a_large_effort(
                                                effort=200 * q[:, :1])])
     (tmp_path / 'rows').write_text('axis 0 0 0 0 prismatic')
     content = run(tmp_path, 'bag', '--dh', 'rows')
-    assert content['joints'] == [{'name': 'axis', 'type': 'prismatic',
-                                  'effort': {'topic': 'joint_states', 'unit': 'N'}}]
+    joint, = content['joints']
+    assert {*joint.pop('limits')} == {'lower', 'upper', 'velocity', 'acceleration'}
+    assert joint == {'name': 'axis', 'type': 'prismatic',
+                     'effort': {'topic': 'joint_states', 'unit': 'N'}}
     assert load_arm(tmp_path / 'arm.yaml').is_prismatic('axis')
 
 

@@ -153,8 +153,9 @@ def rings(arm: Arm, bag: BagData) -> list[tuple[str, float, float]]:
     """Find oscillations [Hz] of gauges that die out while the joints stand still."""
     found = []
     for stretch in bag.stretches:
-        for part in standstills(stretch) if stretch.strain is not None else ():
-            assert stretch.strain is not None
+        if stretch.strain is None:
+            continue
+        for part in standstills(stretch.t, stretch.states.dq):
             for name, column in zip(arm.gauge_names, stretch.strain[part].T, strict=True):
                 mode = clear_ring(column, bag.recording.dt)[1]
                 if mode is not None:

@@ -247,15 +247,15 @@ class Ringdown:
     simulated: Vibration | None
 
 
-def standstills(stretch: Stretch) -> list[slice]:
-    """Find where all joints stand still for long enough."""
-    still = np.all(np.abs(stretch.states.dq) < STILL, axis=1)
+def standstills(t: FloatArray, dq: FloatArray) -> list[slice]:
+    """Find where all joints stand still for long enough: t (samples,), dq (samples, joints)."""
+    still = np.all(np.abs(dq) < STILL, axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     found = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        last = int(np.searchsorted(stretch.t, stretch.t[begin] + MOST_SECONDS, side='right'))
+        last = int(np.searchsorted(t, t[begin] + MOST_SECONDS, side='right'))
         part = slice(int(begin), min(int(end), last))
-        if stretch.t[part.stop - 1] - stretch.t[part.start] >= LEAST_SECONDS:
+        if t[part.stop - 1] - t[part.start] >= LEAST_SECONDS:
             found.append(part)
     return found
 
@@ -269,7 +269,7 @@ def find_ringdowns(
         own = {} if bag.payload is None else {'payload': bag.payload}
         driven.set_parameters({**values, **own})
         for stretch in bag.stretches:
-            parts = standstills(stretch)
+            parts = standstills(stretch.t, stretch.states.dq)
             if stretch.strain is None or not parts:
                 continue
             moment = _simulated(driven, stretch)

@@ -113,6 +113,9 @@ SLOW = 0.05
 BETTER = 2.0
 # No gravity at all counts where a direction explains hardly more; source: none known.
 SIMPLER = 1.05
+# Share of the efforts' variance of joints that an upright arm's gravity does not load, from which
+# on it follows their position, as a gravity of another direction does; source: none known.
+FOLLOWED = 0.05
 # Part of the largest gravity moment from which on a joint carries something; source: none known.
 CARRIES = 0.02
 # Share of an effort without friction that gravity explains, to be evidence of its unit; source:
@@ -136,7 +139,7 @@ STRAIN = 0.01
 OUTERMOST = 1.5
 # Variance of a reading that no gravity moment explains: then none of them shows its place; source:
 # none known.
-UNEXPLAINED = 0.3
+NOT_FOLLOWED = 0.3
 
 # -- Decimated recordings (doctor/case.py)
 CUTOFF = 8.0  # corner of the zero-phase filter of motion and outputs [Hz] (bench/doctor)

@@ -93,12 +93,7 @@ def load_values(load: PayloadEstimate) -> list[tuple[str, str, float, float]]:
 
 
 def load_shares(arm: Arm, load: PayloadEstimate) -> list[tuple[str, str, float, float, float]]:
-    """
-    Say what a load explains of each channel.
-
-    Channel, its unit, root mean square of the residual without and with the load, and the share of
-    its squares that the load explains [%].
-    """
+    """List channels: name, unit, residual (rms) without and with a load, its share [%]."""
     return [(name, output_units(arm, item.output)[name], float(before), float(after),
              100.0 * float(share))
             for item in load.outputs for name, before, after, share in zip(

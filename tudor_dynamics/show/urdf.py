@@ -150,31 +150,14 @@ def _root(matrix: FloatArray) -> FloatArray:
 
 
 def _described(root: ElementTree.Element) -> dict[str, pin.Inertia]:
-    """Read the inertia of each link, in the frame of the link."""
+    """Let Pinocchio read the inertia of each link, in the frame of the link."""
     found = {}
     for link in root.iter('link'):
-        inertial = link.find('inertial')
-        found[str(link.get('name'))] = (pin.Inertia.Zero() if inertial is None
-                                        else _inertia(inertial))
+        alone = ElementTree.Element('robot', name='one')
+        ElementTree.SubElement(alone, 'link', name='one').extend(link.findall('inertial'))
+        text = ElementTree.tostring(alone, encoding='unicode')
+        found[str(link.get('name'))] = pin.buildModelFromXML(text).inertias[0]
     return found
-
-
-def _numbers(element: ElementTree.Element | None, key: str, n: int) -> FloatArray:
-    text = None if element is None else element.get(key)
-    return np.zeros(n) if text is None else np.array([float(item) for item in text.split()])
-
-
-def _inertia(inertial: ElementTree.Element) -> pin.Inertia:
-    origin, mass = inertial.find('origin'), inertial.find('mass')
-    tensor = inertial.find('inertia')
-    values = {key: float(_numbers(tensor, key, 1)[0])
-              for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')}
-    about = np.array([[values['ixx'], values['ixy'], values['ixz']],
-                      [values['ixy'], values['iyy'], values['iyz']],
-                      [values['ixz'], values['iyz'], values['izz']]])
-    turn = pin.rpy.rpyToMatrix(_numbers(origin, 'rpy', 3))
-    return pin.Inertia(float(_numbers(mass, 'value', 1)[0]), _numbers(origin, 'xyz', 3),
-                       turn @ about @ turn.T)
 
 
 # -- Write what was identified into the user's URDF, and touch nothing else in it

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 import math
 from pathlib import Path
 import textwrap
@@ -35,9 +36,10 @@ from tudor_dynamics.errors import ArmError, printable
 from tudor_dynamics.files import load_yaml
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.drafting.judging import (
-    Carrier, down, effort_over_gravity, effort_unit, joint_before, Judgement, Samples, spread,
-    strain_unit, Survey, survey, USUAL)
+    Carrier, derivatives, down, effort_over_gravity, effort_unit, joint_before, Judgement,
+    named_joint, Samples, spread, strain_unit, Survey, survey, USUAL)
 from tudor_dynamics.identification.drafting.kinematics import chain_of_table, chain_of_urdf
+from tudor_dynamics.identification.ringdowns import clear_ring, standstills
 import yaml
 
 
@@ -99,6 +101,8 @@ class _Writer:
         self._slides = [self._chain.slides(joint) for joint in self._joints]
         plan = self._plan()
         self._recordings = [read_planned(path, plan, quiet=True) for path in paths]
+        self._moved = [(item, segment, moved) for item in self._recordings
+                       for segment, moved in derivatives(item)]
         moves = np.any([moving_joints(item, self._slides) for item in self._recordings], axis=0)
         self._moving = [joint for joint, moving in zip(self._joints, moves, strict=True)
                         if moving]
@@ -128,7 +132,9 @@ class _Writer:
         content, found, bags = self.draft.content, self._found, self.draft.bags
         efforts, strains = self._samples('effort'), self._samples('strain')
         content['kinematics'] = self._chain.content
-        content['gravity'] = self._gravity(efforts)
+        gravity = self._gravity(efforts)
+        self._down = list(USUAL) if gravity is None else gravity
+        content['gravity'] = OPEN if gravity is None else gravity
         content['joint_topic'] = found.positions.keys['topic']
         self.draft.remarks['joint_topic'] = (
             f'{found.positions.rate:.4g} Hz, {found.seconds:.4g} s in '
@@ -143,9 +149,25 @@ class _Writer:
         elif not any('topic' in joint.get('effort', ()) for joint in content['joints']):
             self.draft.notes.append('neither efforts nor strains are in the bags: nothing can be '
                                     'learned from them, record them as well')
+        used = [found.positions, *found.strains, *(item for item, _ in self._sources.values())]
+        if unused := [f'{item.field} of {item.topic}' for item in found.fields if item not in used
+                      and (item.topic, item.field) != (found.positions.topic, 'velocity')]:
+            self.draft.notes.append(f'numbers that are not used: {", ".join(unused)}')
+        # strain that goes on ringing where the joints stand
+        for gauge, entry in enumerate(content.get('gauges', ())):
+            rings = [ring for item, segment, moved in self._moved
+                     for part in standstills(item.t[segment], moved[:, 1])
+                     if item.strain is not None
+                     and (ring := clear_ring(item.strain[segment][part, gauge], item.dt)[1])]
+            if rings:
+                loudest = max(rings, key=lambda ring: ring.amplitude)
+                self.draft.notes.append(
+                    f'the link of {entry["name"]} (joint {entry["joint"]}) rings at '
+                    f'{loudest.frequency:.2f} Hz while the joints stand: for an elastic model '
+                    'describe it under links (docs/elastic.md)')
         return self.draft
 
-    def _gravity(self, efforts: Samples | None) -> list[float]:
+    def _gravity(self, efforts: Samples | None) -> list[float] | None:
         if efforts is None:
             return list(USUAL)
         gravity, reason, certain = down(
@@ -153,8 +175,9 @@ class _Writer:
             self._chain.has_masses)
         if reason:
             self.draft.remarks['gravity'] = reason
-            which = '' if certain else '; make sure of axis and sign'
-            self.draft.notes.append(f'gravity is not along -z of the base: {reason}{which}')
+            which = '' if certain or gravity is None else '; make sure of axis and sign'
+            self.draft.notes.append('gravity is not ' + (
+                'known' if gravity is None else 'along -z of the base') + f': {reason}{which}')
         return gravity
 
     def _units(self, efforts: Samples | None) -> dict[str, Judgement]:
@@ -163,7 +186,7 @@ class _Writer:
         model = self._chain.model
         slopes = {} if efforts is None or not self._chain.has_masses else {
             self._joints[column]: slope for column, slope in effort_over_gravity(
-                efforts, self.draft.content['gravity']).items()}
+                efforts, self._down).items()}
         for key in dict.fromkeys(str(source) for _, source in self._sources.values()):
             joints = [joint for joint in self._joints if str(self._sources[joint][1]) == key]
             carrier = self._sources[joints[0]][0]
@@ -217,14 +240,32 @@ class _Writer:
                     if not carrier.changes(joint):
                         self.draft.notes.append(
                             f'the effort of {joint} in {carrier.topic} never changes')
+            if joint in self._moving and self._moved:
+                entry['limits'] = self._limits(joint)
         remarks[f'joints.{joint}'] = text
         return {**entry, **({'effort': effort} if effort else {})}
+
+    def _limits(self, joint: str) -> dict[str, float]:
+        """Give what the motion reached, of what the URDF does not limit."""
+        place, model = self._joints.index(joint), self._chain.model
+        q, dq, ddq = np.concatenate([moved[:, :, place] for _, _, moved in self._moved]).T
+        found = {'lower': q.min(), 'upper': q.max(), 'velocity': np.abs(dq).max(),
+                 'acceleration': np.abs(ddq).max()}
+        if model is not None:
+            at = model.joints[model.getJointId(joint)]
+            if model.lowerPositionLimit[at.idx_q] < model.upperPositionLimit[at.idx_q] < UNBOUNDED:
+                del found['lower'], found['upper']
+            if 0.0 < model.velocityLimit[at.idx_v] < UNBOUNDED:
+                del found['velocity']
+        return {key: float(f'{value:.4g}') for key, value in found.items()}
 
     def _gauge(self, number: int, strains: Samples | None) -> dict[str, Any]:
         carrier, key, begin = self._gauges[number]
         unit = strain_unit(*carrier.ranges[key])
         where = Judgement(OPEN, 'behind which joint?') if strains is None else joint_before(
-            strains, self.draft.content['gravity'], number, self._joints, self._moving)
+            strains, self._down, number, self._joints, self._moving)
+        if where.value == OPEN:
+            where = named_joint(begin['name'], self._joints, where)
         self.draft.remarks[f'gauges.{begin["name"]}'] = f'{unit.reason}; {where.reason}'
         name = begin.pop('name')
         return {'name': name, 'joint': where.value, 'distance': OPEN, **begin, 'unit': unit.value}
@@ -240,37 +281,32 @@ def draft_of(
 Question = tuple[str, Callable[[str], Any]]
 
 
+def _one_of(values: Sequence[str], answer: str) -> str:
+    value = str(one_spelling(answer))
+    if value not in values:
+        raise ValueError(f'one of {", ".join(values)}')
+    return value
+
+
+def _length(answer: str) -> float:
+    value = float(answer)
+    if not 0.0 <= value < math.inf:
+        raise ValueError('a distance in m')
+    return value
+
+
 def question_of(draft: Draft, path: tuple[str | int, ...]) -> Question | None:
     """Give what to ask for an open value; returns None for what cannot be said in a word."""
-    entry = _entry(draft, path)
-
-    def one_of(*values: str) -> Callable[[str], str]:
-        def choose(answer: str) -> str:
-            value = str(one_spelling(answer))
-            if value not in values:
-                raise ValueError(f'one of {", ".join(values)}')
-            return value
-        return choose
-
-    def length(answer: str) -> float:
-        value = float(answer)
-        if not 0.0 <= value < math.inf:
-            raise ValueError('a distance in m')
-        return value
-
     key = path[-1]
-    if key == 'unit' and 'distance' not in entry:
-        return 'unit (A, N m, N)', one_of('A', 'N m', 'N')
-    if key == 'unit':
-        return 'unit (um/m, m/m, mV/V, V, N m)', one_of('um/m', 'm/m', 'mV/V', 'V', 'N m')
-    if key == 'joint':
-        joints = [joint['name'] for joint in draft.content['joints']]
-        return f'joint before it ({", ".join(joints)})', one_of(*joints)
     if key == 'distance':
-        return 'distance along the link from that joint [m]', length
+        return 'distance along the link from that joint [m]', _length
     if key == 'index':
         return 'place in the array, from 0', int
-    return None
+    gauge = ('um/m', 'm/m', 'mV/V', 'V', 'N m')
+    known = {'unit': gauge if 'distance' in _entry(draft, path) else ('A', 'N m', 'N'),
+             'joint': [joint['name'] for joint in draft.content['joints']]}.get(str(key))
+    what = 'joint before it' if key == 'joint' else 'unit'
+    return None if known is None else (f'{what} ({", ".join(known)})', partial(_one_of, known))
 
 
 def _entry(draft: Draft, path: tuple[str | int, ...]) -> Any:
@@ -292,6 +328,8 @@ def answer(draft: Draft, path: tuple[str | int, ...], value: Any) -> None:
                 other['unit'] = value
 
 
+UNBOUNDED = 1e6
+"""Range or speed from which on a URDF limits nothing [rad or m, and per s]."""
 WIDTH = 99
 """Of remarks [characters]."""
 LEFT_TO_FIT = """\
@@ -366,6 +404,8 @@ def text_of(draft: Draft) -> str:
                  + f' # {printable(remarks.get("joint_topic", ""))}')
     if 'unit' in remarks:
         lines += _remark(f'Unit of the efforts: {remarks["unit"]}.')
+    lines += _remark('Limits are those of the motion seen, where the URDF has none: put what the '
+                     'drives may do in their place, before motion is planned.')
     lines += _list('joints', content['joints'], draft)
     if 'active_joints' in content:
         lines += _remark('Those that move in the bags; the others are held.')

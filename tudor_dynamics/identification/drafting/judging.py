@@ -16,9 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -60,8 +61,19 @@ class Samples:
         """Give the rows of the recorded joints: (n, joints, parameters of the bodies)."""
         model = self.under(gravity)
         data = model.createData()
-        return np.array([pin.computeJointTorqueRegressor(model, data, *motion)[self.index]
-                         for motion in self.motion])
+        # of an only joint Pinocchio gives a row without its first axis
+        return np.array([np.reshape(pin.computeJointTorqueRegressor(model, data, *motion), (
+            model.nv, -1))[self.index] for motion in self.motion])
+
+
+def derivatives(recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
+    """Give ``q``, ``dq``, ``ddq`` of the long stretches of a recording: (n, 3, joints)."""
+    width = 2 * max(2, round(settings.DERIVATIVE_WINDOW / recording.dt / 2)) + 1
+    for segment in recording.segments:
+        if segment.stop - segment.start > width:
+            yield segment, np.stack([savgol_filter(
+                recording.q[segment], width, 3, deriv=order, delta=recording.dt, axis=0)
+                for order in range(3)], axis=1)
 
 
 def spread(
@@ -72,16 +84,10 @@ def spread(
     for recording in recordings:
         values = getattr(recording, output)
         keep = max(1, len(recording.q) // settings.SAMPLES_TO_DRAFT)
-        width = 2 * max(2, round(settings.DERIVATIVE_WINDOW / recording.dt / 2)) + 1
-        for segment in recording.segments if values is not None else ():
-            if segment.stop - segment.start <= width:
-                continue
+        for segment, moved in derivatives(recording) if values is not None else ():
             measured.append(values[segment][::keep])
             motion = np.zeros((len(measured[-1]), 3, model.nq))
-            for order in range(3):
-                motion[:, order, index] = savgol_filter(
-                    recording.q[segment], width, 3, deriv=order, delta=recording.dt,
-                    axis=0)[::keep]
+            motion[:, :, index] = moved[::keep]
             motions.append(motion)
     if not motions:
         return None
@@ -98,14 +104,18 @@ OTHERS = {'none': (0.0, 0.0, 0.0), '-x': (-SIZE, 0.0, 0.0), 'x': (SIZE, 0.0, 0.0
 the same centres of mass carry and accelerate."""
 
 
-def _unexplained(samples: Samples, gravity: Sequence[float], moving: Sequence[int]) -> float:
+def _unexplained(
+    samples: Samples, gravity: Sequence[float], moving: Sequence[int], powers: int = 0,
+) -> float:
     """Give the share of the efforts' variance that remains, on average over the joints."""
     shares, rows = [], samples.rows(gravity)
     for joint in moving:
         y, dq = samples.measured[:, joint], samples.speed(joint)
         if not y.std() > 0.0:
             continue
-        x = np.column_stack([rows[:, joint], np.tanh(dq / settings.SLOW), dq])
+        q = samples.motion[:, 0, samples.index[joint]]
+        x = np.column_stack([rows[:, joint], np.tanh(dq / settings.SLOW), dq,
+                             *(q ** power for power in range(powers))])
         x = x[:, np.abs(x).max(axis=0) > 1e-9]
         error = y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]
         shares.append(float(error @ error) / float((y - y.mean()) @ (y - y.mean())))
@@ -114,7 +124,7 @@ def _unexplained(samples: Samples, gravity: Sequence[float], moving: Sequence[in
 
 def down(
     samples: Samples, moving: Sequence[int], has_masses: bool,
-) -> tuple[list[float], str, bool]:
+) -> tuple[list[float] | None, str, bool]:
     """
     Judge the direction of gravity [m/s^2] by the joints that move: the one efforts follow best.
 
@@ -122,7 +132,20 @@ def down(
     each direction of gravity. The usual one counts unless another leaves much less. Which of
     several, and which way, is shown by the masses that the links have. Evidence is given where
     something speaks against the usual one, and whether no other explains the efforts as well.
+    Efforts of joints that the usual one does not load have to follow their positions, and not as
+    a spring or a cable makes them do: None where that cannot be said.
     """
+    rows, bare = (samples.rows(gravity)[:, moving] for gravity in (USUAL, OTHERS['none']))
+    if np.abs(rows - bare).max(initial=0.0) < 1e-9:
+        upright, spring = (_unexplained(samples, USUAL, moving, powers) for powers in (1, 2))
+        turned = min(_unexplained(samples, gravity, moving, 1) for gravity in OTHERS.values())
+        if upright - turned < settings.FOLLOWED:
+            return list(USUAL), '', True
+        if spring <= settings.BETTER * turned:
+            return None, (
+                f'{100 * (upright - turned):.2g} % of the variance of the efforts follow the '
+                'positions, which gravity across the axes, a spring or a cable explain alike; '
+                'these joints do not show gravity along their axes'), False
     usual = _unexplained(samples, USUAL, moving)
     left = {name: _unexplained(samples, gravity, moving) for name, gravity in OTHERS.items()}
     best = min(OTHERS, key=lambda name: left[name] * (
@@ -189,6 +212,7 @@ class Survey:
     positions: Carrier  # of the joints
     efforts: tuple[Carrier, ...]  # what may be efforts, the likeliest first
     strains: tuple[Carrier, ...]  # what may be strains
+    fields: tuple[Carrier, ...]  # all of numbers
     seconds: float  # length of all bags [s]
 
 
@@ -227,7 +251,8 @@ def survey(reports: Sequence[BagReport], known: Collection[str] = ()) -> Survey:
     arrays = [item for item in found if item.msgtype == FLOAT64_MULTI_ARRAY
               and item.field == DATA and item not in strains and item.speaks_of(EFFORT_WORDS)]
     named.sort(key=lambda item: (item.msgtype != JOINT_STATE, item.topic != chosen.topic))
-    return Survey(chosen, (*named, *arrays), strains, sum(report.duration for report in reports))
+    return Survey(chosen, (*named, *arrays), strains, tuple(found),
+                  sum(report.duration for report in reports))
 
 
 @dataclass(frozen=True)
@@ -332,7 +357,7 @@ def joint_before(
         if name in moving and np.abs(x).max() > 1e-9:
             error = y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]
             left[joint] = float((error @ error) / (y @ y)) if y @ y > 0.0 else 1.0
-    if not left or min(left.values()) > settings.UNEXPLAINED:
+    if not left or min(left.values()) > settings.NOT_FOLLOWED:
         return Judgement(OPEN, 'its reading follows the moment of no joint')
     chosen = max(joint for joint, share in left.items()
                  if share <= settings.OUTERMOST * min(left.values()) + 0.01)
@@ -341,3 +366,12 @@ def joint_before(
     if names[chosen + 1:] and names[chosen + 1] not in moving:
         return Judgement(OPEN, f'{text}; or sits behind {names[chosen + 1]}, which never moved?')
     return Judgement(names[chosen], text)
+
+
+def named_joint(gauge: str, joints: Sequence[str], unknown: Judgement) -> Judgement:
+    """Judge by its name after which joint a gauge sits: that of the joint, or its number."""
+    numbers = {*re.findall(r'\d+', gauge)}
+    found = ([joint for joint in joints if joint.lower() in gauge.lower()]
+             or [joint for joint in joints if numbers & {*re.findall(r'\d+', joint)}])
+    return unknown if len(found) != 1 else Judgement(
+        found[0], f'{unknown.reason}; by its name {gauge}')
