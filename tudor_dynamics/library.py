@@ -33,8 +33,7 @@ from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, check_choices, choices, common_outputs, facts_of, filtered, load,
-    parse_choice, Paths, payload_range, refuse_copies, split_bag, training_blocks,
-    with_recorded_gauges)
+    parse_choice, part, Paths, payload_range, refuse_copies, training_blocks, with_recorded_gauges)
 from tudor_dynamics.identification.detection import evaluate_collisions, find_truth, MethodResult
 from tudor_dynamics.identification.doctor.between import examine_bags
 from tudor_dynamics.identification.doctor.findings import Finding
@@ -90,7 +89,8 @@ class HeldBags:
     def _holdout(self, spec: PreprocessingSpec) -> tuple[BagData, BagData] | None:
         if len(self.held) > 1 or self.held_test:
             return None
-        return split_bag(self.held[0], HELD_OUT, spec)
+        bag, middle = self.held[0], 1.0 - HELD_OUT
+        return part(bag, 0.0, middle, spec), part(bag, middle, 1.0, spec)
 
     def choose(self, settings: FitSettings) -> Choices:
         """Choose what is left open by all bags, but for what is held out."""
@@ -406,10 +406,10 @@ def _one(
 def _left_out(model: AnalyticalModel) -> dict[str, FloatArray]:
     """Leave each bag out once, and give the relative errors on it."""
     found = {}
-    for name, part in model.data_.items():
+    for name, own in model.data_.items():
         others = {other: item for other, item in model.data_.items() if other != name}
         if others:
-            squares, power, _ = part_errors(model.like().fit_data(others), part)
+            squares, power, _ = part_errors(model.like().fit_data(others), own)
             found[name] = np.sqrt(squares / np.maximum(power, 1e-300))
     return found
 

@@ -31,7 +31,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, filtered, split_bag
+from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, filtered, part
 from tudor_dynamics.identification.elastic_problem import Identified, Record, record_of, RUN_IN
 from tudor_dynamics.identification.fit import (
     ElasticTrainer, fit_models, FitResult, FitSettings, left_out)
@@ -277,7 +277,7 @@ def test_what_is_held_out_of_an_only_bag(search: Search) -> None:
     known: list[dict[str, float]] = []
     for changed in (False, True):
         whole_bag = bag(lone_recording(3, 12.0), 0.2)
-        kept, held = split_bag(whole_bag, 0.25, SPEC)
+        kept, held = (part(whole_bag, *span, SPEC) for span in ((0.0, 0.75), (0.75, 1.0)))
         assert held.recording.strain is not None and whole_bag.recording.strain is not None
         if changed:
             strain = whole_bag.recording.strain.copy()

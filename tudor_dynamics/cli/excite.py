@@ -34,7 +34,7 @@ from tudor_dynamics.identification.excitation import CLEARANCE, ExpectedError
 from tudor_dynamics.identification.excitation_plan import (
     bounds_of, Conditions, default_highest, KINDS, make_plan, Order, PICTURE, Plan,
     plan_head, plan_of, STAGES, Target, target_of_arm, target_of_model, write_plan)
-from tudor_dynamics.identification.next_steps import Comparison
+from tudor_dynamics.identification.next_steps import Comparison, Promise
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.signals.excitation import fourier_motion, joint_range
@@ -67,8 +67,7 @@ def print_comparison(comparison: Comparison) -> None:
         names=('parameter', 'unit'),
         figures=('expected', 'by the noise\nthat was found', 'reached', 'reached /\nexpected'))
     for item in comparison.promises:
-        name = item.name if item.output == 'effort' else f'{item.channels[0]}: {item.name}'
-        table.add_row(name, item.unit, *(
+        table.add_row(_shown(item), item.unit, *(
             f'{value:.2g}' if math.isfinite(value) else '-' for value in (
                 item.expected, item.by_noise, item.reached, item.reached / item.expected)))
     print_table(table)
@@ -285,5 +284,5 @@ def _print(target: Target, plan: Plan, links: SelfCollision, *, stated: bool) ->
         print('no noise was stated: all standard errors grow with it (--noise, or --model)')
 
 
-def _shown(item: ExpectedError) -> str:
+def _shown(item: ExpectedError | Promise) -> str:
     return item.name if item.output == 'effort' else f'{item.channels[0]}: {item.name}'

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 import datetime
 import hashlib
@@ -75,11 +75,6 @@ class FleetArm(Spec):
         if any(letter in name for letter in FORBIDDEN) or name.startswith('.'):
             raise ValueError(f'{name!r} is no name of a folder')
         return name
-
-    def dated(self) -> Iterator[tuple[datetime.date, tuple[str, ...]]]:
-        """Give the dates in their order, and what stands at each."""
-        for date, bags in sorted(self.bags.items()):
-            yield date, (bags,) if isinstance(bags, str) else bags
 
 
 class FleetPlan(Spec):
@@ -349,8 +344,9 @@ class _Study:
     def _see(self) -> None:
         """Find the bags of each date, and see what they are."""
         named = [(arm, date, replace(choice, path=_relative(choice.path, self.run.base)))
-                 for arm in self.plan.arms for date, bags in arm.dated()
-                 for choice in found_choices([str(self.run.base / text) for text in bags])]
+                 for arm in self.plan.arms for date, bags in sorted(arm.bags.items())
+                 for choice in found_choices([str(self.run.base / text) for text in (
+                     (bags,) if isinstance(bags, str) else bags)])]
         answers = survey([choice for _, _, choice in named], {}, self.run.base, self.run.jobs,
                          lambda done: self.progress('see bags'))
         known: dict[str, str] = {}

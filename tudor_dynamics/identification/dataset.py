@@ -335,14 +335,6 @@ def filtered(bag: BagData, preprocessing: PreprocessingSpec) -> BagData:
     return replace(bag, stretches=tuple(stretches or prepare(bag.recording, preprocessing)))
 
 
-def split_bag(
-    bag: BagData, held_out: float, preprocessing: PreprocessingSpec,
-) -> tuple[BagData, BagData]:
-    """Split a bag by time into a part to fit to and a last part to judge by."""
-    middle = 1.0 - held_out
-    return part(bag, 0.0, middle, preprocessing), part(bag, middle, 1.0, preprocessing)
-
-
 def part(bag: BagData, begin: float, end: float, preprocessing: PreprocessingSpec) -> BagData:
     """Take a part of a bag by time, filtered on its own."""
     recording = cut(bag.recording, BagChoice(bag.choice.path, begin, end))
@@ -440,7 +432,6 @@ def facts_of(bag: BagData) -> BagFacts:
 
 
 # -- Which payload each bag was recorded with, and models that know of it
-
 
 def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[str, float]:
     """Read ``BAG=KG`` arguments [kg]."""
