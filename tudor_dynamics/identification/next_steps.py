@@ -105,18 +105,19 @@ def _elastic(result: FitResult, out: Path | None) -> list[NextStep]:
         fit = max(strain.validation.score.channels[loudest.channel].fit, 0.0)
         gain = (100.0 - fit) * (1.0 - math.sqrt(max(1.0 - loudest.share, 0.0)))
     advice = 'fit the elastic model as well'
-    command = True
-    options = ['--models', 'analytical', 'elastic']
+    spec, options = result.preprocessing, ['--models', 'analytical', 'elastic']
+    if spec.filter == 'zero_phase':  # as the other models have it
+        options += ['--filter', 'zero_phase', *['--cutoff', str(spec.cutoff)] * bool(spec.cutoff)]
     if not result.arm.gauges:
         advice = 'damp the arm while it is recorded, or leave the ringing out'
         options = ['--filter', 'zero_phase', '--rate', '5']
     elif not result.arm.spec.links:
         advice = f'describe what bends (links and motors, docs/elastic.md) and {advice}'
-        command = False
+        options = []
     return [NextStep(
         gain, f'{loudest.channel} rings at {loudest.frequency:.2f} Hz, {100 * loudest.share:.0f} '
         f'% of what is left above 0.5 Hz, and no rigid model can know it: {advice}',
-        _fit(result, out, options) if command else '')]
+        _fit(result, out, options) if options else '')]
 
 
 def _of_model(result: FitResult, item: FittedOutput, out: Path | None) -> list[NextStep]:
