@@ -214,7 +214,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     user = Listener(arm)
     try:
         processes.start('arm_simulator', arm=args.arm, rate=args.rate, factor=args.factor,
-                        clock=simulated, payload=PAYLOAD, seed=1)
+                        clock=simulated, lockstep=simulated, payload=PAYLOAD, seed=1)
         processes.start('oscillation_damper', arm=args.arm, timeout=1.0, **common)
         processes.start('reference_generator', arm=args.arm, rate=args.rate,
                         reaction=args.reaction, **common)

@@ -207,7 +207,7 @@ class Listener:
         while (left := end - time.monotonic()) > 0.0:
             spin_for(self.executor, min(left, 0.2))
 
-    def wait(self, done: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
+    def wait(self, done: Callable[[], bool], what: str, seconds: float = 180.0) -> None:
         """Handle messages until something is so."""
         end = time.monotonic() + seconds
         while not done():

@@ -99,4 +99,8 @@ def test_swing_that_is_fed() -> None:
     # a push in the middle of a window, and its answer in the next one, which then decays
     assert watch(RingingWatch(SPEED), lambda t: float(SPEED[0]) * (
         0.02 if t < 2.2 else 0.05 if t < 2.4 else 0.08 * np.exp(2.4 - t)), 6.0) == ''
+    # the end of a push of 4 N in the middle of a window: peaks of the simulated arm with 200 g
+    peaks = (0.004, 0.004, 0.004, 0.169, 0.076, 0.045, 0.066, 0.177, 0.061, 0.051, 0.017)
+    assert watch(RingingWatch(SPEED), lambda t: float(SPEED[0]) * peaks[int(t / 0.4001)],
+                 4.2) == ''
     assert 'again and again' in watch(RingingWatch(SPEED), lambda t: 1.6, 2.0, moving=True)

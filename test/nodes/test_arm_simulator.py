@@ -94,3 +94,27 @@ def test_the_loop_takes_the_whole_arm(world: World, root: Path) -> None:
     assert all(len(message.data) == 2 for message in heard)
     assert list(reference[-1].name) == ['joint2', 'joint3']
     assert reference[-1].position[0] == pytest.approx(np.pi / 4, abs=0.02)
+
+
+def test_in_lockstep_it_waits_for_each_answer(world: World, root: Path) -> None:
+    """A hundred times as fast as real time, it is no sample ahead of whoever commands."""
+    world.add(ArmSimulatorNode, arm=str(root / 'config/tudor.yaml'), rate=100.0, factor=100.0,
+              clock=True, lockstep=True)
+    heard, answered = world.listen('joint_states'), 0
+    world.output('velocity_commands', Float64MultiArray)
+    world.meet('velocity_commands')
+
+    def answer() -> bool:
+        nonlocal answered
+        if len(heard) > answered:
+            answered = len(heard)
+            world.output('velocity_commands').publish(Float64MultiArray(data=[0.0, 0.0]))
+        return answered > first + 100
+    first = 0
+    assert world.spin(lambda: bool(heard))
+    assert world.spin(answer)  # what came before the first command is heard by then
+    first, begun = answered, nanoseconds(heard[-1].header.stamp)
+    steps = np.diff([nanoseconds(item.header.stamp) for item in heard[-100:]])
+    assert (steps == 10**7).all()  # nothing was lost: it would have been, unanswered
+    assert world.spin(answer)
+    assert nanoseconds(heard[-1].header.stamp) - begun <= 10**7 * (answered - first + 1)

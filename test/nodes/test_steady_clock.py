@@ -23,7 +23,8 @@ import numpy as np
 import pytest
 from ros_world import Hand, joint_message, JOINTS, World
 from std_srvs.srv import Trigger
-from tudor_dynamics.nodes.common.base import Meter
+from tudor_dynamics.nodes.common import base
+from tudor_dynamics.nodes.common.base import Meter, SimulatedClock
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 
@@ -66,3 +67,27 @@ def test_rate_by_the_steady_clock() -> None:
     hand.now += 0.5
     assert meter.report()['rate [Hz]'] == '100.0'
     assert meter.stale(0.4) and not meter.stale(0.6)
+
+
+def test_a_slow_simulator_ages_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its time counts; the wall's where it has stood for a second, was set back, or never came."""
+    wall, stamp = 100.0, 0
+    monkeypatch.setattr(base.time, 'monotonic', lambda: wall)
+    clock = SimulatedClock(lambda: stamp)
+    begun = clock()
+    wall += 0.3
+    assert clock() - begun == pytest.approx(0.3)  # there is no simulator yet
+    stamp = 5 * 10**9
+    begun = clock()
+    for _ in range(4):
+        wall, stamp = wall + 0.9, stamp + 2 * 10**6
+        assert clock() - begun == pytest.approx((stamp - 5 * 10**9) * 1e-9)
+    before = clock()
+    wall += 0.9
+    assert clock() == before
+    wall += 0.9
+    assert clock() - before == pytest.approx(0.8)  # it has stood for a second
+    before, stamp = clock(), 10**9
+    assert clock() == before  # set back
+    stamp += 10**8
+    assert clock() - before == pytest.approx(0.1)

@@ -140,8 +140,8 @@ class RingingWatch:
         peaks = list(self._peaks)
         grown = [now > settings.RINGING_GROWTH * before
                  for before, now in zip(peaks, peaks[1:], strict=False)]
-        # all three are loud: a push that begins in the middle of a window grows into the next
-        if len(grown) > 1 and min(peaks[-3:]) > settings.RINGING_LOUD and all(grown[-2:]):
+        # all four are loud: a push, or its end, in the middle of a window grows into the next
+        if len(grown) > 2 and min(peaks[-4:]) > settings.RINGING_LOUD and all(grown[-3:]):
             self.reset()
             return 'the swing grows while the reference rests'
         if len(peaks) == settings.RINGING_LASTS + 2 and all(

@@ -287,7 +287,7 @@ class MotionController:
             self.takeovers += 1
             self._begin(now, q, np.zeros_like(speed) if doubts else speed)
         if doubts:
-            self._fault(doubts, speed)
+            self._fault(doubts)
             self._explain_until = clock + settings.TELLING_AFTER
             self._explain_at = clock + settings.TELLING_EVERY
         elif fault and self._explain_at < clock < self._explain_until:
@@ -442,13 +442,13 @@ class MotionController:
         if self.state is not State.FAULT:
             self.state, self.cause = State.HOLDING, cause
 
-    def _fault(self, doubts: list[Doubt], dq: FloatArray) -> None:
+    def _fault(self, doubts: list[Doubt]) -> None:
         assert self._q is not None
         speed = np.abs(self.envelope.command)
         astray = any(doubt.astray for doubt in doubts)  # each moment it goes farther astray
-        ahead = np.abs(dq) - speed > settings.RUNS_AHEAD * self.watched.speed
-        slow = speed < settings.UNCONFIRMED_SPEED * self.watched.speed
-        if astray and (ahead.any() or slow.all()):  # zero at once is the shortest way
+        slow = speed < 1.01 * settings.UNCONFIRMED_SPEED * self.watched.speed
+        # Zero at once is the shortest way; what runs ahead gets faster by each further command.
+        if astray and (self.watched.rushing.any() or slow.all()):
             self.envelope.begin(np.zeros_like(speed))
         self._hold = MotionPlanner(
             MotionLimits(self.planned.velocity, np.maximum(

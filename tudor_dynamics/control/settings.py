@@ -102,11 +102,15 @@ RANGE_TIME = 0.2
 EXCESS_TIME = 0.007
 # The same in motion, in addition, as what the commanded speed makes of this time [s].
 EXCESS_LATE = 0.01
-# Part of both that is a fault already where as much again leads beyond a limit: keeps the 1 deg
-# that a limit may be passed by (drives that swap, bench/lying.py).
-EXCESS_AT_END = 0.75
+# Part of both that is a fault already where so many times as much again leads beyond a limit: it
+# keeps the 1 deg that a limit may be passed by (drives that swap or creep, bench/lying.py).
+EXCESS_AT_END, EXCESS_GROWS = 0.4, 2.0
 # Part of it from which on a joint counts as away from its commands.
 EXCESS_SMALL = 0.2
+# A joint may be faster than its commands by so much of its speed limit, and of their speed: 5.5
+# deg/s is the most of honest arms (bench/false_faults.py), 2800 deg/s^2 what a driver makes of its
+# current that takes radians for degrees (bench/lying.py).
+AHEAD_SPEED, AHEAD_SHARE = 0.1, 0.1
 # Uncertainty of the delay of the loop [s]; shorter ones raise false faults of arms that swing.
 LAG_MARGIN = 0.012
 # How fast it may rise [s/s]: an encoder that stops looks like a delay that grows by 1 s/s.
@@ -132,9 +136,6 @@ CONFIRMING_TIME = 0.05
 # Time in which an arm is braked at a fault, and where it moves as nobody commands it [s]; the
 # second is bounded by its largest acceleration.
 FAULT_STOP_TIME, ASTRAY_STOP_TIME = 0.3, 0.05
-# Part of the speed limit by which a joint that is faster than its command runs away: each further
-# command makes it faster, so zero is commanded at once (test/mechanics/test_lying.py).
-RUNS_AHEAD = 0.5
 # After positions did not come, commands may not have come either: for so long nothing is judged
 # [s], in which drives brake by themselves or take them up again.
 FREE_AFTER = 0.3
@@ -148,7 +149,7 @@ TELLING_AFTER = 0.15
 # Not with each sample, since telling takes up to 3 ms (bench/controller_cost.py) [s].
 TELLING_EVERY = 0.02
 # Delays of the loop that are tried for each explanation.
-LAGS_TRIED = 6
+LAGS_TRIED = 7
 # Part of the way below which a joint stands still.
 STANDS = 0.07
 # Times the commanded way from which on a joint runs away, and up to which it may be as far as it
@@ -158,6 +159,9 @@ RUNAWAY, SAME_SIZE = 5.0, 2.5
 RUNS = 0.3
 # Part of the speed limit above which a drift is less likely than another scale.
 FAST_DRIFT = 0.3
+# Part of what is allowed that two joints are off their commands, and these differ by, where they
+# may be swapped.
+SWAPPED = 0.3
 # Part of the excess from which on positions contradict the driver's own speeds.
 CONTRADICTS = 0.5
 # An explanation with a figure that is fitted has to leave so many times less; one that leaves less

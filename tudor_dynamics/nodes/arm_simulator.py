@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from functools import partial
+import math
 from threading import Event, Lock, Thread
 import time
 from typing import Any
@@ -35,7 +36,7 @@ from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import joint_state, time_message, wrench_stamped
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.nodes.settings import LATE
+from tudor_dynamics.nodes.settings import ANSWERED, LATE
 
 
 class ArmSimulatorNode(TudorNode):
@@ -49,6 +50,7 @@ class ArmSimulatorNode(TudorNode):
         super().__init__('arm_simulator', **kwargs)
         self.arm: ArmProcess | None = None
         self._stop = Event()
+        self._answer, self._commanded = Event(), -math.inf  # newest sample; time of a command [s]
         self._lock = Lock()
         self._thread: Thread | None = None
         self.late = 0
@@ -124,6 +126,8 @@ class ArmSimulatorNode(TudorNode):
             return
         with self._lock:
             self.arm.command(command)
+        self._commanded = self.steady()
+        self._answer.set()
         self.meter.end(begun)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
@@ -142,6 +146,7 @@ class ArmSimulatorNode(TudorNode):
         assert arm is not None
         period = 1.0 / self.value('rate') / self.value('factor')
         simulated = bool(self.value('clock'))
+        lockstep = simulated and self.value('lockstep')
         origin = self.get_clock().now().nanoseconds if not simulated else 1_000_000_000
         due = time.perf_counter()
         failure = ''
@@ -152,13 +157,16 @@ class ArmSimulatorNode(TudorNode):
                 failure = arm.failure
                 if failure:
                     self.get_logger().error(failure)
+            self._answer.clear()
             self._publish(sample, origin)
+            if lockstep and self.steady() - self._commanded < self.value('timeout'):
+                self._answer.wait(ANSWERED)
             due += period
             wait = due - time.perf_counter()
             if wait > 0.0:
                 self._stop.wait(wait)
             elif wait < -LATE:
-                self.late += 1
+                self.late += not lockstep
                 due -= wait
                 if not simulated and self.value('factor') == 1.0:
                     # as of an arm that has halted: stamps must not lag behind everybody's clock

@@ -37,6 +37,9 @@ WAITING = 200
 
 REPEAT = 5.0
 """Time before another fault of the same level is logged [s]. source: none known."""
+STANDS = 1.0
+"""A simulated clock that stands for so long has ended [s]: ages grow again by the wall's. Machines
+with four processes too many hold a simulator up for 0.4 s (bench/closed_loop_topics.py)."""
 LATENCIES = 4096
 """Latencies of which percentiles are taken: to sort them takes half a millisecond, in which
 samples wait; bench/node_rates.py."""
@@ -82,6 +85,9 @@ CHANGED = 0.1
 
 LATE = 0.2
 """A simulator that is so late gives up real time instead of hurrying [s]. source: none known."""
+ANSWERED = 0.1
+"""For so long a simulator in lockstep waits for the command that answers a sample [s]: it may be
+lost, and a damper without positions brakes after 0.25 s."""
 SILENT = 0.1
 """Strains that are older than positions by more are missing; a longer gap between positions is an
 interruption of force control [s]. source: none known."""

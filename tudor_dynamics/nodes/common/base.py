@@ -47,7 +47,7 @@ from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Pa
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateDecoder, MotionDecoder, PointSample)
 from tudor_dynamics.nodes.settings import (
-    AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, TOO_MANY)
+    AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, STANDS, TOO_MANY)
 
 
 NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
@@ -298,12 +298,36 @@ class Figure:
                 for name, text in found.items()}
 
 
+class SimulatedClock:
+    """
+    Clock of ages beside a simulator [s]: its time, and the wall's where it stands or never began.
+
+    A machine may be too busy for its simulator as long as it likes, and nothing becomes too old.
+    """
+
+    def __init__(self, ros: Callable[[], int]) -> None:
+        self._ros, self._stamp = ros, 0
+        self._now = self._wall = time.monotonic()
+
+    def __call__(self) -> float:
+        """Give the time [s]."""
+        stamp, wall = self._ros(), time.monotonic()
+        waits = STANDS if stamp else 0.0
+        if stamp != self._stamp:
+            self._now += max(stamp - self._stamp, 0) * 1e-9 if self._stamp else 0.0
+            self._stamp, self._wall = stamp, wall
+        elif wall - self._wall > waits:
+            self._now += wall - self._wall - waits
+            self._wall = wall - waits
+        return self._now
+
+
 class TudorNode(Node):
     """
     Base of the nodes.
 
-    steady: clock by which the node takes ages, never that of ROS, which stops with a simulator
-    [s]; fault: empty for nothing; ended: empty while it may; robot: name of the arm, once known.
+    steady: clock by which the node takes ages, which never stops, see `SimulatedClock` [s]; fault:
+    empty for nothing; ended: empty while it may; robot: name of the arm, once known.
     """
 
     depth = DEPTH  # of its queues
@@ -316,6 +340,8 @@ class TudorNode(Node):
     ) -> None:
         super().__init__(name, **kwargs)
         self.steady = steady
+        if self.get_parameter('use_sim_time').value and steady is time.monotonic:
+            self.steady = SimulatedClock(lambda: int(self.get_clock().now().nanoseconds))
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.meter = Meter(lambda: self.steady())
         self.drops: Counter[str] = Counter()

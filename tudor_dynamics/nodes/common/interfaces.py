@@ -242,6 +242,8 @@ SIMULATE = (
     Param('rate', 500.0, 'rate of the messages', 'Hz', 1.0, 2000.0),
     Param('factor', 1.0, 'speed of simulated time, 1 for real time', '', 0.01, 100.0),
     Param('clock', False, 'publish /clock with the simulated time'),
+    Param('lockstep', False, 'with clock: each sample waits for the command that answers the one '
+          'before, so that no machine is too busy'),
     Param('payload', 0.0, 'mass at the tip', 'kg', 0.0, 1e3),
     Param('damping', 0.0, "part of the built-in damper's gains; 0 leaves damping to a node", '',
           0.0, 10.0),
