@@ -105,18 +105,21 @@ def node(name: str) -> str:
 def test_drivers_that_are_right_and_that_lie(root: Path) -> None:
     """Every lie is named, over topics; the next test begins where the one before has stopped."""
     arm = str(root / 'config/tudor.yaml')
-    words = ['--ros-args', '-p', f'arm:={arm}']
+    clock = '--ros-args', '-p', 'use_sim_time:=true'
+    words = [*clock, '-p', f'arm:={arm}']
     Rig(load_arm(arm)).run(0.1)  # compiles, for which the program does not wait
 
     def test(*options: str) -> tuple[int, str]:
         done = subprocess.run(
-            [sys.executable, '-c', node('joint_test'), '--arm', arm, *options], timeout=PATIENCE,
+            [sys.executable, '-c', node('joint_test'), '--arm', arm, *options, *clock],
+            timeout=PATIENCE,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
             env={**os.environ, 'PYTHONPATH': str(root)})
         return done.returncode, done.stdout
 
     with running(
-            root, (node('arm_simulator'), *words, '-p', 'rate:=100.0', '-r',
+            root, (node('arm_simulator'), *words[:1], *words[3:], '-p', 'rate:=100.0', '-p',
+                   'clock:=true', '-p', 'lockstep:=true', '-p', 'factor:=2.0', '-r',
                    'velocity_commands:=drive_commands', '-r', 'joint_states:=drive_states'),
             (node('reference_generator'), *words, '-p', 'rate:=100.0'),
             (node('oscillation_damper'), *words)):

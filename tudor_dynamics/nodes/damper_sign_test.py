@@ -25,7 +25,6 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Sequence
 from functools import partial
-import time
 from typing import Any
 
 import numpy as np
@@ -70,9 +69,9 @@ class SignTester(Trial):
     def listen(self, gauge: int, seconds: float, *, watch: bool = False) -> StepResponse:
         """Record the strain of a gauge; with ``watch`` the damper goes off where it grows."""
         self._strain[gauge].clear()
-        end = time.monotonic() + seconds
+        end = self.steady() + seconds
         watching = watch
-        while time.monotonic() < end:
+        while self.steady() < end:
             self.spin_until(lambda: False, 0.1)
             response = self._response(gauge)
             if watching and response is not None and grows(response.strain, response.dt):

@@ -322,6 +322,12 @@ class SimulatedClock:
         return self._now
 
 
+def steady_clock(node: Node) -> Callable[[], float]:
+    """Give the clock by which a node takes ages [s]."""
+    return SimulatedClock(lambda: int(node.get_clock().now().nanoseconds)) if (
+        node.get_parameter('use_sim_time').value) else time.monotonic
+
+
 class TudorNode(Node):
     """
     Base of the nodes.
@@ -339,9 +345,7 @@ class TudorNode(Node):
         self, name: str, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any,
     ) -> None:
         super().__init__(name, **kwargs)
-        self.steady = steady
-        if self.get_parameter('use_sim_time').value and steady is time.monotonic:
-            self.steady = SimulatedClock(lambda: int(self.get_clock().now().nanoseconds))
+        self.steady = steady_clock(self) if steady is time.monotonic else steady
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.meter = Meter(lambda: self.steady())
         self.drops: Counter[str] = Counter()

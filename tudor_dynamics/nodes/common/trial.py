@@ -25,7 +25,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 import math
 import sys
-import time
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,7 @@ from trajectory_msgs.msg import JointTrajectory
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.errors import ArmError, TudorError
-from tudor_dynamics.nodes.common.base import strong, weak
+from tudor_dynamics.nodes.common.base import steady_clock, strong, weak
 from tudor_dynamics.nodes.common.interfaces import JOINT_TRAJECTORY
 from tudor_dynamics.nodes.common.messages import NamedReader
 from tudor_dynamics.nodes.common.runner import new_executor
@@ -58,7 +57,7 @@ class Trial(Node):
             raise ArmError(f'{arm.source}: no damper is described, so there is none to test')
         refuse_interfaces(arm, name)
         super().__init__(name, **kwargs)
-        self.arm = arm
+        self.arm, self.steady = arm, steady_clock(self)
         self.drops: Counter[str] = Counter()
         self.q: FloatArray | None = None
         self._reader = NamedReader(arm.active_joints, self.drops)
@@ -80,8 +79,8 @@ class Trial(Node):
 
     def spin_until(self, done: Callable[[], bool], seconds: float) -> bool:
         """Handle messages until something is done or the time is over."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end and rclpy.ok(context=self.context):
+        end = self.steady() + seconds
+        while self.steady() < end and rclpy.ok(context=self.context):
             if done():
                 return True
             self._executor.spin_once(timeout_sec=0.02)
