@@ -204,24 +204,6 @@ def test_frequencies_of_the_reference_arm() -> None:
         np.testing.assert_allclose(found.frequency[share < 0.5][:2], expected, rtol=0.03)
 
 
-@pytest.mark.parametrize('fault', ['stuck', 'missing'])
-def test_a_failing_gauge_leaves_an_undamped_arm(fault: str) -> None:
-    """When a gauge fails in the middle of a move, the arm goes on, and the damper says why not."""
-    loop = ClosedLoop(with_payload(tudor(), 0.2), seed=1)
-    loop.reset([0.0, 0.0])
-    begin = np.array([1.0])
-    reference = follow_targets([0.0, 0.0], [begin, begin], [HOME[:1], HOME[1:]],
-                               motion_limits(loop.arm), loop.dt, 10000)
-    loop.run(reference.q[:3500], reference.dq[:3500])
-    loop.set_gauge_fault('link2_hub', fault)
-    seen = loop.run(reference.q[3500:], reference.dq[3500:])
-    assert np.degrees(np.abs(seen.q - seen.q_ref)[-2000:]).max() < 0.2
-    assert loop.status_seconds['joint2'][fault] > 2.5
-    assert set(loop.status_seconds['joint3']) == {'damping', 'starting'}
-    with pytest.raises(SimulationError, match='link9'):
-        loop.set_gauge_fault('link9', fault)
-
-
 @pytest.mark.parametrize(('polarity', 'expected'), [(1.0, Sign.RIGHT), (-1.0, Sign.WRONG)])
 @pytest.mark.parametrize('joint', ['joint2', 'joint3'])
 def test_sign_test_finds_a_reversed_gauge(polarity: float, expected: Sign, joint: str) -> None:

@@ -154,7 +154,7 @@ LAGS_TRIED = 7
 STANDS = 0.07
 # Times the commanded way from which on a joint runs away, and up to which it may be as far as it
 # is commanded, in the other direction.
-RUNAWAY, SAME_SIZE = 5.0, 2.5
+RUNAWAY, SAME_SIZE = 4.0, 2.5
 # Part of the motion that any other explanation of a runaway has to leave less than.
 RUNS = 0.3
 # Part of the speed limit above which a drift is less likely than another scale.
@@ -367,8 +367,6 @@ SCALE_NEAR = 0.75
 MOVES_TOO = 0.2
 # Some other joint is judged, too, if it is so much of a nudge off its commands.
 STRAYED = 0.5
-# A joint that goes so many times farther than its commands, without answering to them.
-RUNAWAY = 4.0
 # Nudges that commands make at most before the test stops, and that positions may be off them:
 # below what is a fault of `MotionController`.
 ASTRAY, OFF = 2.5, 0.8

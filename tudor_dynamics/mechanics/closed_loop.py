@@ -74,7 +74,6 @@ class SensorTables(NamedTuple):
     bodies: NDArray
     places: NDArray
     loads: NDArray
-    fault: NDArray
     velocity_share: float
     angle: NDArray
     speed: NDArray
@@ -99,9 +98,6 @@ class ControlTables(NamedTuple):
     planned_speed: NDArray
 
 
-NO_FAULT, STUCK, MISSING = 0, 1, 2  # of a gauge
-
-
 @compiled
 def sense(
     plant: DrivenPlant, sensors: SensorTables, noise: NDArray, t: float, dt: float, loaded: bool,
@@ -123,11 +119,7 @@ def sense(
         sensors.current[j] = dr.current_reading(
             row, sensors.drive_state[j, dr.CURRENT], sensors.drive_state[j, dr.ANGLE], noise[j])
     for g in range(sensors.gauge.shape[0]):
-        if sensors.fault[g] == NO_FAULT:
-            sensors.strain[g] = dr.gauge_reading(
-                sensors.gauge[g], sensors.loads[g], noise[joints + g])
-        elif sensors.fault[g] == MISSING:
-            sensors.strain[g] = float('nan')
+        sensors.strain[g] = dr.gauge_reading(sensors.gauge[g], sensors.loads[g], noise[joints + g])
 
 
 @compiled
@@ -221,7 +213,6 @@ def run_loop(
 
 CHUNK = 2000
 """Steps between two looks from outside."""
-FAULTS = {'none': NO_FAULT, 'stuck': STUCK, 'missing': MISSING}
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +298,7 @@ class ClosedLoop:
             self._drive, np.zeros((n, dr.STATES)),
             np.array([drive_sensor_row(motor, imperfections) for motor in chosen]),
             gauge_rows(arm, probe, imperfections), probe.bodies, probe.places,
-            probe.loads, np.zeros(gauges, dtype=np.int64),
+            probe.loads,
             low_pass_gain(arm.spec.preprocessing.velocity_cutoff, self.dt),
             np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(gauges))
         self._control = ControlTables(
@@ -423,13 +414,6 @@ class ClosedLoop:
         tip = self._plant.external[self.plant.mechanism.tip]
         tip[:], tip[:values.size] = 0.0, values
         self._loaded = bool(np.any(self._plant.external))
-
-    def set_gauge_fault(self, gauge: str, fault: str) -> None:
-        """Let a gauge fail: 'stuck' at its last reading, 'missing', or 'none' to mend it."""
-        if fault not in FAULTS or gauge not in self.arm.gauge_names:
-            raise SimulationError(f'fault {fault!r} of gauge {gauge!r}: gauges are '
-                                  f'{list(self.arm.gauge_names)}, faults {list(FAULTS)}')
-        self._sensors.fault[self.arm.gauge_names.index(gauge)] = FAULTS[fault]
 
     def step(self, q_ref: ArrayLike, dq_ref: ArrayLike) -> LoopRecord:
         """
