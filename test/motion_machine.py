@@ -271,7 +271,7 @@ class MotionMachine(RuleBasedStateMachine):
         assert self.rig is not None
         if self.rig.controller is not None:
             with suppress(TudorError, ValueError):
-                self.rig.controller.gains.set_position_gain(gain)
+                self.rig.controller.gains.asked = gain
             with suppress(TudorError, ValueError):
                 self.rig.controller.gains.share = share
             with suppress(TudorError, ValueError):

@@ -316,12 +316,12 @@ def test_position_gain_that_swings() -> None:
     """A gain of 100 is bounded by the delay, and 0 is that of the description again."""
     rig = Rig(tudor(), rate=250.0)
     rig.run(1.0)
-    rig.controller.gains.set_position_gain(100.0)
+    rig.controller.gains.asked = 100.0
     go(rig, FIRST)
     rig.run(7.0)
     assert np.degrees(np.abs(rig.trace.array('command')[-100:])).max() < 1.0
     assert rig.controller.gains.position_gain_in_use < 30.0
-    rig.controller.gains.set_position_gain(0.0)
+    rig.controller.gains.asked = 0.0
     assert rig.controller.gains.position_gain_in_use == pytest.approx(3.0)
     judge(rig)
 

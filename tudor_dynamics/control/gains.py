@@ -224,7 +224,7 @@ class LoopGains:
 
     def __init__(self, spec: DamperSpec, speed: FloatArray, share: float = 1.0) -> None:
         self.described = self._basis = spec.position_gain
-        self._asked = 0.0
+        self.asked = 0.0  # speed per position error, 0 for that of description or schedule [1/s]
         self.described_delay = self.full_delay = spec.full_delay
         self.share = self.weight = share
         self.delay = DelayMeter(speed)
@@ -249,14 +249,10 @@ class LoopGains:
         if speed is not None:
             self.delay.commands.add(self._clock - settings.DELAY_LONGEST, speed)
 
-    def set_position_gain(self, gain: float) -> None:
-        """Ask for a speed per position error [1/s], 0 for that of description or schedule."""
-        self._asked = gain
-
     @property
     def position_gain(self) -> float:
         """Speed per position error that is asked for [1/s]."""
-        return self._asked if self._asked > 0.0 else self._basis
+        return self.asked if self.asked > 0.0 else self._basis
 
     def adapt(self, position_gain: float, full_delay: float, weight: float) -> None:
         """Take scheduled values in use: position_gain [1/s], full_delay [s]."""

@@ -211,7 +211,7 @@ class MotionController:
         self.ages = AgeWatch()
         self._gave = -math.inf  # when the last command was given
         self._unknown = True  # the speed of the arm
-        self._blind = False  # commands are given without positions
+        self.missing = False  # positions: commands are given without them
         self._stood = 0.0  # for which a fault has commanded standstill [s]
         self.required = self.tested = False  # whether joint_test has to be passed first, and is
         self._origin = np.zeros(len(self.joints))
@@ -239,11 +239,6 @@ class MotionController:
         """Whether there was a reference, and none comes any more."""
         return self.reference.known and self.reference.age(self._at) > self.timeout
 
-    @property
-    def missing(self) -> bool:
-        """Whether positions fail to come, and commands are given without them."""
-        return self._blind
-
     def step(
         self, now: float, dt: float, q: FloatArray, strain: FloatArray, fresh: FloatArray, *,
         age: float | None = None, dq: FloatArray | None = None, effort: FloatArray | None = None,
@@ -270,7 +265,7 @@ class MotionController:
         gains.late = max(self.ages.late, 0.0)
         gains.period = gains.period or max(dt, 0.0)
         if self._q is None or dt <= 0.0 or dt > self._patience or (
-                not self._unknown and (self._blind or self._slept(now))):
+                not self._unknown and (self.missing or self._slept(now))):
             self._take_first(now, q)
             return None
         speed = (q - self._q) / dt
@@ -313,7 +308,7 @@ class MotionController:
             return None
         if waited > self._patience:
             return self._brake(now, 'no positions come')
-        if self._unknown or self._blind:
+        if self._unknown or self.missing:
             return None
         command = self._slow_down(now)
         self.gains.took(waited, command)
@@ -350,9 +345,9 @@ class MotionController:
         if self._slept(now):  # whoever drives the joints has stopped them meanwhile
             self._q = None
             return None
-        if not self._blind:
+        if not self.missing:
             self._interrupt(now, cause, self.envelope.command)
-            self._blind = True
+            self.missing = True
         elif self.state is State.HOLDING:
             self.cause = cause
         self.gains.begin()
@@ -375,7 +370,7 @@ class MotionController:
 
     def _take_first(self, now: float, q: FloatArray) -> None:
         """Take a sample before which nothing counts: the next one tells how fast the arm is."""
-        if self._slept(now) or not self._blind:
+        if self._slept(now) or not self.missing:
             self._unknown = True
             self._takeover.reset()
             self.watched.reset()
@@ -394,7 +389,7 @@ class MotionController:
 
     def _begin(self, now: float, q: FloatArray, dq: FloatArray) -> None:
         """Brake from a known motion, and hold where that ends."""
-        self._unknown = self._blind = False
+        self._unknown = self.missing = False
         self._gave = now
         speed = np.clip(dq, -self.limits.velocity, self.limits.velocity)
         self.envelope.begin(speed)

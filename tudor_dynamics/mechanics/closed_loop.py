@@ -324,12 +324,6 @@ class ClosedLoop:
         return self._done * self.dt
 
     @property
-    def saturated(self) -> NDArray[np.bool_]:
-        """Which joints have current or speed at a limit."""
-        return np.asarray(self.cascade.saturated
-                          | (self._sensors.drive_state[:, dr.LIMITED] > 0.0))
-
-    @property
     def status_seconds(self) -> dict[str, dict[str, float]]:
         """How long the damper of each joint was in each state since the last ``reset`` [s]."""
         return {joint: {status.name.lower(): float(row[status]) for status in Status

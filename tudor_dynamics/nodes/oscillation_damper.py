@@ -140,7 +140,7 @@ class OscillationDamperNode(MovingNode):
         self.controller.required = self.value('require_joint_test')
         if self.controller.adaptation is not None:
             self.controller.adaptation.timeout = self.value('payload_timeout')
-        self.controller.gains.set_position_gain(self.value('position_gain'))
+        self.controller.gains.asked = self.value('position_gain')
 
     def _reset(self) -> str:
         if self.controller is not None:
