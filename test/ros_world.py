@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import gc
 from pathlib import Path
 import time
 from typing import Any
@@ -176,6 +177,7 @@ class World:
         self.executor.shutdown()
         self.probe.destroy_node()
         rclpy.shutdown(context=self.context)
+        gc.collect()
 
 
 def values_of(status: Any) -> dict[str, str]:
