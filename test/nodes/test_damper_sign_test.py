@@ -58,7 +58,7 @@ def test_the_simulated_arm_is_right(root: Path) -> None:
 
     clock = '--ros-args', '-p', 'use_sim_time:=true'
     nodes = [start('arm_simulator', '--ros-args', '-p', f'arm:={arm}', '-p', 'clock:=true', '-p',
-                   'lockstep:=true', '-p', 'factor:=2.0'),
+                   'lockstep:=true'),
              *(start(node, *clock, '-p', f'arm:={arm}')
                for node in ('reference_generator', 'oscillation_damper'))]
     try:

@@ -119,7 +119,7 @@ def test_drivers_that_are_right_and_that_lie(root: Path) -> None:
 
     with running(
             root, (node('arm_simulator'), *words[:1], *words[3:], '-p', 'rate:=100.0', '-p',
-                   'clock:=true', '-p', 'lockstep:=true', '-p', 'factor:=2.0', '-r',
+                   'clock:=true', '-p', 'lockstep:=true', '-r',
                    'velocity_commands:=drive_commands', '-r', 'joint_states:=drive_states'),
             (node('reference_generator'), *words, '-p', 'rate:=100.0'),
             (node('oscillation_damper'), *words)):
