@@ -140,6 +140,7 @@ class Doubt:
     astray: bool  # whether the joint may move as nobody commands it: braked as fast as it can be
     later: bool = True  # whether what is seen later may tell the cause better
     swapped: bool = False
+    drifts: bool = False
 
 
 class MotionWatch:
@@ -255,20 +256,20 @@ class MotionWatch:
         moved -= moved[0]
         own = np.array([math.nan if item[2] is None else item[2][j] for item in seen])
         made = np.concatenate([[0.0], np.cumsum(np.diff(times) * 0.5 * (own[1:] + own[:-1]))])
-        best, least, drifts, other = Doubt(j, '', True), math.inf, '', math.inf
+        best, least, drift, other = Doubt(j, '', True), math.inf, '', math.inf
         for lag in np.linspace(0.0, lags[1], settings.LAGS_TRIED):  # a lie shifts what is measured
             asked = commanded.made(times - lag)
             asked -= asked[0]
             for error, doubt in self._explanations(j, times, moved, asked):
                 if error < least:
                     least, best = error, doubt
-                if 'drifts' in doubt.text and error < other:
-                    other, drifts = error, doubt.text
+                if doubt.drifts and error < other:
+                    other, drift = error, doubt.text
         if not best.swapped and (text := self._contradiction(j, times, moved[:, j], made)):
             return Doubt(j, text, False)
         # A slow drift near a limit is found before it differs from what needs no figure.
-        if drifts != best.text and other < settings.FREE * least:
-            best = replace(best, text=f'{best.text}; or {drifts}')
+        if not best.drifts and other < settings.FREE * least:
+            best = replace(best, text=f'{best.text}; or {drift}')
         return best
 
     def _explanations(
@@ -319,7 +320,7 @@ class MotionWatch:
         rate = float(change @ since / max(since @ since, 1e-12))
         yield fast(rate) * left(wanted + rate * since), Doubt(
             j, f'it moves by {rate:.3g} a second that nobody commands: its encoder drifts, or its '
-            'drive creeps', True)
+            'drive creeps', True, drifts=True)
         common = settings.FREE * (2.0 if 2.0 / 3.0 < ratio < 1.5 else 1.0)
         yield common * left(ratio * wanted), Doubt(j, self._scaled(ratio), (
             ratio < 0.0 or ratio > 1.0))

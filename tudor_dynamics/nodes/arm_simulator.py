@@ -50,7 +50,7 @@ class ArmSimulatorNode(TudorNode):
         super().__init__('arm_simulator', **kwargs)
         self.arm: ArmProcess | None = None
         self._stop = Event()
-        self._answer, self._commanded = Event(), -math.inf  # newest sample; time of a command [s]
+        self._answer, self._commanded = Event(), -math.inf  # to the newest sample; when one came
         self._lock = Lock()
         self._thread: Thread | None = None
         self.late = 0

@@ -38,8 +38,8 @@ WAITING = 200
 REPEAT = 5.0
 """Time before another fault of the same level is logged [s]. source: none known."""
 STANDS = 1.0
-"""A simulated clock that stands for so long has ended [s]: ages grow again by the wall's. Machines
-with four processes too many hold a simulator up for 0.4 s (bench/closed_loop_topics.py)."""
+"""A simulated clock that stands for so long has ended [s]: ages grow by the wall clock again. On
+two cores with a load of five, gaps of 0.4 s came (bench/closed_loop_topics.py)."""
 LATENCIES = 4096
 """Latencies of which percentiles are taken: to sort them takes half a millisecond, in which
 samples wait; bench/node_rates.py."""
