@@ -30,7 +30,7 @@ from node_processes import finish, launch
 import numpy as np
 from patience import PATIENCE
 import pytest
-from ros_world import JOINTS, World
+from ros_world import JOINTS, values_of, World
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -87,7 +87,10 @@ def test_velocity_commands(world: World, root: Path, started: Any) -> None:
 
     def go(joint2: float, done: Callable[[], bool]) -> bool:
         """Send a goal, again where a message was lost or a busy machine held the arm."""
-        for _ in range(20):
+        for _ in range(10):
+            # Until it follows, a reference that leaves is one that the arm is not with.
+            world.status('oscillation_damper',
+                         lambda status: values_of(status).get('state') == 'following')
             goals.publish(trajectory(point(1.0, joint2, -0.2)))
             if world.spin(done, PATIENCE / 20):
                 return True
