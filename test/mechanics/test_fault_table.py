@@ -378,6 +378,28 @@ def test_comply_stays_in_range() -> None:
         [planned_limits(tudor()).lower[0], planned_limits(tudor()).upper[1]])
 
 
+@pytest.mark.parametrize('before', [1.0, 4.0, 20.0])
+def test_reset_in_motion(before: float) -> None:
+    """
+    It brakes at once, and stays within limits: silence would let the arm run on.
+
+    Found by sequence 343 of ``bench/motion_sequences.py --seed 2``.
+    """
+    rig = Rig(tudor(), rate=100.0, payload=0.4)
+    rig.run(1.0)
+    upper = hard_limits(rig.arm).upper
+    go(rig, upper * [1.0, 0.0])
+    while np.degrees(upper[0] - rig.trace.q[-1][0]) > before:
+        rig.step()
+    speed = rig.trace.command[-1]
+    rig.controller.reset()
+    rig.run(0.02)
+    assert np.all(np.abs(rig.trace.command[-1]) < np.abs(speed))
+    rig.run(2.0)
+    assert not broken_limits(rig)
+    assert np.abs(rig.trace.dq[-1]).max() < 0.05
+
+
 def test_random_sequences() -> None:
     """Any order of faults and the rest; bench/motion_sequences.py has more."""
     run_state_machine_as_test(MotionMachine, settings=settings(

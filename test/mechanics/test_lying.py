@@ -136,6 +136,28 @@ def test_positions_are_lost_just_after_a_fault(samples: int) -> None:
     judge(rig)
 
 
+def test_a_drive_that_creeps_is_not_woken_by_lost_positions() -> None:
+    """
+    After a fault nothing is commanded, also where positions are missing for a moment.
+
+    Found by sequence 209 of ``bench/motion_sequences.py --seed 1``: commands of standstill, given
+    for two lost samples, let the drive creep on by 1.3 degrees each time.
+    """
+    rig = Rig(resting(tuple(FIRST)), rate=100.0)
+    liar = Liar(rig)
+    rig.run(0.3)
+    liar.begin(NAMED['drive creeps 10'])
+    rig.run(2.0)
+    assert rig.controller.state is State.FAULT
+    stood, alter = rig.trace.q[-1], rig.alter
+    for _ in range(4):
+        rig.alter = lambda sample: None
+        rig.run(0.04)
+        rig.alter = alter
+        rig.run(0.3)
+    assert np.degrees(np.abs(rig.trace.q[-1] - stood)).max() < 0.1
+
+
 @pytest.mark.parametrize('payload', [0.0, 0.4])
 @pytest.mark.parametrize('share', [2.0, 10.0])
 def test_too_much_damping(share: float, payload: float) -> None:

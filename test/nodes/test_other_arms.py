@@ -133,7 +133,7 @@ def test_sign_test_knows_other_arms(gantry: Path, world: World,
                                     capsys: pytest.CaptureFixture[str]) -> None:
     """Joints by the damper, steps by their kind, gauges by the damper's choice."""
     arm = load_arm(gantry)
-    assert program.tested_joints(arm, None) == ['boom']
+    assert program.damped_joints(arm) == ['boom']
     sizes = Namespace(step=3.0, slide=10.0)
     assert program.step_size(arm, 'boom', sizes) == pytest.approx(math.radians(3.0))
     assert program.step_size(arm, 'lift', sizes) == 0.01

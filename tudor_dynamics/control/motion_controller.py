@@ -222,17 +222,23 @@ class MotionController:
         self.cuts: Counter[str] = Counter()
         self.state, self.cause = State.HOLDING, 'no reference yet'
 
-    def reset(self) -> None:
-        """Leave a fault and restart: hold, and fade the damper in."""
+    def reset(self) -> bool:
+        """Leave a fault and begin again; True where its own motion is braked, without a break."""
+        moving = not (self._unknown or self.missing or self.state is State.FAULT)
         self.state, self.cause = State.HOLDING, 'no reference yet'
-        self._q = None
-        self.ages.reset()
-        self._hold = MotionPlanner(self.planned, np.zeros(len(self.joints)))
         self.reference.reset()
-        self.gains.reset()
         self.damper.reset()
         if self.adaptation is not None:
             self.adaptation.reset()
+        if self._q is not None and moving and self.envelope.command.any():
+            self._hold.brake(self._q, self.envelope.command)
+            self.gains.excited = ''
+            return True
+        self._q = None
+        self.ages.reset()
+        self._hold = MotionPlanner(self.planned, np.zeros(len(self.joints)))
+        self.gains.reset()
+        return False
 
     @property
     def unreferenced(self) -> bool:
@@ -260,7 +266,7 @@ class MotionController:
             self.ages.reset()
         if age is not None and self.ages.step(now, age) > self._latest:
             self.cuts['late'] += 1
-            return None if self._q is None else self._brake(
+            return None if self._q is None or self._silent else self._brake(
                 now, f'positions come {1e3 * self.ages.late:.0f} ms late')
         gains.late = max(self.ages.late, 0.0)
         gains.period = gains.period or max(dt, 0.0)
@@ -294,7 +300,7 @@ class MotionController:
         self._gave = now
         command = self._command(now, dt, q, speed, strain, fresh)
         self._stood = self._stood + dt if self.state is State.FAULT and not command.any() else 0.0
-        return command if self._stood < settings.SILENT_AFTER else None
+        return None if self._silent else command
 
     def watch(self, now: float) -> FloatArray | None:
         """
@@ -303,7 +309,7 @@ class MotionController:
         now [s]; returns (joints,) [rad/s or m/s], None while positions come.
         """
         waited = now - self._at
-        if self._q is None or waited <= settings.MISSED_PERIODS * max(
+        if self._q is None or self._silent or waited <= settings.MISSED_PERIODS * max(
                 self.gains.period, self._arrival):
             return None
         if waited > self._patience:
@@ -361,6 +367,11 @@ class MotionController:
     def _patience(self) -> float:
         """Longest time between samples that is no interruption [s]."""
         return max(min(self.timeout, settings.LONGEST_BLIND), 3.0 * self.gains.period)
+
+    @property
+    def _silent(self) -> bool:
+        """Say whether a fault has commanded standstill for long enough."""
+        return self.state is State.FAULT and self._stood >= settings.SILENT_AFTER
 
     @property
     def _latest(self) -> float:

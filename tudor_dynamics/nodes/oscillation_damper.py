@@ -143,10 +143,9 @@ class OscillationDamperNode(MovingNode):
         self.controller.gains.asked = self.value('position_gain')
 
     def _reset(self) -> str:
-        if self.controller is not None:
-            self.controller.reset()
-        self.gate.reset()
-        self.clocks.reset()
+        if self.controller is None or not self.controller.reset():
+            self.gate.reset()
+            self.clocks.reset()
         self._faults = {}
         return 'the arm is held, and the damper fades in anew'
 

@@ -159,21 +159,25 @@ def step_size(arm: Arm, joint: str, options: Namespace) -> float:
 
 def run_trial(
     parser: ArgumentParser, make: Callable[[Arm], Trial],
-    tested: Callable[[Arm, Sequence[str] | None], list[str]], largest: tuple[float, float],
+    testable: Callable[[Arm], Sequence[str]], others: str, largest: tuple[float, float],
     args: Sequence[str] | None = None,
 ) -> int:
     """
     Run a test as a process.
 
-    tested: gives the joints; largest: step and slide [deg, mm]; args: those of the process by
-    default.
+    testable: gives the joints that can be tested; others: what the others are; largest: step and
+    slide [deg, mm]; args: those of the process by default.
     """
     words = list(sys.argv if args is None else args)
     options = parser.parse_args(rclpy.utilities.remove_ros_args(words)[1:])
     node: Trial | None = None
     try:
         arm = load_arm(options.arm)
-        joints = tested(arm, options.joints)
+        able = list(testable(arm))
+        joints = options.joints or able
+        for name in joints:
+            if name not in able:
+                raise ArmError(f'joint {name!r} {others}; expected some of {able}')
         for name, value, bound, unit in (
                 ('step', options.step, largest[0], 'degrees'),
                 ('slide', options.slide, largest[1], 'mm')):
