@@ -27,8 +27,8 @@ from itertools import groupby
 import re
 
 from lying import (
-    BEYOND, Case, cases, DRIVES, false_motion, FASTER, Liar, NOISY, resting, run, STARTS)
-from motion_machine import FIRST, go, moving, SECOND
+    BEYOND, Case, cases, DRIVES, false_motion, FASTER, Liar, LIES, NOISY, resting, run, STARTS)
+from motion_machine import FIRST, go, moving, SECOND, tudor
 import numpy as np
 import pytest
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
@@ -156,6 +156,22 @@ def test_a_drive_that_creeps_is_not_woken_by_lost_positions() -> None:
         rig.alter = alter
         rig.run(0.3)
     assert np.degrees(np.abs(rig.trace.q[-1] - stood)).max() < 0.1
+
+
+def test_a_drift_in_a_fast_move_to_a_limit() -> None:
+    """
+    Too slow to be found in the move, it is made up for before the limit.
+
+    Sequence 347 of ``bench/motion_sequences.py --seed 2``: it was 1.1 degrees beyond.
+    """
+    rig = Rig(tudor(), rate=100.0, payload=0.4, seed=2)
+    liar = Liar(rig)
+    rig.run(0.3)
+    upper = hard_limits(rig.arm).upper
+    go(rig, upper)
+    liar.begin(next(lie for lie in LIES if lie.name == 'encoder drifts 1'), 'along', -1.0)
+    rig.run(3.0)
+    assert np.degrees(rig.trace.array('q') - upper).max() < 0.5
 
 
 @pytest.mark.parametrize('payload', [0.0, 0.4])

@@ -328,11 +328,7 @@ class MotionController:
             settings.WATCH_PERIOD)
 
     def stand_still(self, now: float) -> FloatArray | None:
-        """
-        Brake without looking at positions, as `watch` does; None once the joints stand.
-
-        now [s].
-        """
+        """Brake without looking at positions, as `watch`; None once the joints stand: now [s]."""
         if self._q is None or not self.envelope.command.any():
             return None
         return self._brake(now, 'told to stand still')
@@ -493,7 +489,7 @@ class MotionController:
         trusted = self.watched.trusted
         wanted = np.clip(dq_ref + added, -trusted, trusted)
         # Where readings and commands part, either may be right: the farther place counts.
-        place = q + self.watched.owed
+        place = q + settings.EXCESS_GROWS * self.watched.owed
         toward = envelope.command if self.state is State.FAULT else wanted
         place = np.where(toward < 0.0, np.minimum(q, place), np.maximum(q, place))
         if self.state is State.FAULT:
