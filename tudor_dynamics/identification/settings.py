@@ -221,6 +221,9 @@ THOUSANDTH = 30.0  # factors beyond are those between a unit and its thousandth 
 FAR = 20.0  # an outlier is as many times farther off than 99.5 % of the samples (bench/doctor)
 LEAST_FAR = 2e-3  # ... positions by more than this [rad or m] (bench/doctor)
 FAR_RANGE = 0.3  # ... and by this part of the channel's range or more (bench/doctor)
+# The same of steps that are taken back by the next: chosen on two-blade arm, UR10, Airbot and EMPS
+# (up to 2.4 times); FER, UR10e and TX40, also clean, are the proof.
+FAR_BACK, FAR_BACK_RANGE = 6.0, 0.45
 SINGLE = 3  # more samples in a row are no outliers (bench/doctor)
 RETURNED = 0.3  # part of the jump that may remain after an outlier (bench/doctor)
 HELD_SECONDS = 0.4  # a value that is kept for longer in motion is held [s] (bench/doctor)
@@ -256,6 +259,7 @@ STALE_LEAST = 2e-3  # fast motion is more in that time [rad or m]
 FAR_FROM_ZERO, ALTERNATING = 0.2, 0.05  # of the spread of a channel; part of the samples
 WHITE, WHITE_LAGS = 4.0, 8  # deviations of an autocorrelation that is none
 LEVELS = 24  # values of a channel of few digits
+COARSE, COARSE_LEVELS = 2e-3, 8  # five times the steps of Airbot's positions [rad or m]; values
 STANDSTILL = 3.0  # ends without motion that are longer are reported [s] (bench/doctor)
 
 # -- Comparisons of bags (doctor/between.py)

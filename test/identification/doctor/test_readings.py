@@ -55,6 +55,7 @@ def held(t: FloatArray, x: FloatArray) -> FloatArray:
     (held, 'position_held', 1.0),
     (lambda t, x: x[np.arange(len(x)) // 10 * 10], 'stale', 0.9),
     (lambda t, x: x + np.random.default_rng(0).normal(0.0, 0.01, len(x)), 'noisy_positions', 0.01),
+    (lambda t, x: np.round(x / 0.01) * 0.01, 'coarse_positions', 0.01),
 ], ids=lambda item: item if isinstance(item, str) else '')
 def test_positions(change: Change, kind: str, size: float) -> None:
     """What an encoder does and no joint: with its size, and the joint."""

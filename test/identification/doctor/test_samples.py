@@ -67,6 +67,15 @@ def test_an_outlier_has_place_and_size(recording: Recording, size: float) -> Non
     assert clean.q[700, 1] == pytest.approx(recording.q[700, 1], abs=0.01)
 
 
+def test_single_samples_far_off_in_noise(recording: Recording) -> None:
+    """However much a channel changes from sample to sample, none is off by its whole range."""
+    assert recording.strain is not None
+    values = recording.strain[:, 1] + np.random.default_rng(1).normal(0.0, 3.0, 2000)
+    values[[300, 900, 1500]] += np.ptp(values)
+    finding, = _found(_strain(recording, values))
+    assert finding.kind == 'outlier' and '3 samples' in finding.what
+
+
 def test_a_constant_channel(recording: Recording) -> None:
     """A sensor that never changes is named with its value."""
     finding, = _found(_strain(recording, np.full(2000, 7.0)))

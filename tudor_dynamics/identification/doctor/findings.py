@@ -93,6 +93,7 @@ CHECKS = {
     'position_held': Check(
         'position held for a while', 'check encoder and bus; leave this part out with '
         'BAG@BEGIN-END%', 's', one_bag=True),
+    'coarse_positions': Check('positions of few digits', 'publish all digits of the encoder'),
     'noisy_positions': Check('positions noisy', 'check the shield of the encoder'),
     'stale': Check('positions repeated in motion',
                    'publish each reading once, with the stamp at which it was taken'),

@@ -77,7 +77,7 @@ def look_at_readings(recording: Recording, items: Sequence[Channel]) -> list[Fin
     for item in items:
         if np.ptp(item.values) == 0.0:
             continue
-        checks = (_stale, _jump, _noisy) if item.field == 'q' else (
+        checks = (_stale, _coarse, _jump, _noisy) if item.field == 'q' else (
             _alternating, _noise_alone, _coarse)
         findings += [one for check in checks if (one := check(recording, item)) is not None][:1]
     return findings
@@ -176,7 +176,11 @@ def _noise_alone(recording: Recording, item: Channel) -> Finding | None:
 def _coarse(recording: Recording, item: Channel) -> Finding | None:
     """Find a channel of few digits."""
     levels = np.unique(item.values)
+    step = float(np.min(np.diff(levels)))
+    if item.field == 'q':
+        coarse = step > settings.COARSE and len(levels) > settings.COARSE_LEVELS
+        return None if not coarse else item.found(
+            'coarse_positions', f' has values that are {step:.3g} apart', 0.0, step)
     if len(levels) > settings.LEVELS or len(item.values) < settings.LEVELS ** 2:
         return None
-    step = float(np.min(np.diff(levels)))
     return item.found('coarse_channel', f' has {len(levels)} values, {step:.3g} apart', 0.0, step)

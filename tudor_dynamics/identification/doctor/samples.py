@@ -108,13 +108,14 @@ def outliers(
     changed: dict[str, Any] = {}
     findings = []
     for item in channels(recording, joints, gauges):
-        where, size = _far_off(item.values, recording.segments,
-                               settings.LEAST_FAR if item.field == 'q' else 1e-300)
+        where = _far_off(item.values, recording.segments,
+                         settings.LEAST_FAR if item.field == 'q' else 1e-300)
         if not len(where):
             continue
         values = changed.setdefault(item.field, getattr(recording, item.field).copy())
         good = np.setdiff1d(np.arange(len(item.values)), where)
         values[where, item.column] = np.interp(where, good, item.values[good])
+        size = float(np.max(np.abs(values[where, item.column] - item.values[where])))
         at = float(recording.t[where[0]])
         many = f'{len(where)} samples' if len(where) > 1 else 'one sample'
         findings.append(item.found(
@@ -122,27 +123,24 @@ def outliers(
     return replace(recording, **changed) if changed else recording, findings
 
 
-def _far_off(
-    x: FloatArray, segments: tuple[slice, ...], least: float,
-) -> tuple[IndexArray, float]:
+def _far_off(x: FloatArray, segments: tuple[slice, ...], least: float) -> IndexArray:
+    steps = np.diff(x)
+    steps[[part.stop - 1 for part in segments[:-1]]] = 0.0
+    # what the next step takes back is noise, however fast the motion is
+    back = np.sqrt(np.maximum(-steps[:-1] * steps[1:], 0.0))
+    span = float(np.subtract(*np.percentile(x, [99.0, 1.0])))
+    wide, single = (
+        max(far * float(np.percentile(np.append(usual, 0.0), 99.5)), share * span, least)
+        for usual, far, share in ((np.abs(steps), settings.FAR, settings.FAR_RANGE),
+                                  (back, settings.FAR_BACK, settings.FAR_BACK_RANGE)))
     places: list[int] = []
-    largest = 0.0
-    parts = [part for part in segments if part.stop - part.start > 2]
-    if parts:
-        low, high = np.percentile(x, [1.0, 99.0])
-        usual = np.percentile(np.concatenate([np.abs(np.diff(x[part])) for part in parts]), 99.5)
-        limit = max(settings.FAR * float(usual), settings.FAR_RANGE * float(high - low), least)
-    for part in parts:
-        values = x[part]
-        steps = np.diff(values)
-        for first in np.flatnonzero(np.abs(steps) > limit).tolist():
-            for last in range(first + 1, min(first + settings.SINGLE + 1, len(values) - 1)):
-                if (abs(steps[last]) > limit and abs(values[last + 1] - values[first])
-                        < settings.RETURNED * abs(steps[first])):
-                    places += range(part.start + first + 1, part.start + last + 1)
-                    largest = max(largest, abs(float(steps[first])))
-                    break
-    return np.unique(np.array(places, dtype=np.intp)), largest
+    for width in range(1, settings.SINGLE + 1):
+        there = np.abs(steps[:-width])
+        off = (np.minimum(there, np.abs(steps[width:])) > (
+            wide if width > 1 else min(wide, single))) & (
+                np.abs(x[width + 1:] - x[:-width - 1]) < settings.RETURNED * there)
+        places += [at + k for at in np.flatnonzero(off).tolist() for k in range(1, width + 1)]
+    return np.unique(np.array(places, dtype=np.intp))
 
 
 def flat(
