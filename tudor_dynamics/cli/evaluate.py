@@ -52,6 +52,8 @@ from tudor_dynamics.online.monitor import MonitorSettings
 
 LONGEST_DEBOUNCE = 60.0
 """A push that lasts longer is none [s]."""
+TOO_WIDE = 10.0
+"""Times what was promised: where even more would be no surprise, nothing is known."""
 
 
 # -- Options of ``tudor evaluate --collisions``, apart from what they need
@@ -163,18 +165,15 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
     table = new_table(
         f'collisions, thresholds for {allowed:g} false alarms per hour', names=('method',),
         figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',
-                 'false\nalarms', '\nin [min]', 'largest\nratio free'))
+                 'false\nalarms', '\nin [min]'))
     for item in results:
         score = item.score
-        quiet = [float(bag.ratio.max(initial=0.0)) for bag in item.watched
-                 if bag.truth.known and not bag.truth.pushes]
         known = score.false_alarms is not None
         table.add_row(
             item.method, str(score.events),
             f'{score.found} of {score.pushes}' if known else '-',
             _milliseconds(score.latency_median), _milliseconds(score.latency_p95),
-            str(score.false_alarms) if known else '-', f'{60 * score.hours:.1f}' if known else '-',
-            f'{max(quiet):.2f}' if quiet else '-')
+            str(score.false_alarms) if known else '-', f'{60 * score.hours:.1f}' if known else '-')
     print_table(table)
     _print_events(results)
     for sentence in (*unknown(results), *(
@@ -192,10 +191,11 @@ def _print_kept(
         kept = item.score.kept(args.false_alarms)
         if kept is not None:
             broken |= kept['low'] > 1.0
+            times = (f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
+                     f'{kept["high"]:.3g})' if kept['low'] > 1.0 or kept['high'] < TOO_WIDE else
+                     f'too short to tell ({60.0 * item.score.hours:.2g} min)')
             print(f'{item.method}: {item.score.false_alarms} false alarms in '
-                  f'{item.score.hours:.3g} h, {kept["promised"]:.3g} promised: '
-                  f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
-                  f'{kept["high"]:.3g})')
+                  f'{item.score.hours:.3g} h, {kept["promised"]:.3g} promised: {times}')
     if broken and args.free:
         command = fit_with(bundle, args.bags, args.model, args.payload)
         print('more than was promised: this motion is of another kind or day; thresholds learn '
@@ -212,13 +212,12 @@ def _print_events(results: Sequence[MethodResult]) -> None:
                 for item in results for seen in item.watched[place].sightings]
         if not rows:
             continue
-        table = new_table(f'events in {bag.bag}', names=('method', 'link', 'channel', 'push'),
-                          figures=('time [s]', 'ratio', 'lasts [s]', 'touched at',
-                                   'force [N]', 'place [mm]'))
+        table = new_table(f'events in {bag.bag}', ('method', 'channel', 'push', 'touched at'),
+                          ('time [s]', 'ratio', 'force [N]', 'place [mm]'))
         for method, seen, watched in sorted(rows, key=lambda row: row[1].time):
-            table.add_row(method, seen.event.link, seen.channel, _push(watched, seen.push),
-                          f'{seen.time:.2f}', f'{seen.ratio:.1f}', f'{seen.seconds:.2f}',
-                          *_contact(seen.contact))
+            link, *contact = _contact(seen.contact)
+            table.add_row(method, seen.channel, _push(watched, seen.push), link,
+                          f'{seen.time:.2f}', f'{seen.ratio:.1f}', *contact)
         print_table(table)
 
 
@@ -413,16 +412,15 @@ def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
     arrays: dict[str, Any] = {}
     for output, kinds in found.items():
         for kind, item in kinds.items():
-            def joined(name: str, traces: Any = item.traces) -> Any:
-                return np.concatenate([getattr(trace, name) for trace in traces])
-            measured, predicted = joined('measured'), joined('predicted')
+            stamp, measured, predicted = (
+                np.concatenate([getattr(trace, name) for trace in item.traces])
+                for name in ('stamp', 'measured', 'predicted'))
             arrays[f'{output}_channels'] = np.array(item.channels)
-            arrays[f'{output}_{kind}_bag'] = np.repeat(
-                [trace.bag for trace in item.traces], [len(trace.t) for trace in item.traces])
-            arrays[f'{output}_{kind}_stamp'] = joined('stamp')
-            arrays[f'{output}_{kind}_measured'] = measured
-            arrays[f'{output}_{kind}_predicted'] = predicted
-            arrays[f'{output}_{kind}_residual'] = measured - predicted
+            arrays |= {f'{output}_{kind}_{name}': values for name, values in (
+                ('bag', np.repeat([trace.bag for trace in item.traces],
+                                  [len(trace.t) for trace in item.traces])),
+                ('stamp', stamp), ('measured', measured), ('predicted', predicted),
+                ('residual', measured - predicted))}
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     write(path, '--save', buffer.getvalue())
@@ -438,6 +436,5 @@ def write(path: str | Path, option: str, content: bytes) -> None:
 
 
 def _figures(item: Validation) -> dict[str, Any]:
-    content = rounded(item.score, digits=9)
-    del content['samples']
-    return content
+    figures = rounded(item.score, digits=9)
+    return {name: value for name, value in figures.items() if name != 'samples'}

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 import time
@@ -237,7 +238,9 @@ def change(args: argparse.Namespace) -> int:
         check_target(out, overwrite=args.overwrite)
     begun = time.perf_counter()
     changed = change_bags(load_bundle(args.to, with_data=True), args.add, args.drop)
-    extra = kept_report(Path(args.to))
+    extra, report = {}, Path(args.to) / 'report.html'
+    with suppress(OSError):
+        extra = {report.name: read_bounded(report, LARGEST_REPORT)}
     save_bundle(changed.bundle, out, overwrite=args.out is None or args.overwrite, extra=extra)
     names = [item['bag'] for item in changed.bundle.facts['training']]
     if args.json:
@@ -261,34 +264,21 @@ def change(args: argparse.Namespace) -> int:
     return 0
 
 
-def kept_report(model: Path) -> dict[str, bytes]:
-    """Give the report of a bundle, to be kept with the changed one."""
-    report = model / 'report.html'
-    try:
-        return {'report.html': read_bounded(report, LARGEST_REPORT)}
-    except OSError:
-        return {}
-
-
 def _print(result: FitResult, assessment: Assessment, report: Path) -> None:
-    rows = []
     # first what runs beside the robot, then the offline figures
     live = () if result.causal is None else result.causal.fitted
-    offline = ' (offline)' if live else ''
-    for item in live:
-        rows.append((item.output, f'{item.kind} beside the robot', item.validation.score,
-                     output_units(result.arm, item.output)))
-    for item in result.fitted:
+    judged = [*((item, ' beside the robot') for item in live),
+              *((item, ' (offline)' if live else '') for item in result.fitted)]
+    rows = []
+    for item, where in judged:
         units = output_units(result.arm, item.output)
-        rows.append((item.output, f'{item.kind}{offline}', item.validation.score, units))
+        rows.append((item.output, f'{item.kind}{where}', item.validation.score, units))
         if item.random is not None:
-            rows.append((item.output, f'{item.kind}, random half (optimistic)',
+            rows.append((item.output, f'{item.kind}{where}, random half (optimistic)',
                          item.random.score, units))
     print_table(score_table(f'{result.arm.name}: {result.fitted[0].validation.method}', rows))
-    for item in live:
-        print(f'{item.output} {item.kind} beside the robot: {item.verdict}')
-    for item in result.fitted:
-        print(f'{item.output} {item.kind}{offline}: {item.verdict}')
+    for item, where in judged:
+        print(f'{item.output} {item.kind}{where}: {item.verdict}')
     for choice in result.choices:
         print(f'chosen: {choice}')
     for use in assessment.uses:
