@@ -16,17 +16,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from sample_arms import gauge, multisine, planar_arm, random_states, recording_of
 
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
-from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
+from tudor_dynamics.identification.fit import _tell, fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.loads import bundle_of, figures
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -176,3 +179,14 @@ def test_noise_free_channels() -> None:
     clean_model = AnalyticalModel(_regressor('effort'), 2).fit(motion, clean)
     for truth, estimate in _true_base(clean_model, 'effort'):
         assert np.allclose(estimate.parameters, truth, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize(('name', 'asked'), [
+    ('two_blade_arm', 'a second gauge on the link'), ('elastic_arm', 'or other motion')])
+def test_compliance_that_strain_does_not_separate(root: Path, name: str, asked: str) -> None:
+    """A second gauge is asked for only where the link has none."""
+    arm = load_arm(root / f'config/{name}.yaml')
+    physical = [SimpleNamespace(name=f'{kind}(joint2)', shown=False, standard_error=1.0, value=1.0)
+                for kind in ('gear', 'bending')]
+    with pytest.warns(TudorWarning, match=asked):
+        _tell(arm, SimpleNamespace(physical=physical, untold=()))  # type: ignore[arg-type]

@@ -489,7 +489,7 @@ class MotionController:
         trusted = self.watched.trusted
         wanted = np.clip(dq_ref + added, -trusted, trusted)
         # Where readings and commands part, either may be right: the farther place counts.
-        place = q + settings.EXCESS_GROWS * self.watched.owed
+        place = q + settings.EXCESS_COUNTS * self.watched.owed
         toward = envelope.command if self.state is State.FAULT else wanted
         place = np.where(toward < 0.0, np.minimum(q, place), np.maximum(q, place))
         if self.state is State.FAULT:

@@ -227,10 +227,11 @@ def _tell(arm: Arm, found: Identified) -> None:
         if {f'gear({joint})', f'bending({joint})'} & {*found.untold} or any(
                 p is not None and not p.shown and p.standard_error > UNTOLD * p.value
                 for p in both):
-            msg = (f'{arm.name}: the strain of these bags does not tell how the gear of {joint} '
-                   'and the link behind it share their compliance; predictions hold on similar '
-                   'motion, the stiffness of either does not: give motors[].stiffness, or a '
-                   'second gauge on the link')
+            single = sum(gauge.joint == joint for gauge in arm.gauges) < 2
+            msg = (f'{arm.name}: the strain of these bags does not show how the gear of {joint} '
+                   'and the link after it share their compliance; predictions hold on similar '
+                   'motion, the stiffness of either does not: give motors[].stiffness'
+                   + (', or a second gauge on the link' if single else ', or other motion'))
             warnings.warn(msg, TudorWarning, stacklevel=2)
 
 
