@@ -16,11 +16,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from sample_arms import arm_of
-from tudor_dynamics.models.consistent import energy_rows, raised, speed_grid
+from tudor_dynamics.models.consistent import energy_rows, Problem, raised, speed_grid
 from tudor_dynamics.models.friction import friction_columns, friction_names
 
 SPEEDS = np.array([2.0, 0.5])
@@ -79,3 +81,12 @@ def test_the_speeds_are_those_asked_for():
     grid = speed_grid(2.0, 0.1)
     assert (grid.min(), grid.max(), np.abs(grid).min()) == pytest.approx((-2.0, 2.0, 0.1))
     assert np.abs(speed_grid(0.0, 0.1)).max() == pytest.approx(0.2)
+
+
+def test_drives_that_hardly_show_have_no_size():
+    """Their columns are zero: no overflow, which fits to bags that lost messages showed."""
+    matrix = np.zeros((4, 13))
+    matrix[:, 10] = 2.0
+    problem = SimpleNamespace(columns=range(13), first=10, parts=[(0, matrix, np.full(4, 6e10))])
+    with np.errstate(all='raise'):
+        np.testing.assert_allclose(Problem._sizes(problem), [3e10, 1.0, 1.0])

@@ -281,8 +281,8 @@ class Problem:
         for _, matrix, target in self.parts:
             norms = np.linalg.norm(matrix[:, self.first:], axis=0)
             whole = float(np.linalg.norm(target))
-            size = np.minimum(size, np.where(norms > 1e-9 * whole, whole / np.maximum(
-                norms, 1e-300), np.inf))
+            seen = norms > 1e-9 * whole
+            size[seen] = np.minimum(size[seen], whole / norms[seen])
         return np.where(np.isfinite(size), size, 1.0)
 
     def _split(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
