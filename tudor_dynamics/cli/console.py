@@ -37,7 +37,7 @@ from tudor_dynamics.errors import printable, UsageError
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.validation import Score
 
-LEAST_TEXT = 8
+LEAST_TEXT = 10
 """Characters that a column of text keeps at least; longer text goes on in the next line."""
 GAP = 2
 """Blanks between columns."""

@@ -212,11 +212,11 @@ def _print_events(results: Sequence[MethodResult]) -> None:
                 for item in results for seen in item.watched[place].sightings]
         if not rows:
             continue
-        table = new_table(f'events in {bag.bag}', ('method', 'channel', 'push', 'touched at'),
+        table = new_table(f'events in {bag.bag}', ('method', 'channel', 'push', 'link'),
                           ('time [s]', 'ratio', 'force [N]', 'place [mm]'))
         for method, seen, watched in sorted(rows, key=lambda row: row[1].time):
             link, *contact = _contact(seen.contact)
-            table.add_row(method, seen.channel, _push(watched, seen.push), link,
+            table.add_row(method, seen.channel, _push(watched, seen.push), link or seen.event.link,
                           f'{seen.time:.2f}', f'{seen.ratio:.1f}', *contact)
         print_table(table)
 
@@ -224,7 +224,7 @@ def _print_events(results: Sequence[MethodResult]) -> None:
 def _contact(found: dict[str, Any] | None) -> tuple[str, str, str]:
     """Give link, force and place of what touched the arm."""
     if not found:
-        return '-', '-', '-'
+        return '', '-', '-'
     place, spread = found['place'], found['place_deviation']
     return (found['link'], f'{found["force"]:.1f}',
             'not told' if place is None else f'{1e3 * place:.0f} +- {1e3 * spread:.0f}')
