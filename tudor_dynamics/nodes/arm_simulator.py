@@ -64,7 +64,9 @@ class ArmSimulatorNode(TudorNode):
             self.fail(err)
             return
         self.robot = description.name
-        self.arm.step()  # loads compiled code, which would make the first sample late
+        for floor in (None, Floor(10.0, 1.0)):  # loads compiled code, which would make samples late
+            self.arm.floor = floor
+            self.arm.step()
         self.arm.reset()
         self._connect(description)
         self.apply()
