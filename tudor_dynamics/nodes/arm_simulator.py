@@ -64,7 +64,7 @@ class ArmSimulatorNode(TudorNode):
             self.fail(err)
             return
         self.robot = description.name
-        for floor in (None, Floor(10.0, 1.0)):  # loads compiled code, which would make samples late
+        for floor in (None, Floor(10.0, 1.0)):  # loads compiled code: late otherwise
             self.arm.floor = floor
             self.arm.step()
         self.arm.reset()
