@@ -94,6 +94,7 @@ def test_size_of_a_module(tmp_path: Path, root: Path, monkeypatch: pytest.Monkey
         (package / room).mkdir(parents=True)
         (package / room / 'module.py').write_text(MODULE)
     (package / '__init__.py').write_text("__all__ = ['Plan']\n")
+    (package / 'two' / '__init__.py').write_text('')
     (tmp_path / 'test' / 'one').mkdir(parents=True)
     (tmp_path / 'test' / 'one' / 'test_module.py').write_text('import math\n\nassert math.pi\n')
     found = size.measure(package / 'one' / 'module.py', package)

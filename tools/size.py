@@ -32,6 +32,7 @@ import ast
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 import re
 import sys
@@ -95,7 +96,7 @@ def is_number(value: ast.expr) -> bool:
 
 def numbers(tree: ast.Module, text: list[str]) -> Iterator[tuple[str, str]]:
     """Give name and comment of each number that a module defines."""
-    for statement, after in zip(tree.body, [*tree.body[1:], None], strict=True):
+    for statement, after in zip_longest(tree.body, tree.body[1:]):
         if isinstance(statement, ast.Assign):
             target, value = statement.targets[0], statement.value
         elif isinstance(statement, ast.AnnAssign) and statement.value is not None:

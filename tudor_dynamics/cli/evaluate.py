@@ -215,18 +215,18 @@ def _print_events(results: Sequence[MethodResult]) -> None:
         table = new_table(f'events in {bag.bag}', ('method', 'channel', 'push', 'link'),
                           ('time [s]', 'ratio', 'force [N]', 'place [mm]'))
         for method, seen, watched in sorted(rows, key=lambda row: row[1].time):
-            link, *contact = _contact(seen.contact)
-            table.add_row(method, seen.channel, _push(watched, seen.push), link or seen.event.link,
-                          f'{seen.time:.2f}', f'{seen.ratio:.1f}', *contact)
+            link = seen.contact['link'] if seen.contact else seen.event.link
+            table.add_row(method, seen.channel, _push(watched, seen.push), link,
+                          f'{seen.time:.2f}', f'{seen.ratio:.1f}', *_contact(seen.contact))
         print_table(table)
 
 
-def _contact(found: dict[str, Any] | None) -> tuple[str, str, str]:
-    """Give link, force and place of what touched the arm."""
+def _contact(found: dict[str, Any] | None) -> tuple[str, str]:
+    """Give force and place of what touched the arm."""
     if not found:
-        return '', '-', '-'
+        return '-', '-'
     place, spread = found['place'], found['place_deviation']
-    return (found['link'], f'{found["force"]:.1f}',
+    return (f'{found["force"]:.1f}',
             'not told' if place is None else f'{1e3 * place:.0f} +- {1e3 * spread:.0f}')
 
 
@@ -413,14 +413,16 @@ def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
     for output, kinds in found.items():
         for kind, item in kinds.items():
             stamp, measured, predicted = (
-                np.concatenate([getattr(trace, name) for trace in item.traces])
-                for name in ('stamp', 'measured', 'predicted'))
+                np.concatenate([getattr(trace, field) for trace in item.traces])
+                for field in ('stamp', 'measured', 'predicted'))
+            name = f'{output}_{kind}'
             arrays[f'{output}_channels'] = np.array(item.channels)
-            arrays |= {f'{output}_{kind}_{name}': values for name, values in (
-                ('bag', np.repeat([trace.bag for trace in item.traces],
-                                  [len(trace.t) for trace in item.traces])),
-                ('stamp', stamp), ('measured', measured), ('predicted', predicted),
-                ('residual', measured - predicted))}
+            arrays[f'{name}_bag'] = np.repeat([trace.bag for trace in item.traces],
+                                              [len(trace.t) for trace in item.traces])
+            arrays[f'{name}_stamp'] = stamp
+            arrays[f'{name}_measured'] = measured
+            arrays[f'{name}_predicted'] = predicted
+            arrays[f'{name}_residual'] = measured - predicted
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     write(path, '--save', buffer.getvalue())

@@ -259,7 +259,8 @@ STALE_LEAST = 2e-3  # fast motion is more in that time [rad or m]
 FAR_FROM_ZERO, ALTERNATING = 0.2, 0.05  # of the spread of a channel; part of the samples
 WHITE, WHITE_LAGS = 4.0, 8  # deviations of an autocorrelation that is none
 LEVELS = 24  # values of a channel of few digits
-COARSE, COARSE_LEVELS = 2e-3, 8  # five times the steps of Airbot's positions [rad or m]; values
+COARSE = 2e-3  # positions in larger steps are coarse: five times those of Airbot [rad or m]
+COARSE_LEVELS = 8  # with fewer values the joint stands
 STANDSTILL = 3.0  # ends without motion that are longer are reported [s] (bench/doctor)
 
 # -- Comparisons of bags (doctor/between.py)

@@ -147,7 +147,7 @@ class OscillationDamperNode(MovingNode):
             self.gate.reset()
             self.clocks.reset()
         self._faults = {}
-        return 'the arm is held, and the damper fades in anew'
+        return 'the arm is held, and the damper fades in again'
 
     def _tested(self) -> str:
         if self.controller is None or not self.active:
