@@ -35,7 +35,7 @@ help:
 	@echo 'make test   all tests and style gates (PYTEST_ARGS="-k NAME", WORKERS=N)'
 	@echo 'make bench  measure speed and memory'
 	@echo 'make papers the experiments of two papers, into papers_out (PAPERS_ARGS="table1 --quick")'
-	@echo 'make docs   reference of the library as pages in build/docs'
+	@echo 'make docs   guides and reference as one site, in build/docs'
 	@echo 'make lint   style gates alone'
 	@echo 'make clean  remove all that the others made'
 
@@ -74,14 +74,14 @@ papers: venv
 
 # Any warning ends it: a docstring that Sphinx cannot read is one that people cannot read.
 docs: venv
-	@$(BIN)/python -c 'import sphinx, numpydoc' 2>/dev/null \
+	@$(BIN)/python -c 'import furo, myst_parser, numpydoc' 2>/dev/null \
 	  || $(BIN)/python -m pip install --quiet --use-pep517 --editable '.[docs]'
-	@$(ROS) $(BIN)/python -m sphinx -q -W --keep-going -b html docs/api build/docs
+	@$(ROS) $(BIN)/python -m sphinx -W --keep-going -b html docs build/docs
 	@echo "open in a browser: file://$(abspath build/docs)/index.html"
 
 lint: venv
 	@$(ROS) $(BIN)/python -m pytest -q -m linter
 
 clean:
-	rm -rf $(VENV) $(DEMO_OUT) build docs/api/generated install log *.egg-info .pytest_cache .mypy_cache .hypothesis
+	rm -rf $(VENV) $(DEMO_OUT) build docs/reference/generated install log *.egg-info .pytest_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

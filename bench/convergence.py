@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Convergence of the simulator with elements and step; draws ``docs/convergence.png``.
+Convergence of the simulator with elements and step; draws ``docs/pictures/convergence.png``.
 
 Run with ``python bench/convergence.py [--out FILE.png]``. Frequencies are compared with those of
 40 elements a beam, the motion of the L-shaped mechanism (two opposite steps of torque, 2 s) with 8
@@ -55,7 +55,7 @@ def motion(elements: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
 def main() -> int:
     """Measure, print and draw."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--out', type=Path, default=ROOT / 'docs' / 'convergence.png')
+    parser.add_argument('--out', type=Path, default=ROOT / 'docs' / 'pictures' / 'convergence.png')
     args = parser.parse_args()
     counts = [1, 2, 3, 4, 6, 8]
     fine = modes(Plant(build_mechanism(l_shape(40))), 8).frequency

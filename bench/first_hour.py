@@ -15,7 +15,7 @@
 """
 Fit arms that the package has not seen, with no option, and judge them on motion of another part.
 
-The recordings are no part of the package; docs/validation.md says where they come from. DATA
+The recordings are no part of the package; docs/explanation/validation.md says whose they are. DATA
 holds ``bags/`` and ``arms/`` with a description of each arm, of which the friction is taken out,
 as ``tudor init`` writes none: filters, friction and shared parameters are chosen from the
 training data. What is not there is left out, and said.

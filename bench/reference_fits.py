@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Fit and judge models on the reference recordings; each row of the tables in docs/validation.md.
+Fit and judge models on the reference recordings; the tables in docs/explanation/validation.md.
 
 The recordings are not part of the package. DATA holds ``bags/arm_200g_free_1`` to ``_4`` (a
 simulated two-blade arm), ``bags/emps_estimation`` and ``bags/emps_validation`` (EMPS benchmark,

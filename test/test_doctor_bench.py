@@ -41,7 +41,7 @@ def test_injected_faults(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(root / 'bench'))
     table = importlib.import_module('doctor').table
     head, rule, *lines = table({'all': content})
-    printed = (root / 'docs/doctor.md').read_text(encoding='utf-8').split('\n\n')
+    printed = (root / 'docs/explanation/doctor.md').read_text(encoding='utf-8').split('\n\n')
     tables = [part.splitlines() for part in printed if part.startswith(head)]
     assert len(tables) == 2, 'bags of the repository, and all'
     for found in tables:

@@ -41,7 +41,7 @@ from tudor_dynamics.nodes.common.interfaces import NODES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / 'README.md', ROOT / 'bags' / 'README.md', ROOT / 'examples' / 'README.md',
-                *(ROOT / 'docs').glob('*.md')])
+                *(ROOT / 'docs').rglob('*.md')])
 REASONS = ('long', 'own', 'ros')
 FENCE = re.compile(r'^(?:<!-- (\w+) -->\n)?```([^\n]*)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 

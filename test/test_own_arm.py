@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The three commands of ``docs/own_arm.md``, word for word: from a bag and a URDF to a monitor."""
+"""Commands of ``docs/howto/own_arm.md``, word for word: from a bag and a URDF to a monitor."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ BATCH = 4
 
 def commands(root: Path) -> list[list[str]]:
     """Read the commands off the page."""
-    page = (root / 'docs' / 'own_arm.md').read_text(encoding='utf-8')
+    page = (root / 'docs' / 'howto' / 'own_arm.md').read_text(encoding='utf-8')
     block = re.search(r'^<!-- run by test/test_own_arm.py.*?```sh own\n(.*?)^```', page,
                       re.MULTILINE | re.DOTALL)
     assert block

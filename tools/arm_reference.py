@@ -14,7 +14,7 @@
 
 
 """
-Write the tables of ``docs/arm_yaml.md`` from the schema and the table of friction terms.
+Write the tables of ``docs/reference/arm_yaml.md`` from the schema and the table of friction terms.
 
     python tools/arm_reference.py
 
@@ -33,7 +33,7 @@ from typing import Any
 from tudor_dynamics.arm.schema import ArmSpec, FRICTION_TERMS
 from tudor_dynamics.models.friction import TERMS
 
-PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'arm_yaml.md'
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'reference' / 'arm_yaml.md'
 MARKER = '<!-- From here on written by tools/arm_reference.py from the schema. -->\n'
 
 MODELS = 'M'

@@ -28,7 +28,7 @@ from PIL import Image
 PICTURES = {'malzahn_2_damping': 'damping', 'malzahn_6_strain': 'strain',
             'own_damping': 'payloads', 'own_collisions': 'collisions'}
 COLOURS = 48
-DOCS = Path(__file__).resolve().parents[1] / 'docs'
+DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'pictures'
 
 
 def main() -> None:

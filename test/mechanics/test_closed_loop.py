@@ -140,7 +140,7 @@ def test_damper_settles_the_paper_move() -> None:
     At 200 g link 2 rests within 0.6 s after the move with the damper, not in 3 s without.
 
     Within 10 um/m of its final value (10 ms averages); the joints return to within 0.2 deg, and
-    shoot over by less than 5.5 deg (docs/tuning_the_damper.md says what that trades).
+    shoot over by less than 5.5 deg (docs/explanation/damping.md says what that trades).
     """
     late = []
     for damping in (1.0, 0.0):

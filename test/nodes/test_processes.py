@@ -121,8 +121,8 @@ def test_parameters_over_services(world: World, model: Path) -> None:
 
 
 def test_queues_are_made_deeper(world: World, root: Path, tmp_path: Path) -> None:
-    """The standard parameters for quality of service, as docs/nodes.md shows them for 1 kHz."""
-    shown = (root / 'docs/nodes.md').read_text().split('```yaml\n')[1].split('```')[0]
+    """Standard parameters for quality of service, as docs/reference/nodes.md shows them."""
+    shown = (root / 'docs/reference/nodes.md').read_text().split('```yaml\n')[1].split('```')[0]
     assert 'depth: 1000' in shown
     (tmp_path / 'deep.yaml').write_text(shown.replace('/**/monitor:', '/**/joint_state_filter:'))
     process = launch('joint_state_filter', '--params-file', str(tmp_path / 'deep.yaml'))

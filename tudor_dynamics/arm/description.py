@@ -78,7 +78,7 @@ def check_no_open_values(content: Any, source: str) -> None:
         more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
         msg = f'still {OPEN!r}: {", ".join(name[:100] for name in names[:SHOWN])}{more}'
         raise ArmError(msg, place=source, remedy=(
-            'write what it is in place of the question mark; docs/arm_yaml.md says what each key '
+            'replace the question mark by a value; docs/reference/arm_yaml.md says what each key '
             'means'))
 
 

@@ -17,7 +17,7 @@ The arm description as it stands in ``config/*.yaml``: keys, types, units, bound
 
 Every key is checked here and nowhere else. Unknown keys are refused, because a misspelt key that
 is silently ignored gives a wrong model. A key is one entry: its type with bounds and readers, its
-default, and the string after it, of which ``docs/arm_yaml.md`` is made.
+default, and the string after it, of which ``docs/reference/arm_yaml.md`` is made.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Spec(BaseModel):
     Base of all parts of the description: immutable, no unknown keys.
 
     The string after a key describes it, with its unit in brackets at the end of the first
-    paragraph; ``docs/arm_yaml.md`` is made of these strings.
+    paragraph; ``docs/reference/arm_yaml.md`` is made of these strings.
     """
 
     model_config = ConfigDict(extra='forbid', frozen=True, use_attribute_docstrings=True)

@@ -50,7 +50,7 @@ description. URDF and MJCF have two numbers for friction (URDF: and no rotors), 
 recordings best; the error is that of the file, read again. In the URDF nothing but <inertial> and
 <dynamics> changes. An elastic model becomes
 MJCF with springs in gears and links (--rigid: without), and the description that tudor simulate
-and tudor record read. See docs/export.md.
+and tudor record read. See docs/explanation/export.md.
 """
 
 TABLES = {'yaml': yaml_of, 'csv': csv_of}

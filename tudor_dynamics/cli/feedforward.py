@@ -43,7 +43,7 @@ known, JOINT_velocity and JOINT_acceleration; or a bag of
 trajectory_msgs/JointTrajectory. What is not given is made as
 joint_trajectory_controller makes it: straight lines between positions, cubics
 with velocities, quintics with accelerations too. The result is of the same
-kind, with efforts. See docs/feedforward.md.
+kind, with efforts. See docs/explanation/feedforward.md.
 """
 
 

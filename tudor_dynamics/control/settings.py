@@ -44,7 +44,7 @@ APPROACH_TIME = math.e
 # Corner of the integrator over the bandwidth: costs atan(0.2) = 11 deg of phase there.
 INTEGRAL_SHARE = 0.2
 
-# -- Damper (docs/tuning_the_damper.md)
+# -- Damper (docs/explanation/damping.md)
 
 # Part of the planned speed at which a reference counts as moving in full; source: none known.
 MOVING_REFERENCE = 0.1
@@ -202,13 +202,13 @@ WILD_WINDOWS = 2
 # -- Taking over an arm that somebody else has moved
 
 # Time for which an arm is observed first, in addition to the delay of the loop [s]: drives without
-# commands brake after as long (docs/operation.md).
+# commands brake after as long (docs/explanation/safety.md).
 TAKEOVER_TIME = 0.1
 # Part of the planned acceleration from which on an arm brakes; source: none known, held by
 # bench/motion_sequences.py.
 TAKEOVER_BRAKING = 0.1
 
-# -- Following of a reference (docs/operation.md)
+# -- Following of a reference (docs/explanation/safety.md)
 
 # A reference is near the arm within what the planned speed goes in this time [s]: 4.9 deg; source:
 # none known.
@@ -243,7 +243,7 @@ MISSED_PERIODS = 1.5
 WATCHED_PERIODS = 1.6
 WATCH_PERIOD = 0.005
 # Without a command for so long beyond the timeout, drives have stopped by themselves [s]: their
-# own timeout (docs/operation.md).
+# own timeout (docs/explanation/safety.md).
 ASLEEP_TIME = 0.1
 
 # -- Measured delay of the loop
@@ -322,7 +322,7 @@ LOST_TIME = 0.5
 # known, long enough to read the refusal and to repeat the command.
 RESET_AGAIN = 15.0
 
-# -- Force at the tip (docs/force_control.md; steps and contact: `python -m papers force`)
+# -- Force at the tip (docs/explanation/force_control.md; `python -m papers force` has the steps)
 
 # Time over which readings without contact are followed [s]; source: none known.
 FORCE_FOLLOWED = 0.5

@@ -87,7 +87,7 @@ def next_steps(
             'record a second, of another motion, and fit it too'))
     if not found and any(use.level in (Grade.GOOD, Grade.USABLE) for use in uses):
         ros = out is not None and shutil.which('ros2') is not None
-        found.append(NextStep(0.0, 'try it beside the robot (docs/nodes.md)', shlex.join([
+        found.append(NextStep(0.0, 'try it with the robot (docs/reference/nodes.md)', shlex.join([
             'ros2', 'run', 'tudor_dynamics', 'monitor', '--ros-args', '-p', f'model:={out}'])
             if ros else ''))
     return tuple(sorted(found, key=lambda step: -step.gain))
@@ -112,7 +112,7 @@ def _elastic(result: FitResult, out: Path | None) -> list[NextStep]:
         advice = 'damp the arm while it is recorded, or leave the ringing out'
         options = ['--filter', 'zero_phase', '--rate', '5']
     elif not result.arm.spec.links:
-        advice = f'describe what bends (links and motors, docs/elastic.md) and {advice}'
+        advice = f'describe links and motors (docs/explanation/elastic.md) and {advice}'
         options = []
     return [NextStep(
         gain, f'{loudest.channel} rings at {loudest.frequency:.2f} Hz, {100 * loudest.share:.0f} '

@@ -17,7 +17,7 @@ Tuned numbers of identification: what each means, its unit, and where it is from
 
 ``bench/doctor.py`` puts 862 faults into recordings of seven robots. Where it is named as the
 source, the number was chosen by it on the two-blade arm, UR10, Airbot and EMPS and proven on
-reference arm, UR10e, TX40 and Quanser (docs/doctor.md): 97.9 % of the faults are named, nothing
+reference arm, UR10e, TX40, Quanser (docs/explanation/doctor.md): 97.9 % of faults named, nothing
 is found in 66 recordings without faults.
 """
 
@@ -97,7 +97,7 @@ LEAST_SPREAD = 0.1  # it is no less: two motions are not alike; source: none kno
 # something short, such as a push; source: none known.
 SHORT = 0.2
 # Relative difference up to which the promise of a plan counts as kept: 80 to 100 % of the
-# parameters of the reference arm are within (bench/excitation.py, docs/excitation.md).
+# parameters of the reference arm are within (bench/excitation.py, docs/explanation/excitation.md).
 PROMISE_KEPT = 0.3
 
 # -- The first description of an arm (drafting)
@@ -122,7 +122,7 @@ CARRIES = 0.02
 # none known.
 EXPLAINED = 0.5
 # Effort over gravity moment where efforts are torques: masses of a URDF are often rough; 1.02 was
-# measured on a UR10 (docs/own_arm.md).
+# measured on a UR10 (docs/howto/own_arm.md).
 TORQUES = (0.5, 2.0)
 # Below `TORQUES` and above this, efforts are currents of drives with a gear [A/(N m)]; those of a
 # UR10e are 0.09 to 0.12 by its published constants (bench/first_hour.py).

@@ -271,7 +271,7 @@ ESTIMATORS = {
     'ols': Estimator('plain least squares', weighted=False),
     'wls': Estimator('weighted least squares'),
     'huber': Estimator("Huber's estimator", sample_weights=huber_weights)}
-"""Name of each estimator to what it is; a new one is an entry, and words in docs/theory.md."""
+"""Estimators by name; a new one is an entry, and words in docs/explanation/models.md."""
 
 
 # -- Unknown torque constants, found together with one set of inertial parameters.

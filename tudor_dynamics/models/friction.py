@@ -111,7 +111,7 @@ class Term:
     """A friction term of the description: all that depends on which one it is."""
 
     code: int  # its column in `friction_term`; of a term with a state also in `_next_state`
-    column: str  # what its column is, for docs/arm_yaml.md
+    column: str  # what its column is, for docs/reference/arm_yaml.md
     use: str  # and what it is good for
     unit: str = '{f}'  # of its coefficient: {f} is that of the effort, {x} rad or m
     each_way: tuple[int, ...] = ()  # its columns where each direction has its own

@@ -50,7 +50,7 @@ CONSTANT_STEP = 1e-3  # source: none known
 
 # -- Friction (friction.py)
 # Displacements over which friction is tried to give way [rad or m], evenly on a logarithmic scale.
-DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)  # 0.3 to 10 mrad for the arms of docs/validation.md
+DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)  # 0.3 to 10 mrad: docs/explanation/validation.md
 
 # -- Bodies and drives that can exist (consistent.py); bench/consistent.py measures what they do
 # Mass of a body that is described without any, as a part of all.
@@ -62,9 +62,9 @@ ROD = 4.0  # that of lightweight arms
 # Length of the last body where nothing is known of it [m].
 TOOL = 0.1  # source: none known
 # Standard deviation of the logarithm of half a mass, described or guessed.
-WIDTH_DESCRIBED, WIDTH_ROD = 0.5, 1.0  # source: none known; docs/export.md
+WIDTH_DESCRIBED, WIDTH_ROD = 0.5, 1.0  # source: none known; docs/explanation/export.md
 # The same of a size; of a centre of mass and of a product of inertia as a part of the size.
-WIDTH_SHAPE = 0.5  # source: none known; docs/export.md
+WIDTH_SHAPE = 0.5  # source: none known; docs/explanation/export.md
 # Speeds at which friction is looked at, in each direction.
 GRID = 12  # source: none known
 # Part of its largest effect from which on a term is asked to make up for others: of Coulomb
@@ -101,7 +101,7 @@ LONGEST_LAG = 0.2  # source: none known
 # A gear of unknown stiffness is this often as stiff as the link after it.
 RIGID_GEAR = 30.0  # source: none known
 
-# -- Gains by an elastic model (tuning.py); docs/tuning_the_damper.md ("The schedule")
+# -- Gains by an elastic model (tuning.py); docs/explanation/damping.md ("The schedule")
 # Of a drive, for differences [rad].
 DRIVE_NUDGE = 1e-4  # source: none known
 # Below it the approximation of a delay is as good as none [s].
@@ -123,7 +123,7 @@ FACTORS = np.geomspace(0.1, 6.0, 22)  # source: none known
 # Halvings of an interval in which a factor or a delay is sought.
 HALVINGS = 7  # source: none known
 # Delay from which on gains excite, over the one that they are used with.
-ROOM = 2.0  # docs/tuning_the_damper.md: a factor that excites at twice the delay is none
+ROOM = 2.0  # docs/explanation/damping.md: a factor that excites at twice the delay is none
 # Within which, and in which ratio, delays are looked at [s].
 SHORTEST_DELAY, LONGEST_DELAY, FINER = 2e-3, 0.2, 1.2  # source: none known
 # Delays at which a factor is looked at.

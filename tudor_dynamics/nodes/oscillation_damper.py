@@ -225,7 +225,7 @@ class OscillationDamperNode(MovingNode):
         """
         Give the level and the words of what matters most; None where all is well.
 
-        docs/operation.md has the table of causes: what to do, and the test that shows each.
+        docs/explanation/safety.md has the causes: what to do, and the test that shows each.
         """
         if controller.state is State.FAULT:
             return ERROR, f'{controller.cause}; the joints stand, ~/reset takes them up again'

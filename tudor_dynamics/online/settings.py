@@ -38,7 +38,7 @@ LOST_STEP = 1.6
 EARLY_STEP = 0.9
 """Shorter steps make up for a sample that was late before them [periods]; the same."""
 PAIRING_QUEUE = 400
-"""Samples that may wait for their partner; docs/nodes.md: 400 samples apart still meet."""
+"""Samples that may wait for their partner; docs/reference/nodes.md: up to 400 apart they meet."""
 STRAIN_QUEUE = 16
 """Readings of strain that wait for their motion: those of one instant come in any order."""
 STRAIN_APART = 3.0
@@ -115,7 +115,7 @@ PROFILE_FLOOR = 0.1
 """Least size at rest, in medians: without it standstill would make any noise a collision.
 source: none known."""
 LEAST_BLOCKS = 8
-"""Seconds of free motion below which nothing can be said of a tail; docs/nodes.md."""
+"""Seconds of free motion below which nothing can be said of a tail; docs/reference/nodes.md."""
 LARGEST_SHAPE = 0.5
 """Tails that end more abruptly are an artefact of few peaks; false alarms measured by
 bench/false_alarms.py."""
@@ -179,7 +179,7 @@ long flags stand is measured by bench/detection_over_topics.py."""
 RINGING_FADE = 1.0
 """Time constant with which it is forgotten [s]; the same bench."""
 
-# Coverage: which samples are judged. What is a warning is said in docs/nodes.md.
+# Coverage: which samples are judged. What is a warning is said in docs/reference/nodes.md.
 
 SENSOR_SPEED = 0.05
 """A joint that is faster moves: its sensors have to change [rad/s or m/s]. source: none known."""
@@ -188,19 +188,19 @@ COVERAGE_TIME = 1.0
 COVERAGE_PERIOD = 0.1
 """Time between two looks at the counts [s]; their cost: bench/monitor_cost.py."""
 UNJUDGED_WARNING, UNJUDGED_ERROR = 0.01, 0.2
-"""Shares not judged that are a warning and an error; docs/nodes.md. source: none known."""
+"""Shares not judged: a warning and an error; docs/reference/nodes.md. source: none known."""
 STAMPS_APART = 0.02
 """Stamps of two topics that are further apart than this, and than `PERIODS_APART`, are reported
-[s]; docs/nodes.md. source: none known."""
+[s]; docs/reference/nodes.md. source: none known."""
 PERIODS_APART = 2.5
 """The same in periods of either topic; the same."""
 
-# Contacts. The study is papers/contact.py; docs/contact.md has its figures.
+# Contacts. The study is papers/contact.py; docs/explanation/contact.md has its figures.
 
 CONTACT_STEP = 0.0039
-"""Samples that follow sooner are passed over: no contact is so quick [s]; docs/contact.md."""
+"""Samples that follow sooner are passed over [s]; docs/explanation/contact.md."""
 PUSH_DEVIATION = 10.0
-"""Standard deviation of a force before anything was known of it [N]; docs/contact.md."""
+"""Standard deviation of a force before anything is known [N]; docs/explanation/contact.md."""
 FORCE_MEMORY, HELD_FORCE_MEMORY = 0.7, 2.0
 """Times over which a force is forgotten while an elastic model moves, and otherwise [s]; errors of
 force and place measured by papers/contact.py."""
@@ -221,7 +221,7 @@ FREE_EVIDENCE_MEMORY = 0.03
 """The same while no contact is detected [s]. source: none known."""
 RIGID_DETECTED, RIGID_ENDED, RIGID_OFFSET = 49.0, 16.0, 9.0
 """With a rigid model: squared standard deviations from which, and until which, a contact is
-detected, and below which a residual is taken for an offset; docs/contact.md: 7 and 4.
+detected, and below which a residual is taken for an offset; docs/explanation/contact.md: 7 and 4.
 source: none known."""
 ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET = 8.0, 3.0, 4.0
 """The same with an elastic model, whose deviations are widened for what rings: 2.8 and 1.7, by the
@@ -240,14 +240,14 @@ STANDING_VARIANCE = 0.1
 STANDING_MEMORY = 0.5
 """Time over which the noise of a standing arm is learned [s]. source: none known."""
 OFFSET_MEMORY = 3.0
-"""Time over which a standing arm takes its residual for an offset [s]; docs/contact.md.
+"""Time over which a standing arm takes a residual for an offset [s]; docs/explanation/contact.md.
 source: none known."""
 PLACE_CERTAIN = 0.5
 """Part of a place's prior deviation; one that is less certain is not reported.
 source: none known."""
 TORQUE_DETECTED, TORQUE_ENDED = 5.0, 3.0
 """Standard deviations of free motion from which, and until which, a joint detects a contact by
-efforts alone; docs/contact.md: 5. source: none known."""
+efforts alone; docs/explanation/contact.md: 5. source: none known."""
 
 # The elastic arm that contacts are estimated with.
 
@@ -255,7 +255,7 @@ DEVIATION_STEP = 0.01
 """Sample time that deviations of single samples belong to [s]."""
 SLOWEST_STATIC = 40.0
 """Vibrations above follow a force at once [Hz], so that no sample rate is too low for them;
-docs/contact.md."""
+docs/explanation/contact.md."""
 FOLLOWING_RATE = 3.0
 """Rate at which the followed arm is drawn to the real one [1/s]: 8 takes part of a contact for
 vibration, 1 does not follow through play, 2 to 4 are the same, measured by papers/contact.py."""
@@ -268,7 +268,7 @@ SPAN_LENGTH = 1e-3
 """Ends of a span are at least so far apart, also where the place is known [m]."""
 POSE_CHANGE = 1e-3
 """Change of a joint below which readings of the weight are those of before [rad or m];
-docs/force_control.md."""
+docs/explanation/force_control.md."""
 FORCE_CHANGE = 0.5
 """Change of the force, and least one, for which levers are computed again [N]; the same."""
 

@@ -294,7 +294,7 @@ def yaml_of(full: FullParameters) -> str:
     feed = {name: {'ff_velocity_scale': simple.damping} for name, simple in frictions.items()}
     head = (f'# Drives of {full.arm.name}, as identified by tudor_dynamics {__version__}.\n'
             '# viscous_friction [N m s/rad] and coulomb_friction [N m] are what URDF and MJCF\n'
-            '# know; friction_terms are all of it, see docs/theory.md for their formulas.\n'
+            '# know; friction_terms are all of it, formulas in docs/explanation/models.md.\n'
             '# joint_trajectory_controller multiplies the wanted speed by ff_velocity_scale,\n'
             '# where it commands efforts; Coulomb friction has to come with the trajectory.\n')
     if full.assumed:

@@ -58,15 +58,15 @@ REST = 1.5
 # Of a trajectory that is made denser; five minutes of a 3 kHz loop.
 MOST_POINTS = 1_000_000
 
-# -- Moves without oscillation (docs/shaping.md)
+# -- Moves without oscillation (docs/explanation/shaping.md)
 
 # Intervals of each joint's acceleration: a linear programme of 0.05 s for two joints (measured,
-# docs/shaping.md).
+# docs/explanation/shaping.md).
 KNOTS = 30
 # Steps between two knots, for integrals; source: none known.
 FINE = 16
 # Part by which the first frequency may be another: what a payload of 400 g does that is 100 g off
-# (measured, docs/shaping.md).
+# (measured, docs/explanation/shaping.md).
 SPREAD = 0.07
 # Weight of the oscillation at such frequencies against the largest jerk, each over what it is
 # without shaping; source: none known, its result is measured by bench/shaping_seeds.py.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""docs/nodes.md says what the nodes declare."""
+"""docs/reference/nodes.md says what the nodes declare."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MODELS = {'joint_state_filter', 'dynamics_predictor', 'collision_detector', 'mon
 
 def section(root: Path, node: str, part: str) -> list[list[str]]:
     """Rows of a table, cell by cell."""
-    text = (root / 'docs/nodes.md').read_text()
+    text = (root / 'docs/reference/nodes.md').read_text()
     body = text.split(f'\n## {node}\n')[1].split('\n## ')[0]
     table = body.split(f'### {part}\n')[1].split('\n### ')[0]
     rows = [[cell.strip().strip('`') for cell in line.strip('|').split('|')]

@@ -164,7 +164,7 @@ class _Writer:
                 self.draft.notes.append(
                     f'the link of {entry["name"]} (joint {entry["joint"]}) rings at '
                     f'{loudest.frequency:.2f} Hz while the joints stand: for an elastic model '
-                    'describe it under links (docs/elastic.md)')
+                    'describe it under links (docs/explanation/elastic.md)')
         return self.draft
 
     def _gravity(self, efforts: Samples | None) -> list[float] | None:
@@ -389,7 +389,7 @@ def text_of(draft: Draft) -> str:
     content, remarks = draft.content, draft.remarks
     lines = _remark(f'Arm description of {content["name"]}, written by tudor init from '
                     f'{", ".join(draft.bags)}.')
-    lines += _remark('docs/arm_yaml.md of tudor_dynamics has every key with unit and default.'
+    lines += _remark('docs/reference/arm_yaml.md (tudor_dynamics) has keys, units and defaults.'
                      + (" A value that is '?' cannot be told from the bags: write it; nothing is "
                         'read from this file before.' if draft.unknown else ''))
     for note in draft.notes:

@@ -12,8 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
-"""Sphinx: the reference of the API, made of the docstrings; ``make docs`` builds it."""
+"""Sphinx: guides, reference and library as one site; ``make docs`` builds it."""
 
 from pathlib import Path
 from types import GenericAlias
@@ -25,10 +24,19 @@ project = 'tudor_dynamics'
 author = 'tudor_dynamics contributors'
 copyright = '2026, tudor_dynamics contributors'  # noqa: A001
 release = tudor_dynamics.__version__
-extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.mathjax', 'numpydoc']
+# MathJax comes from disk, by a package that ships it: the pages are read without a network.
+extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.mathjax', 'numpydoc',
+              'myst_parser', 'sphinx-mathjax-offline']
 templates_path = ['_templates']
-html_theme = 'alabaster'
-html_theme_options = {'page_width': '1200px'}
+exclude_patterns = ['_templates', 'reference/generated/library.txt']
+html_theme = 'furo'
+html_title = f'tudor_dynamics {release}'
+html_copy_source = False
+
+myst_enable_extensions = ['dollarmath', 'amsmath', 'deflist']
+myst_heading_anchors = 4
+# Blocks without a language are equations and output.
+highlight_language = 'text'
 
 autosummary_generate = True
 autodoc_typehints = 'signature'
@@ -39,7 +47,7 @@ numpydoc_show_class_members = False
 default_role = 'code'
 
 # The names of the library, each with a link to where it is defined.
-library = Path(__file__).parent / 'generated' / 'library.txt'
+library = Path(__file__).parent / 'reference' / 'generated' / 'library.txt'
 library.parent.mkdir(exist_ok=True)
 library.write_text('.. autosummary::\n   :nosignatures:\n\n' + ''.join(
     f'   ~{home}.{name}\n' for home, names in tudor_dynamics._HOMES.items() for name in names))
