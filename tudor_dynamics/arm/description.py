@@ -78,8 +78,8 @@ def check_no_open_values(content: Any, source: str) -> None:
         more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
         msg = f'still {OPEN!r}: {", ".join(name[:100] for name in names[:SHOWN])}{more}'
         raise ArmError(msg, place=source, remedy=(
-            'replace the question mark by a value; docs/reference/arm_yaml.md says what each key '
-            'means'))
+            'write it in place of the question mark; docs/reference/arm_yaml.md says what each '
+            'key means'))
 
 
 @dataclass(frozen=True, eq=False)
