@@ -209,9 +209,9 @@ def test_links_lead_somewhere() -> None:
 
 
 def test_the_readme_is_read_in_three_minutes() -> None:
-    """At most 900 words, and fences that every Markdown renderer takes."""
+    """At most 700 words, and fences that every Markdown renderer takes."""
     text = (ROOT / 'README.md').read_text(encoding='utf-8')
-    assert len(text.split()) <= 900
+    assert len(text.split()) <= 700
     assert not re.search(r'^```\w+ ', text, re.MULTILINE)
 
 

@@ -107,3 +107,13 @@ def test_size_of_a_module(tmp_path: Path, root: Path, monkeypatch: pytest.Monkey
     assert 'numbers: 4 in 2 files, 2 with a source' in text
     assert '1 classes have a name that another has:\n   Plan' in text
     assert all(len(line) <= 80 for line in text.splitlines())
+
+
+def test_parameters_of_nodes_stand_in_the_reference(
+    root: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The page has the tables that the tool writes; a table that misses a row is mended."""
+    nodes_reference = tool(root, 'nodes_reference', monkeypatch)
+    text = nodes_reference.PAGE.read_text(encoding='utf-8')
+    assert nodes_reference.page() == text
+    assert "| `model` | `''` |" in text and '| s | 0 .. 60 |' in text

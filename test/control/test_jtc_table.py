@@ -15,7 +15,7 @@
 """
 Trajectories one by one: what joint_trajectory_controller documents, and what is done here.
 
-docs/explanation/trajectories.md has the same table, which a test compares.
+docs/reference/trajectories.md has the same table, which a test compares.
 """
 
 from __future__ import annotations
@@ -274,7 +274,7 @@ def test_what_is_done(row: Row, root: Path) -> None:
 
 def test_document_has_the_table(root: Path) -> None:
     """Row by row, in this order."""
-    page = (root / 'docs/explanation/trajectories.md').read_text()
+    page = (root / 'docs/reference/trajectories.md').read_text()
     text = page.split('## One by one\n')[1].split('\n## ')[0]
     rows = [tuple(cell.strip() for cell in line.strip('|').split('|'))
             for line in text.splitlines() if line.startswith('|')][2:]

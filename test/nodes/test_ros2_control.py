@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""docs/explanation/ros2_control.md: its commands, as processes, against controllers in small."""
+"""docs/howto/ros2_control.md: its commands, as processes, against controllers in small."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ POSE = np.array([0.8, 0.1])
 
 def page(root: Path, heading: str, kind: str) -> list[str]:
     """Give the blocks of a section."""
-    text = (root / 'docs/explanation/ros2_control.md').read_text().split(f'\n## {heading}\n')[1]
+    text = (root / 'docs/howto/ros2_control.md').read_text().split(f'\n## {heading}\n')[1]
     return re.findall(rf'```{kind}\n(.*?)```', text.split('\n## ')[0], re.DOTALL)
 
 

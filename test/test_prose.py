@@ -1,0 +1,107 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pages in plain words: spelling, the word list of CONTRIBUTING, length, reading ease."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / 'docs'
+EASY = sorted([*(DOCS / 'tutorials').glob('*.md'), *(DOCS / 'howto').glob('*.md')])
+PAGES = sorted([ROOT / 'README.md', DOCS / 'index.md', *EASY,
+                DOCS / 'reference' / 'index.md', DOCS / 'reference' / 'trajectories.md'])
+"""Pages in the words of the glossary; a page that is written again joins them."""
+PHRASES = (r'\bwhat came\b', r'\bis none\b', r'\bno matter\b', r'\bworth\b',
+           r'\bbehind (?:a|an|it|the (?:move|push|start|filter|gap|end)|this|each)\b',
+           r'\bcomes? to rest\b', r'\bbeyond reason\b', r'\ball but \d')
+"""Phrases that the glossary replaces; single words stand in ``tools/words.txt``."""
+LONGEST = 400
+EASIEST = 55.0
+
+
+def prose(page: Path) -> str:
+    """Give the sentences of a page: no blocks, tables, headings, marks; code is one word."""
+    text = re.sub(r'^ *(```|~~~).*?^ *\1 *$', '', page.read_text(encoding='utf-8'),
+                  flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r'<!--.*?-->', '', text, flags=re.DOTALL)
+    text = '\n'.join('' if line.lstrip().startswith(('|', '#', '!', ':')) else line
+                     for line in text.splitlines())
+    text = re.sub(r'\]\([^)]*\)', '', text)
+    text = re.sub(r'`[^`]*`', 'name', text)
+    text = re.sub(r'^ *(?:\d+\.|\*) ', '\n', text, flags=re.MULTILINE)
+    return re.sub(r'[\[\]*_]', '', text)
+
+
+def sentences(text: str) -> list[list[str]]:
+    """Split prose into sentences, and these into words."""
+    parts = re.split(r'[.!?](?:\s|$)|\n\s*\n', text)
+    return [words for words in (re.findall(r"[A-Za-z']+", part) for part in parts) if words]
+
+
+def syllables(word: str) -> int:
+    """Count groups of vowels, without a mute e at the end."""
+    word = word.lower()
+    groups = len(re.findall(r'[aeiouy]+', word))
+    return max(groups - (word.endswith('e') and not word.endswith('le')), 1)
+
+
+def flesch(text: str) -> float:
+    """Give Flesch's reading ease: 206.8 - 1.015 words a sentence - 84.6 syllables a word."""
+    found = sentences(text)
+    words = [word for sentence in found for word in sentence]
+    return (206.835 - 1.015 * len(words) / len(found)
+            - 84.6 * sum(map(syllables, words)) / len(words))
+
+
+def test_the_formula() -> None:
+    """Short words in short sentences read easily, long ones do not."""
+    assert flesch('The cat sat on the mat. The dog ran.') > 100.0
+    assert flesch('Identification necessitates considerable theoretical sophistication.') < 0.0
+
+
+@pytest.mark.linter
+@pytest.mark.parametrize('page', EASY, ids=[page.stem for page in EASY])
+def test_guides_are_short_and_read_easily(page: Path) -> None:
+    """A how-to or tutorial has a reading ease above 55; a how-to has 400 words at most."""
+    text = prose(page)
+    if len(text.split()) > 40:
+        assert flesch(text) > EASIEST
+    if page.parent.name == 'howto':
+        assert len(page.read_text(encoding='utf-8').split()) <= LONGEST
+
+
+@pytest.mark.linter
+@pytest.mark.parametrize('page', PAGES, ids=[page.stem for page in PAGES])
+def test_words_of_the_glossary(page: Path) -> None:
+    """No phrase that the glossary replaces."""
+    text = re.sub(r'\s+', ' ', prose(page))
+    found = [match[0] for phrase in PHRASES for match in re.finditer(phrase, text)]
+    assert not found
+
+
+@pytest.mark.linter
+def test_spelling() -> None:
+    """The spelling of codespell, with the words of ``tools/words.txt``."""
+    pytest.importorskip('codespell_lib')
+    done = subprocess.run(
+        [sys.executable, '-m', 'codespell_lib', '-D', '-', '-D', str(ROOT / 'tools/words.txt'),
+         *map(str, PAGES), str(DOCS / 'architecture.md')], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
