@@ -97,8 +97,8 @@ class FleetPlan(Spec):
 
 
 def load_plan(path: Path) -> FleetPlan:
-    """Read a plan, YAML as in docs/explanation/fleet.md; every arm in it has a description."""
-    remedy = 'docs/explanation/fleet.md describes a plan'
+    """Read a plan, YAML as in docs/howto/fleet.md; every arm in it has a description."""
+    remedy = 'docs/howto/fleet.md describes a plan'
     try:
         plan = FleetPlan.model_validate(load_yaml(read_bounded(path, LARGEST).decode()))
     except OSError as err:

@@ -16,7 +16,7 @@
 Tuned numbers of loads, with unit, meaning and source.
 
 "Measured" without more is on the simulated reference arm with every imperfection, as the tables
-of docs/explanation/load.md ("How well") have it: ``python -m papers outlook --only payload``.
+of docs/explanation/load.md have it: ``python -m papers outlook --only payload``.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ LARGEST_STEP = 0.1  # source: none known
 
 # -- Noise of what shows a load (live.py)
 # Upper bound of the part of what came that a load leaves: by links that bend, by rigid ones.
-BENT_EXPLAINED, RIGID_EXPLAINED = 0.15, 0.4  # measured, docs/explanation/load.md ("Online")
+BENT_EXPLAINED, RIGID_EXPLAINED = 0.15, 0.4  # measured, docs/explanation/load.md
 # Time for which the error of a rigid model depends on itself [s].
 DEPENDENT = 0.3  # source: none known
 # Part of its mean square that is there without acceleration.

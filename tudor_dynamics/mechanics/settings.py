@@ -55,9 +55,9 @@ FIRST_CHANGE = 6.0
 # Long enough to identify one load before the next [s]; source: none known.
 BETWEEN_CHANGES = 6.0
 # Smallest and largest force [N] and duration [s] of a push: from within the 2 to 6 N at which
-# detection is measured to twice as much (docs/explanation/validation.md).
+# detection is measured to twice as much (docs/explanation/thresholds.md).
 PUSH_FORCE, PUSH_TIME = (3.0, 12.0), (0.1, 1.0)
-# Of a push that is held: where detection is measured (docs/explanation/validation.md).
+# Of a push that is held: where detection is measured (docs/explanation/thresholds.md).
 HELD_FORCE, HELD_TIME = (2.0, 6.0), (1.5, 4.0)
 # Not before the arm moves, after the rest of 1.5 s that an excitation begins with [s].
 FIRST_PUSH = 3.0

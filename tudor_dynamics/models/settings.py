@@ -101,7 +101,7 @@ LONGEST_LAG = 0.2  # source: none known
 # A gear of unknown stiffness is this often as stiff as the link after it.
 RIGID_GEAR = 30.0  # source: none known
 
-# -- Gains by an elastic model (tuning.py); docs/explanation/damping.md ("The schedule")
+# -- Gains by an elastic model (tuning.py); docs/explanation/damping.md
 # Of a drive, for differences [rad].
 DRIVE_NUDGE = 1e-4  # source: none known
 # Below it the approximation of a delay is as good as none [s].

@@ -115,7 +115,7 @@ PROFILE_FLOOR = 0.1
 """Least size at rest, in medians: without it standstill would make any noise a collision.
 source: none known."""
 LEAST_BLOCKS = 8
-"""Seconds of free motion below which nothing can be said of a tail; docs/reference/nodes.md."""
+"""Least free motion to estimate a tail [s]; docs/explanation/thresholds.md."""
 LARGEST_SHAPE = 0.5
 """Tails that end more abruptly are an artefact of few peaks; false alarms measured by
 bench/false_alarms.py."""
