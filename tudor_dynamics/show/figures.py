@@ -85,8 +85,8 @@ BLUE, VERMILION = '#0072b2', '#d55e00'
 
 _COMMON: dict[str, Any] = {
     'axes.axisbelow': True, 'axes.grid': True, 'axes.spines.right': False,
-    'axes.spines.top': False, 'axes.titlelocation': 'left', 'grid.color': '#dddddd',
-    'grid.linewidth': 0.6, 'legend.frameon': False, 'path.simplify': True,
+    'axes.spines.top': False, 'axes.titlelocation': 'left', 'axes.titley': 1.0,  # not searched for
+    'grid.color': '#dddddd', 'grid.linewidth': 0.6, 'legend.frameon': False, 'path.simplify': True,
     # ids come from the content alone, so that equal fits give equal files
     'svg.hashsalt': 'tudor_dynamics'}
 PAGE: Any = {
