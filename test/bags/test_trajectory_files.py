@@ -69,11 +69,14 @@ def test_bags_without_trajectories_and_with_several_topics(tmp_path: Path) -> No
         write_trajectories(tmp_path / 'path.csv', [Sent(path), Sent(path)])
 
 
+WHOLE = Sent(Trajectory(JOINTS, T, Q, Q)).encode()
+
+
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, 400), st.binary(min_size=1, max_size=8), st.integers(0, 60))
 def test_damaged_messages(place: int, noise: bytes, cut: int) -> None:
     """Any bytes give a trajectory or one line, nothing else, and not without end."""
-    data = bytearray(Sent(Trajectory(JOINTS, T, Q, Q)).encode())
+    data = bytearray(WHOLE)
     place %= len(data)
     data[place:place + len(noise)] = noise
     try:
