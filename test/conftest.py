@@ -41,11 +41,12 @@ _first = int(os.environ.setdefault('TUDOR_TEST_DOMAIN', str(1 + os.getpid() % 90
 _worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
 os.environ['ROS_DOMAIN_ID'] = str(_first + int(_worker) % 10)
 
-LONGEST = ('test_evaluate_collisions.py', 'test_elastic_search.py',
-           'test_documented_commands.py', 'test_flake8.py', 'test_mypy.py', 'test_processes.py',
+LONGEST = ('test_elastic_search.py', 'test_flake8.py', 'test_mypy.py',
+           'test_documented_commands.py', 'test_evaluate_collisions.py', 'test_processes.py',
            'test_doctor_bench.py', 'nodes/test_closed_loop.py')
-"""What takes longest in one piece begins first, so that no worker is left alone with it; the loop
-over topics after what compiles, because it is repeated more slowly where it was held up."""
+"""What takes longest in one piece begins first, so that no worker is left alone with it. One
+compiles while the other has what needs nothing compiled: side by side both would compile the same.
+The loop over topics comes after, because it is repeated more slowly where it was held up."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -16,6 +16,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from importlib import import_module
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
 import os
 from pathlib import Path
 import subprocess
@@ -26,6 +30,12 @@ from patience import PATIENCE
 import pytest
 
 pytest.importorskip('rclpy')
+
+from tudor_dynamics.nodes.common.interfaces import NODES  # noqa: E402, I100
+
+LOADED = get_context('forkserver')
+"""Begins processes that have loaded the modules of all nodes, which takes three seconds."""
+LOADED.set_forkserver_preload([f'tudor_dynamics.nodes.{node}' for node in NODES])
 
 
 def launch(node: str, *args: str, executor: str = 'events', **how: Any) -> subprocess.Popen:
@@ -47,3 +57,26 @@ def finish(process: subprocess.Popen, number: int) -> str:
     assert process.returncode == 0, out
     assert 'Traceback' not in out, out
     return out
+
+
+def _run(node: str, args: tuple[str, ...]) -> None:
+    sys.argv = [node, *args]
+    sys.exit(import_module(f'tudor_dynamics.nodes.{node}').main())
+
+
+def fork(node: str, *args: str) -> BaseProcess:
+    """Start a node as a process of its own where it does not matter how its modules are loaded."""
+    process = LOADED.Process(target=_run, args=(node, ('--ros-args', *args)), daemon=True)
+    process.start()
+    return process
+
+
+def end(processes: Iterable[BaseProcess]) -> None:
+    """Ask processes to end, and see that they have."""
+    processes = list(processes)
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.join(PATIENCE)
+        process.kill()
+        process.join()

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-import signal
 import subprocess
 import sys
 
@@ -26,6 +25,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from node_processes import end, fork  # noqa: E402, I100
 from patience import PATIENCE  # noqa: E402, I100
 from tudor_dynamics.arm.description import load_arm  # noqa: E402, I100
 from tudor_dynamics.mechanics.rig import Rig  # noqa: E402, I100
@@ -48,29 +48,19 @@ def test_the_simulated_arm_is_right(root: Path) -> None:
     """Simulator, reference generator and damper as processes; the test of joint 2 says right."""
     arm = str(root / 'config/tudor.yaml')
     Rig(load_arm(arm)).run(0.1)  # compiles, for which the program does not wait
-    environment = {**os.environ, 'PYTHONPATH': str(root)}
-
-    def start(node: str, *words: str) -> subprocess.Popen:
-        code = f'import sys; from tudor_dynamics.nodes.{node} import main; sys.exit(main())'
-        return subprocess.Popen([sys.executable, '-c', code, *words], env=environment, text=True,
-                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                                stderr=subprocess.STDOUT)
-
-    clock = '--ros-args', '-p', 'use_sim_time:=true'
-    nodes = [start('arm_simulator', '--ros-args', '-p', f'arm:={arm}', '-p', 'clock:=true', '-p',
-                   'lockstep:=true'),
-             *(start(node, *clock, '-p', f'arm:={arm}')
+    program = ('import sys; from tudor_dynamics.nodes.damper_sign_test import main; '
+               'sys.exit(main())')
+    words = '-p', f'arm:={arm}'
+    nodes = [fork('arm_simulator', *words, '-p', 'clock:=true', '-p', 'lockstep:=true'),
+             *(fork(node, '-p', 'use_sim_time:=true', *words)
                for node in ('reference_generator', 'oscillation_damper'))]
     try:
-        test = start('damper_sign_test', '--arm', arm, '--joints', 'joint2', '--step', '5', *clock)
-        said, _ = test.communicate(timeout=PATIENCE)
-        assert test.returncode == 0, said
-        assert 'the sign is right' in said and 'the damper is on' in said
+        test = subprocess.run(
+            [sys.executable, '-c', program, '--arm', arm, '--joints', 'joint2', '--step', '5',
+             '--ros-args', '-p', 'use_sim_time:=true'],
+            env={**os.environ, 'PYTHONPATH': str(root)}, timeout=PATIENCE, capture_output=True,
+            text=True, check=False)
+        assert test.returncode == 0, test
+        assert 'the sign is right' in test.stdout and 'the damper is on' in test.stdout
     finally:
-        for node in nodes:
-            node.send_signal(signal.SIGTERM)
-        for node in nodes:
-            try:
-                node.communicate(timeout=PATIENCE)
-            finally:
-                node.kill()
+        end(nodes)

@@ -20,7 +20,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import os
 from pathlib import Path
-import signal
 import subprocess
 import sys
 
@@ -28,6 +27,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from node_processes import end, fork  # noqa: E402, I100
 from patience import PATIENCE  # noqa: E402, I100
 from tudor_dynamics.arm.description import load_arm  # noqa: E402, I100
 from tudor_dynamics.mechanics.rig import Rig  # noqa: E402, I100
@@ -55,6 +55,7 @@ node.create_subscription(JointState, 'drive_states', state, 10)
 rclpy.spin(node)
 """
 """A driver between the controller and the drives; joint1 comes first in its states."""
+PROGRAM = 'import sys; from tudor_dynamics.nodes.joint_test import main; sys.exit(main())'
 TRUE = 'lambda x: x'
 LIES = {
     'swapped': ('lambda u: u[::-1]', TRUE,
@@ -79,60 +80,56 @@ def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @contextmanager
-def running(root: Path, *codes: tuple[str, ...]) -> Iterator[None]:
-    """Run pieces of Python as processes, for a while."""
-    environment = {**os.environ, 'PYTHONPATH': str(root)}
-    processes = [subprocess.Popen(
-        [sys.executable, '-c', *code], env=environment, stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for code in codes]
+def driver(obey: str, report: str) -> Iterator[None]:
+    """Run a driver as a process, for a while."""
+    process = subprocess.Popen(
+        [sys.executable, '-c', RELAY, obey, report], stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         yield
     finally:
-        for process in processes:
-            process.send_signal(signal.SIGTERM)
-        for process in processes:
-            try:
-                process.wait(PATIENCE)
-            finally:
-                process.kill()
+        process.terminate()
+        try:
+            process.wait(PATIENCE)
+        finally:
+            process.kill()
 
 
-def node(name: str) -> str:
-    """Give what runs a node."""
-    return f'import sys; from tudor_dynamics.nodes.{name} import main; sys.exit(main())'
-
-
-def test_drivers_that_are_right_and_that_lie(root: Path) -> None:
+def test_drivers_that_are_right_and_that_lie(
+    root: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
     """Every lie is named, over topics; the next test begins where the one before has stopped."""
     arm = str(root / 'config/tudor.yaml')
     clock = '--ros-args', '-p', 'use_sim_time:=true'
-    words = [*clock, '-p', f'arm:={arm}']
+    words = [*clock[1:], '-p', f'arm:={arm}']
     Rig(load_arm(arm)).run(0.1)  # compiles, for which the program does not wait
 
-    def test(*options: str) -> tuple[int, str]:
-        done = subprocess.run(
-            [sys.executable, '-c', node('joint_test'), '--arm', arm, *options, *clock],
-            timeout=PATIENCE,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
-            env={**os.environ, 'PYTHONPATH': str(root)})
-        return done.returncode, done.stdout
+    def test() -> tuple[int, str]:
+        code = main(['joint_test', '--arm', arm, *clock])
+        return code, capsys.readouterr().out
 
-    with running(
-            root, (node('arm_simulator'), *words[:1], *words[3:], '-p', 'rate:=100.0', '-p',
-                   'clock:=true', '-p', 'lockstep:=true', '-r',
-                   'velocity_commands:=drive_commands', '-r', 'joint_states:=drive_states'),
-            (node('reference_generator'), *words, '-p', 'rate:=100.0'),
-            (node('oscillation_damper'), *words)):
-        with running(root, (RELAY, TRUE, TRUE)):
-            code, said = test('--controller', 'driver')
-            assert code == 1 and 'the order is another one' in said, said
-            assert 'nothing was moved' in said
+    nodes = [
+        fork('arm_simulator', *words[2:], '-p', 'rate:=100.0', '-p', 'clock:=true', '-p',
+             'lockstep:=true', '-r', 'velocity_commands:=drive_commands', '-r',
+             'joint_states:=drive_states'),
+        fork('reference_generator', *words, '-p', 'rate:=100.0'),
+        fork('oscillation_damper', *words)]
+    try:
+        with driver(TRUE, TRUE):
+            done = subprocess.run(
+                [sys.executable, '-c', PROGRAM, '--arm', arm, '--controller', 'driver', *clock],
+                timeout=PATIENCE, capture_output=True, text=True, check=False,
+                env={**os.environ, 'PYTHONPATH': str(root)})
+            assert done.returncode == 1 and 'the order is another one' in done.stdout, done
+            assert 'nothing was moved' in done.stdout
             code, said = test()
             assert code == 0, said
             for joint in ('joint2', 'joint3'):
                 assert f'{joint}: right' in said, said
         for obey, report, expected in LIES.values():
-            with running(root, (RELAY, obey, report)):
+            with driver(obey, report):
                 code, said = test()
                 assert code == 1 and expected in said, said
                 assert 'oscillation_damper is inactive' in said, said
+    finally:
+        end(nodes)

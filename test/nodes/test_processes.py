@@ -16,12 +16,12 @@
 
 from __future__ import annotations
 
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 import signal
-import subprocess
 import time
 
-from node_processes import finish, launch
+from node_processes import finish, fork, launch
 from patience import PATIENCE
 import pytest
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
@@ -168,7 +168,7 @@ KINDS = {'velocity_commands': Float64MultiArray, 'joint_motion': JointTrajectory
 
 def test_each_is_killed_and_restarted(world: World, root: Path, model: Path) -> None:
     """One after the other dies by SIGKILL and comes back: the others live, and all flows again."""
-    def begin(node: str) -> subprocess.Popen:
+    def begin(node: str) -> BaseProcess:
         names = [param.name for param in NODES[node]]
         words = [] if node != 'monitor' else ['-r', 'strain_residuals:=monitor/strain_residuals',
                                               '-r', 'joint_motion:=monitor/joint_motion']
@@ -176,7 +176,7 @@ def test_each_is_killed_and_restarted(world: World, root: Path, model: Path) -> 
                             ('rate', 100.0), ('reaction', 'none')):
             if name in names:  # no reaction, because the model is that of another arm
                 words += ['-p', f'{name}:={value}']
-        return launch(node, *words)
+        return fork(node, *words)
 
     heard = {topic: world.listen(topic, KINDS.get(topic, JointState)) for topic in CHAIN.values()}
 
@@ -189,12 +189,12 @@ def test_each_is_killed_and_restarted(world: World, root: Path, model: Path) -> 
         assert flows(), {topic: len(messages) for topic, messages in heard.items()}
         for node in CHAIN:
             processes[node].kill()
-            processes[node].communicate()
+            processes[node].join()
             world.rest(0.3)
             processes[node] = begin(node)
         assert flows(), {topic: len(messages) for topic, messages in heard.items()}
-        assert all(process.poll() is None for process in processes.values())
+        assert all(process.is_alive() for process in processes.values())
     finally:
         for process in processes.values():
             process.kill()
-            process.communicate()
+            process.join()
