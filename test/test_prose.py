@@ -26,7 +26,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
 EASY = sorted([*(DOCS / 'tutorials').glob('*.md'), *(DOCS / 'howto').glob('*.md')])
-PAGES = sorted([ROOT / 'README.md', DOCS / 'index.md', *EASY,
+PAGES = sorted([ROOT / 'README.md', DOCS / 'index.md', *EASY, *(DOCS / 'explanation').glob('*.md'),
                 DOCS / 'reference' / 'index.md', DOCS / 'reference' / 'trajectories.md'])
 """Pages in the words of the glossary; a page that is written again joins them."""
 PHRASES = (r'\bwhat came\b', r'\bis none\b', r'\bno matter\b', r'\bworth\b',
