@@ -111,9 +111,8 @@ def go(rig: Rig, goal: np.ndarray) -> None:
 def moving(**options: float) -> Rig:
     """Give an arm in the middle of a long move, at 70 deg/s."""
     rig = Rig(tudor(), **{'rate': 250.0, **options})
+    rig.process.loop.reset(FIRST)
     rig.run(1.0)
-    go(rig, FIRST)
-    rig.run(3.2)
     go(rig, SECOND)
     rig.run(0.9)
     assert np.degrees(rig.trace.dq[-1][0]) > 55.0

@@ -20,7 +20,6 @@ from functools import lru_cache
 
 from motion_machine import broken_limits, go, tudor
 import numpy as np
-import pytest
 from tudor_dynamics.control.motion_controller import State
 from tudor_dynamics.control.schedule import Adaptation, Schedule
 from tudor_dynamics.mechanics import chain as at
@@ -38,15 +37,14 @@ def schedule() -> Schedule:
 
 
 def adaptive(payload: float | None, told: float | None, **more: float) -> Rig:
-    """Let an arm with a payload come to the first target, gains following what was told."""
+    """Let an arm with a payload stand at the first target, gains following what was told."""
     rig = Rig(tudor(), payload=payload, **more)
+    rig.process.loop.reset(TARGETS[0])
     controller = rig.controller
     controller.adaptation = Adaptation(schedule(), controller.planned.acceleration)
     if told is not None:
         controller.adaptation.tell(0.0, told)
-    rig.run(1.0)
-    go(rig, TARGETS[0])
-    rig.run(4.0)
+    rig.run(2.0)
     return rig
 
 
@@ -71,10 +69,9 @@ def test_settles_twice_as_fast_as_with_fixed_gains() -> None:
     assert adapted[1] < 0.3 * fixed[1]
 
 
-@pytest.mark.parametrize('delay', [0.0, 0.01])
-def test_picked_up_in_motion(delay: float) -> None:
+def test_picked_up_in_motion() -> None:
     """400 g more from one sample to the next, told 0.8 s later: no limit cycle, within limits."""
-    rig = adaptive(1e-4, 0.0, delay=delay)
+    rig = adaptive(1e-4, 0.0, delay=0.01)
     go(rig, TARGETS[1])
     rig.run(0.7)
     rig.process.loop.plant.mechanism.body_float[-1, at.MASS] = 0.4
