@@ -38,7 +38,8 @@ from tudor_dynamics.identification.detection import evaluate_collisions, find_tr
 from tudor_dynamics.identification.doctor.between import examine_bags
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.excitation_plan import PlanFolder
-from tudor_dynamics.identification.fit import check_kinds, fit_models, FitResult, FitSettings
+from tudor_dynamics.identification.fit import (
+    check_kinds, fit_models, FitResult, FitSettings, HeldOut)
 from tudor_dynamics.identification.loads import bare_bundle_of, bundle_of, payload_of
 from tudor_dynamics.identification.many_bags import ManyBags, Streaming, streams
 from tudor_dynamics.identification.next_steps import (
@@ -86,30 +87,34 @@ class HeldBags:
         self.test = self.held_test = [read(choice, learn=False) for choice in test]
         refuse_copies(self.held, self.held_test)
 
-    def _holdout(self, spec: PreprocessingSpec) -> tuple[BagData, BagData] | None:
-        if len(self.held) > 1 or self.held_test:
-            return None
+    def _parts(self, spec: PreprocessingSpec) -> tuple[BagData, BagData]:
         bag, middle = self.held[0], 1.0 - HELD_OUT
         return part(bag, 0.0, middle, spec), part(bag, middle, 1.0, spec)
 
     def choose(self, settings: FitSettings) -> Choices:
-        """Choose what is left open by all bags, but for what is held out."""
-        holdout = self._holdout(self.spec)
-        return choose(self.arm, self.held if holdout is None else holdout[:1], self.spec, settings,
-                      self.progress)
+        """Choose what is left open by all bags, and again without what is held out."""
+        chosen = choose(self.arm, self.held, self.spec, settings, self.progress)
+        if len(self.held) > 1 or self.held_test:
+            return chosen
+        # what models are judged by passes the filters that they are delivered with
+        spec = chosen.preprocessing
+        fixed = spec.model_copy(update={'filter': spec.filter})
+        return replace(chosen, blind=choose(self.arm, self._parts(spec)[:1], fixed, settings))
 
     def fits(self, chosen: Choices, specs: Sequence[PreprocessingSpec]) -> list[FitResult]:
         """Fit and judge the models, by each of several filters."""
         results: list[FitResult] = []
-        for spec in specs:
-            if results:
-                self.progress('causal models for the robot')
+        for spec in reversed(specs):  # causal first: elastic models follow measured positions
+            if spec is not specs[-1]:
+                self.progress('zero-phase models')
             training, test = ([filtered(bag, spec) for bag in bags]
                               for bags in (self.held, self.held_test))
+            held_out = None if chosen.blind is None else HeldOut(
+                *self._parts(spec), chosen.blind.arm, chosen.blind.settings)
             results.append(fit_models(
-                chosen.arm, training, test, self._holdout(spec), spec, chosen.settings,
-                self.progress, results[0].searches if results else None))
-        return results
+                chosen.arm, training, test, held_out, spec, chosen.settings, self.progress,
+                results[0].searches if results else None))
+        return results[::-1]
 
 
 def fit_bags(

@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 from sample_arms import arm_of, multisine, recording_of
 
+from tudor_dynamics import library
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
@@ -30,7 +31,9 @@ from tudor_dynamics.identification.choice import (
     Choices, choose, friction_words, LeftOut, paid)
 from tudor_dynamics.identification.dataset import BagChoice, BagData, filtered, training_blocks
 from tudor_dynamics.identification.fit import FitSettings
+from tudor_dynamics.library import fit_bags, HeldBags
 from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.friction import FrictionStates
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.signals.preprocessing import prepare
@@ -105,6 +108,23 @@ def test_an_elastic_model_has_the_friction_of_the_others() -> None:
     assert set(_words(alone)) == {'friction'}
 
 
+def test_an_elastic_model_changes_no_choice_of_the_others() -> None:
+    """Friction by the load and filters are those without it; it leaves out what it cannot have."""
+    arm = _arm()
+    bags = [_recording(arm, seed, more=lambda motion, effort: 0.3 * np.abs(effort) * np.tanh(
+        motion[:, 3:6] / 0.02)) for seed in (1, 2)]
+    for item in bags:
+        item.q[:] += np.random.default_rng(4).normal(0.0, 2e-4, item.q.shape)
+    alone, both = (_choose(arm, *bags, spec=PreprocessingSpec(), settings=FitSettings(kinds=kinds))
+                   for kinds in (('analytical',), ('analytical', 'elastic')))
+    assert any('load' in joint.friction for joint in alone.arm.joints)
+    assert alone.preprocessing.filter == 'zero_phase'
+    assert both.arm.joints == alone.arm.joints and both.made == alone.made
+    assert both.preprocessing == alone.preprocessing
+    named = {column for columns in ElasticModel(both.arm, 'effort').columns for column in columns}
+    assert 'viscous(a)' in named and not any('load' in column for column in named)
+
+
 @pytest.mark.parametrize(('term', 'friction'), [
     ('load', lambda motion, effort: 0.3 * np.abs(effort) * np.tanh(motion[:, 3:6] / 0.02)),
     ('offset', lambda motion, effort: np.full((len(motion), 3), 3.0)),
@@ -145,8 +165,33 @@ def test_what_is_described_stays() -> None:
     assert _arm(friction='auto').joints == _arm().joints
 
 
+@pytest.mark.parametrize('changed', [False, True])
+def test_an_only_bag_is_chosen_by_as_a_whole(
+    changed: bool, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The model has what all of the bag shows; its figure is of choices blind to the end."""
+    def friction(motion: FloatArray, _: FloatArray) -> FloatArray:
+        late = np.arange(len(motion))[:, None] >= 0.6 * len(motion) + 100
+        return 20.0 * late * motion[:, 3:6] * np.abs(motion[:, 3:6])
+
+    arm = _arm()
+    whole = _recording(arm, 1, more=friction if changed else None)
+    monkeypatch.setattr(library, 'load', lambda *_, **__: _bag(whole))
+    result = fit_bags(HeldBags(arm, [BagChoice(whole.path)], [], SPEC, {}, lambda _: None),
+                      PLAIN, examine=False)
+    assert result.arm.joints == _choose(arm, whole).arm.joints
+    assert changed == any('square' in joint.friction for joint in result.arm.joints)
+    assert result.blind is not None and result.blind.joints == arm.joints
+    item, = result.fitted
+    (blind, last), = item.validation.cases
+    assert isinstance(blind, AnalyticalModel) and isinstance(item.model, AnalyticalModel)
+    assert (blind.regressor.columns == item.model.regressor.columns) != changed
+    assert str(last.choice) == 'run1@60-100%'
+    assert (item.validation.score.relative_error > 0.1) == changed
+
+
 def test_filter() -> None:
-    """Noisy positions want filters without a lag; an elastic arm, and who says so, has causal."""
+    """Noisy positions want filters without a lag; an elastic arm alone, and who says so, not."""
     arm, open_spec = _arm(), PreprocessingSpec()
     noisy = _recording(arm, 1)
     noisy.q[:] += np.random.default_rng(4).normal(0.0, 2e-4, noisy.q.shape)
@@ -155,7 +200,7 @@ def test_filter() -> None:
     choice = chosen.made[0]
     assert choice.what == 'filters' and choice.error < choice.error_instead
     for spec, kinds in ((PreprocessingSpec(filter='causal'), ('analytical',)),
-                        (open_spec, ('analytical', 'elastic'))):
+                        (open_spec, ('elastic',))):
         found = _choose(arm, noisy, spec=spec, settings=FitSettings(kinds=kinds))
         assert found.preprocessing == spec and 'filters' not in _words(found)
 

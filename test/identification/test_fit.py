@@ -29,7 +29,8 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
-from tudor_dynamics.identification.fit import _tell, fit_models, FitResult, FitSettings
+from tudor_dynamics.identification.fit import (
+    _tell, fit_models, FitResult, FitSettings, HeldOut)
 from tudor_dynamics.identification.loads import bundle_of, figures
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -135,7 +136,7 @@ def test_one_output(effort: bool, strain: bool) -> None:
 def test_one_bag() -> None:
     """With one bag its last part is held out; without even that there is no verdict."""
     whole = _recording(0)
-    holdout = (_bag(whole, 0.0, 0.6), _bag(whole, 0.6, 1.0))
+    holdout = HeldOut(_bag(whole, 0.0, 0.6), _bag(whole, 0.6, 1.0), ARM, PLAIN)
     result = _fit([_bag(whole)], [], holdout=holdout)
     for item in result.fitted:
         assert item.validation.method == 'the last 40 % of the only bag, fitted to the rest'

@@ -183,27 +183,10 @@ def write_bag(
     custom: Mapping[str, str] | None = None,
 ) -> None:
     """
-    Write a rosbag2 directory.
+    Write a rosbag2 directory, messages in the order of their log times.
 
-    Messages of all topics are written in the order of their log times. The directory appears
-    under its name only when it is complete.
-
-    Parameters
-    ----------
-    path : str or Path
-        Directory to make; must not exist.
-    series : sequence of Signals or RawMessages
-        Topics with all their messages; signals are recorded at their stamps.
-    storage : {'mcap', 'sqlite3'}
-        Format of the storage file.
-    custom : dict of str to str, optional
-        Goes into ``custom_data`` of the metadata, such as ``payload`` [kg].
-
-    Raises
-    ------
-    BagError
-        If the path exists or cannot be written, or arrays do not fit together.
-
+    It appears only when it is complete. Signals are recorded at their stamps; ``custom`` goes into
+    ``custom_data`` of the metadata, such as ``payload`` [kg].
     """
     path = Path(path)
     if storage not in PLUGINS:

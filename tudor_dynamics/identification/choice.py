@@ -426,6 +426,7 @@ class Choices:
     preprocessing: PreprocessingSpec  # filters and rate
     settings: FitSettings  # settings with nothing left open
     made: tuple[Choice, ...] = ()  # what was chosen, and what it brought; without what was fixed
+    blind: Choices | None = None  # choices by the rest of an only bag whose end is held out
 
 
 def choose(
@@ -449,7 +450,7 @@ class _Chooser:
         self.joints: list[JointSpec] = list(arm.joints)
         self.shared = bool(settings.shared)
         self.made: list[Choice] = []
-        follows = any(KINDS[kind].model.has_memory for kind in settings.kinds)
+        follows = all(KINDS[kind].model.has_memory for kind in settings.kinds)
         # a load on the gear is no term of an arm that is followed, nor affine in a payload
         self.without = (*((BY_LOAD,) if summable or follows or settings.payloads is not None
                           else ()), *(STATE_KEYS if follows else ()))

@@ -28,7 +28,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import SelfCollision
-from tudor_dynamics.arm.schema import PreprocessingSpec, STATE_KEYS, validation_message
+from tudor_dynamics.arm.schema import PreprocessingSpec, validation_message
 from tudor_dynamics.bags.trajectory import (
     read_trajectory, Sent, Trajectory, write_trajectories)
 from tudor_dynamics.errors import SignalError, UsageError
@@ -39,6 +39,7 @@ from tudor_dynamics.identification.excitation import (
     Information, known_efforts, mean_error, Noise, Series, series, Subject)
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.friction import sliding
 from tudor_dynamics.models.regressor import (
     base_sets, EffortRegressor, regressor_of, StrainRegressor)
 from tudor_dynamics.signals.excitation import aprbs, joint_range, JointRange, Targets
@@ -334,9 +335,7 @@ def target_of_arm(arm: Arm, noise: dict[str, FloatArray]) -> Target:
 
 def _planned(arm: Arm, output: str) -> AnalyticalModel:
     """Give the model that a motion is planned for: any reversal shows friction with a state."""
-    sliding = arm.with_joints({joint.name: {'friction': tuple(
-        term for term in joint.friction if term not in STATE_KEYS)} for joint in arm.joints})
-    return AnalyticalModel(regressor_of(sliding, output, 'exact'), len(arm.active_joints))
+    return AnalyticalModel(regressor_of(sliding(arm), output, 'exact'), len(arm.active_joints))
 
 
 def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 import math
 from typing import Any
@@ -42,7 +43,6 @@ from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import (
     driven_arm, effort_rows, ElasticModel, follow_motion, PhysicalParameter)
 from tudor_dynamics.models.estimation import ESTIMATORS
-from tudor_dynamics.models.friction import term_names
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.parallel import shared_out
@@ -191,12 +191,9 @@ Searches = Mapping[tuple[str, ...], Identified]
 
 def check_arm(arm: Arm) -> None:
     """Refuse an arm of which no elastic model can be made, before hours of work and not after."""
-    beyond = sorted({term for joint in arm.joints
-                     for term in term_names(joint, loaded=True, state=True)})
-    if arm.coupling is not None or beyond:
-        what = f'friction: {", ".join(beyond)}' if beyond else 'couplings'
-        raise FitError(f'{arm.source}: the elastic model knows nothing of {what}; leave that out '
-                       'of the description, or elastic out of --models')
+    if arm.coupling is not None:
+        raise FitError(f'{arm.source}: the elastic model knows nothing of couplings; leave that '
+                       'out of the description, or elastic out of --models')
     if not arm.gauges:
         raise FitError(f'{arm.source}: no gauges are described, and the elastic model is '
                        'identified from strain; describe them, or leave it out of --models')
@@ -310,8 +307,6 @@ class ElasticTrainer:
             for some in (self._less(bags), bags):
                 if some and _names(some) not in self._found:
                     todo[_names(some)] = some
-        if todo:
-            check_arm(self.arm)
         while todo:
             ready = {key: bags for key, bags in todo.items()
                      if _names(self._less(bags)) not in todo}
@@ -358,7 +353,7 @@ class ElasticTrainer:
                 driven.set_parameters({'payload': bag.payload})
             for stretch in bag.stretches:
                 response = follow_motion(driven, stretch.states.q, stretch.dt, stretch.before)
-                made = effort_rows(self.arm, response, stretch.motion)
+                made = effort_rows(model.arm, response, stretch.motion)
                 rows.append([stretch.decimation(columns) for columns in made])
                 assert stretch.effort is not None
                 efforts.append(stretch.decimation(stretch.effort))
@@ -492,13 +487,24 @@ class FitResult:
     learned: tuple[BagFacts, ...] = ()
     judged: tuple[BagFacts, ...] = ()
     unused: tuple[Unused, ...] = ()  # bags that were left out
+    blind: Arm | None = None  # arm of the models that the end of an only bag is predicted by
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """The end of an only bag, and what is chosen of the rest alone."""
+
+    first: BagData
+    last: BagData  # what models of the first part are judged by
+    arm: Arm  # with the friction that the first part pays for
+    settings: FitSettings
 
 
 def fit_models(
     arm: Arm,
     training: Sequence[BagData],
     test: Sequence[BagData],
-    holdout: tuple[BagData, BagData] | None,
+    holdout: HeldOut | None,
     preprocessing: PreprocessingSpec,
     settings: FitSettings,
     progress: Progress = lambda _: None,
@@ -521,7 +527,7 @@ def fit_models(
         warnings.warn(note, TudorWarning, stacklevel=2)
     fitted = []
     elastic = ElasticTrainer(arm, settings.payloads, progress, settings.elastic_start,
-                             None if holdout is None else holdout[0], known)
+                             None if holdout is None else holdout.first, known)
     trainers = {kind: elastic if kind == ELASTIC else RowTrainer(kind, arm, settings)
                 for kind in settings.kinds}
     others = left_out(training, preprocessing)
@@ -539,7 +545,8 @@ def fit_models(
     return replace(
         result_of(arm, preprocessing, settings, fitted, training, test,
                   [facts_of(bag) for bag in training], [facts_of(bag) for bag in test], notes),
-        elastic=elastic.identified, searches=elastic.searches)
+        elastic=elastic.identified, searches=elastic.searches,
+        blind=None if holdout is None else holdout.arm)
 
 
 def result_of(
@@ -561,7 +568,7 @@ def result_of(
 
 def _fit_one(
     training: Sequence[BagData], test: Sequence[BagData],
-    holdout: tuple[BagData, BagData] | None, others: Sequence[Left], output: str, kind: str,
+    holdout: HeldOut | None, others: Sequence[Left], output: str, kind: str,
     settings: FitSettings, trainer: RowTrainer | ElasticTrainer, noise: FloatArray,
 ) -> FittedOutput:
 
@@ -578,10 +585,15 @@ def _fit_one(
     elif len(training) > 1:
         cases = [(model_for(fit_bags(known), bag), bag) for known, bag in others]
     elif holdout is not None:
-        first, last = holdout
+        first, last = holdout.first, holdout.last
         share = last.recording.t[-1] / (first.recording.t[-1] + last.recording.t[-1])
         method = f'the last {100 * share:.0f} % of the only bag, fitted to the rest'
-        cases = cases_of(fit_bags([first]), [last])
+        blind: RowTrainer | ElasticTrainer = RowTrainer(
+            kind, holdout.arm, holdout.settings.settled())
+        if isinstance(trainer, ElasticTrainer):  # what strain shows does not depend on friction
+            blind = copy(trainer)
+            blind.arm = holdout.arm
+        cases = cases_of(blind.fit([first], output), [last])
     else:
         raise FitError('one training bag, no test bag and nothing held out: the fit cannot be '
                        'judged')

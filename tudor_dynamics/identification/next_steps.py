@@ -105,9 +105,7 @@ def _elastic(result: FitResult, out: Path | None) -> list[NextStep]:
         fit = max(strain.validation.score.channels[loudest.channel].fit, 0.0)
         gain = (100.0 - fit) * (1.0 - math.sqrt(max(1.0 - loudest.share, 0.0)))
     advice = 'fit the elastic model as well'
-    spec, options = result.preprocessing, ['--models', 'analytical', 'elastic']
-    if spec.filter == 'zero_phase':  # as the other models have it
-        options += ['--filter', 'zero_phase', *['--cutoff', str(spec.cutoff)] * bool(spec.cutoff)]
+    options = ['--models', 'analytical', 'elastic']
     if not result.arm.gauges:
         advice = 'damp the arm while it is recorded, or leave the ringing out'
         options = ['--filter', 'zero_phase', '--rate', '5']

@@ -179,6 +179,13 @@ def term_names(joint: JointSpec, *, loaded: bool = False, state: bool = False) -
                  if loaded and TERMS[name].loaded or state and name in STATE_KEYS)
 
 
+def sliding(arm: Arm, *, loaded: bool = True) -> Arm:
+    """Give an arm whose friction has no state and, unless ``loaded``, does not feel the load."""
+    return arm.with_joints({joint.name: {'friction': tuple(
+        name for name in joint.friction
+        if name not in term_names(joint, loaded=not loaded, state=True))} for joint in arm.joints})
+
+
 def term_of(parameter: str) -> str:
     """Give the term of a friction parameter, without its joint, direction or displacement."""
     return parameter.partition('(')[0].partition('@')[0].rstrip('+-')

@@ -56,8 +56,9 @@ def before_after(result: FitResult) -> dict[str, Any] | None:
     errors = np.zeros((3, len(arm.active_joints)))
     for model, data in fitted.validation.cases:
         assert isinstance(model, AnalyticalModel)
-        for kind, judged in enumerate((described_parameters_of(arm, model).model,
-                                       full_parameters_of(arm, model).model, model)):
+        own = result.blind or arm
+        for kind, judged in enumerate((described_parameters_of(own, model).model,
+                                       full_parameters_of(own, model).model, model)):
             # a joint that shows nothing in a bag has no part in the mean square
             found = np.nan_to_num(relative_errors(judged, data.stretches))
             errors[kind] += found ** 2 / (len(models) - 1)

@@ -39,7 +39,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.models.friction import (
-    friction_columns, friction_names, has_constant, JointTerms)
+    friction_columns, friction_names, has_constant, JointTerms, sliding)
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.models.settings import BANDWIDTH
 from tudor_dynamics.signals.preprocessing import Stretch
@@ -159,7 +159,7 @@ class ElasticModel(Model):
     Parameters
     ----------
     arm : Arm
-        Arm with ``links``.
+        Arm with ``links``; friction with a state, or by the load, is left out.
     output : {'effort', 'strain'}
         What it predicts.
     physical : tuple of PhysicalParameter
@@ -185,7 +185,7 @@ class ElasticModel(Model):
         self, arm: Arm, output: str, physical: tuple[PhysicalParameter, ...] = (), *,
         payload_range: Range | None = None,
     ) -> None:
-        self.arm = arm
+        self.arm = arm = sliding(arm, loaded=False)
         self.output = output
         self.physical = physical
         self.payload_range = payload_range
