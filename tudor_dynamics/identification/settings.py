@@ -238,7 +238,7 @@ JOINT_SCALES = (0.5, 0.8, 1.25, 2.0)  # single for fourfold edges, gears of the 
 RESCALED = 0.95  # part of an error that another scale may leave: what bends wins 2 % by one
 # (doctor/residuals.py; chosen with bench/lab_faults)
 SIGNS, SIGN_PASSES = 3, 10  # first guesses of a lost sign by what bodies do; passes each
-SIGNED = 0.25  # part of a share of the variance that remains with the sign guessed
+SIGNED = 0.5  # part of the residual's power that remains with the sign guessed (simulated arms)
 STEP_SECONDS, STEP_WITHIN = 6.0, (0.3, 0.7)  # of recordings, in which a gain or zero may change
 STEPS = 11  # times that are tried there; what changes at the ends is friction (bench/lab_faults)
 AT_ONCE = 0.25  # part of the time by which changes of one load may be apart

@@ -80,6 +80,18 @@ def test_channels(field: str, change: Change, kind: str) -> None:
     assert kind in found(of(field, change))
 
 
+@pytest.mark.parametrize('far', [0.3, 30.0])
+@pytest.mark.parametrize('seed', [1, 3])
+def test_a_load_of_one_sign_has_not_lost_it(seed: int, far: float) -> None:
+    """Efforts that gravity keeps from zero, of an arm whose tool rings."""
+    one = healthy(seed=seed, seconds=15.0)
+    assert one.effort is not None
+    size = one.effort.std(axis=0)
+    rung = one.effort + 0.3 * np.outer(np.sin(2.0 * np.pi * 2.8 * one.t), size)
+    assert 'rectified' not in found(replace(
+        one, effort=rung - rung.min(axis=0) + far * size, strain=None))
+
+
 def test_a_channel_that_copies_another() -> None:
     """Both are named: which of them is right cannot be known."""
     one = healthy()

@@ -145,7 +145,8 @@ def _without_sign(chosen: Alternative, name: str, i: int) -> Finding | None:
         for _ in range(settings.SIGN_PASSES):
             signed = np.where(guess < 0.0, -y, y)
             guess = explained.predicted(i, signed, everything)
-        best = min(best, float(share_of(signed - guess, signed)))
+        # of the same spread: a guess that turns a large constant load makes one of its own
+        best = min(best, float(share_of(signed - guess, y)))
     if best > settings.SIGNED * now:
         return None
     return _found(chosen, 'rectified', name, i, 'has lost its sign', 0.0, now, best)
