@@ -16,7 +16,7 @@
 What the delay of the loop leaves of the damper's gain: stability over delay, rate and gain.
 
 One move of the simulated arm for each combination, with all imperfections and a fixed share of the
-gains of the description; 4 s behind its end the strain that still rings is compared with that of
+gains of the description; 4 s after its end the strain that still rings is compared with that of
 the arm without damper. The rule that ``oscillation_damper`` follows is drawn beside.
 """
 
@@ -44,7 +44,7 @@ QUIET = 5.0
 
 
 def ringing(arm: Arm, rate: float, payload: float, delay: float, share: float) -> float:
-    """Give the strain that rings 4 to 5 s behind a move, RMS over the damper's gauges [um/m]."""
+    """Give the strain that rings 4 to 5 s after a move, RMS over the damper's gauges [um/m]."""
     rig = Rig(arm, rate=rate, payload=payload, delay=delay, share=share)
     assert rig.controller is not None and rig.source is not None
     rig.controller.gains.adapts = False
@@ -116,7 +116,7 @@ def draw(found: dict[tuple[float, float, float], tuple[float, float]], full: flo
 
 
 def quiet(case: tuple[str, float, float, float]) -> tuple[float, bool]:
-    """Give the largest command 5 s behind each of three moves [deg/s], and whether it followed."""
+    """Give the largest command 5 s after each of three moves [deg/s], and whether it followed."""
     source, rate, delay, payload = case
     arm = load_arm(source)
     rig = Rig(arm, rate=rate, payload=payload, delay=delay, seed=1)
@@ -137,7 +137,7 @@ def quiet(case: tuple[str, float, float, float]) -> tuple[float, bool]:
 
 
 def moves(arm: Arm, payloads: list[float], jobs: int) -> int:
-    """Print what is commanded behind moves with the node's rule in force; 0 where all is quiet."""
+    """Print what is commanded after moves with the node's rule in force; 0 where all is quiet."""
     cases = [(arm.source, rate, delay, payload) for rate, delay, payload in itertools.product(
         RATES, (*DELAYS, 0.05), payloads)]
     with ProcessPoolExecutor(jobs) as pool:

@@ -45,7 +45,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from papers.figures import free_of_positions  # noqa: E402, I100
 
 PAYLOADS = (0.0, 0.1, 0.2, 0.3, 0.4)
-# Finite elements, joints held behind elastic gears: first two frequencies [Hz] at q3 = 0, 45,
+# Finite elements, joints held by elastic gears: first two frequencies [Hz] at q3 = 0, 45,
 # 90 deg; fitted to ring-downs in the public recordings of the arm at 0 g, computed beyond.
 EXPECTED = {
     0.0: ((3.05, 14.7), (3.14, 13.9), (3.38, 12.5)), 0.1: ((2.53, 10.6), (2.64, 9.6), (2.99, 8.1)),

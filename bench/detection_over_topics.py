@@ -53,8 +53,8 @@ FIRST = 6.0  # s before the first push: the damper has found its mean
 SLOT = 8.0  # s, one push in each
 FORCE = (3.0, 5.0)  # N
 DURATION = (0.3, 0.8)  # s
-LATE = 0.3  # s behind the end of a push an event still finds it
-RELEASED = 1.0  # s behind a push its flag has to be gone
+LATE = 0.3  # s after the end of a push an event still finds it
+RELEASED = 1.0  # s after a push its flag has to be gone
 
 
 @dataclass(frozen=True, eq=False)

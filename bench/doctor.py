@@ -161,7 +161,7 @@ def read_bags(own):
 
 
 def part_of_study(args, number):
-    """Put faults into one bag; behind the last bag, those that need several."""
+    """Put faults into one bag; after the last bag, those that need several."""
     found = Study(args.missed)
     bags = chosen_bags(args)
     rng = np.random.default_rng([args.seed, number])

@@ -145,7 +145,7 @@ def follow(
         effort = np.column_stack([np.interp(between.t, path.t, column)
                                   for column in path.effort.T])
     speed = np.zeros_like(between.q) if ahead == 'position' else between.dq
-    if measured:  # as the encoders show it: a quotient of differences behind a low-pass
+    if measured:  # as the encoders show it: a quotient of differences after a low-pass
         share = low_pass_gain(loop.arm.spec.preprocessing.velocity_cutoff, loop.dt)
         speed = lfilter([share], [1.0, share - 1.0], np.diff(
             between.q, axis=0, prepend=between.q[:1]) / loop.dt, axis=0)

@@ -44,7 +44,7 @@ from tudor_dynamics.online.monitor import Monitor, MonitorSettings, warm_up
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """Times of each sample behind the first second: all of it, and parts of it [us]."""
+    """Times of each sample after the first second: all of it, and parts of it [us]."""
 
     whole: np.ndarray
     prediction: np.ndarray

@@ -93,7 +93,7 @@ class Observed:
     tracks: dict[str, Track]  # topics
     lives: list[Life]  # of all processes
     told: list[tuple[float, Any]]  # time [s] and status of the monitor's diagnostics
-    warm: float  # behind this time of life memory must not grow [s]
+    warm: float  # after this time of life memory must not grow [s]
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ def travel(seconds: float, rate: float, seed: int = 0, hold: float = 2.5) -> Flo
 
 
 def even(n: int, rate: float) -> FloatArray:
-    """Give even times between samples, the first 0, which begins anew [s]."""
+    """Give even times between samples, the first 0, which begins again [s]."""
     dt = np.full(n, 1.0 / rate)
     dt[0] = 0.0
     return dt
@@ -121,7 +121,7 @@ def recorded(
     arm: Arm, values: dict[str, float], q: FloatArray, rate: float, noise: float = 2.0,
     seed: int = 0,
 ) -> tuple[FloatArray, Response]:
-    """Give strain with noise [um/m], and the moments and torques behind it."""
+    """Give strain with noise [um/m], and the moments and torques that cause it."""
     driven = DrivenArm(arm)
     driven.set_parameters(values)
     response = driven.follow(q, even(len(q), rate))

@@ -64,7 +64,7 @@ def paths(model: type[BaseModel], prefix: str = '') -> list[str]:
 
 
 def test_the_page_is_what_the_schema_says(tool: ModuleType) -> None:
-    """The page is up to date; ``python tools/arm_reference.py`` writes it anew."""
+    """The page is up to date; ``python tools/arm_reference.py`` writes it again."""
     assert tool.PAGE.read_text(encoding='utf-8') == tool.page()
 
 

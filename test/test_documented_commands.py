@@ -133,7 +133,7 @@ def test_scripts_and_their_options_are_known() -> None:
 PAGE = 240.0
 """For the blocks of a page, on a busy machine; idle, the longest takes 20 s [s]."""
 ENDING = 20.0
-"""For helpers of a process that ends behind it, on a busy machine [s]."""
+"""For helpers of a process that ends after it, on a busy machine [s]."""
 
 
 def ended(group: int, patience: float) -> bool:

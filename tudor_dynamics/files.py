@@ -114,7 +114,7 @@ def whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
 
 
 def _replaceable(path: Path) -> Path:
-    """Give the place behind symbolic links, unless something stands there that is no file."""
+    """Give the place that links lead to, unless something stands there that is no file."""
     place = Path(os.path.realpath(path))
     if place.exists() and not (place.is_file() or place.is_dir()):
         raise OSError(errno.EINVAL, 'no regular file, left as it is', str(path))

@@ -173,7 +173,7 @@ class Bags:
         return metadata, in_bytes(rng, content)
 
     def _deep(self, rng, scratch, content):
-        """Damage what stands behind checksums and compression."""
+        """Damage what checksums and compression cover."""
         if content.startswith(mcap.MAGIC):
             def change(compression, raw):
                 return str(rng.choice(['', 'zstd', 'lz4', compression])), in_bytes(rng, raw)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Model bundles, damaged behind checksums that are right again."""
+"""Model bundles, damaged, with checksums that are right again."""
 
 import hashlib
 import io
@@ -145,7 +145,7 @@ class Bundles:
             content = load_yaml(head)
             content['files'][name] = hashlib.sha256(data).hexdigest()
             if name == 'arm.yaml':
-                try:  # else nothing behind the digest is ever seen
+                try:  # else nothing past the digest is ever seen
                     arm = arm_from_dict(load_yaml(data), base=None, source='')
                     content['arm']['digest'] = arm.digest
                 except Exception:  # noqa: S110 (the check says how it ends, not this)

@@ -260,7 +260,7 @@ def dead(lab: Lab, joint: int, size: float, random: Random) -> Lab:
 
 @fault('positions updated at a tenth of the rate', 'joint', (10,), 'position_held held stale')
 def stale(lab: Lab, joint: int, size: float, random: Random) -> Lab:
-    """Repeat each position ten times: a slow bus behind a fast publisher."""
+    """Repeat each position ten times: a slow bus under a fast publisher."""
     rows = np.arange(len(lab.q)) // int(size * max(1, round(0.01 / lab.dt)))
     first = np.searchsorted(rows, rows)
     return with_positions(lab, joint, lab.q[first, joint])

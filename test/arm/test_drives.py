@@ -140,7 +140,7 @@ def test_a_drive_stands_in_one_place(content: Any, root: Path, key: str, value: 
 
 
 def test_efficiency_counts_once() -> None:
-    """Torque behind the gear is that of the motor times ratio and efficiency."""
+    """Torque after the gear is that of the motor times ratio and efficiency."""
     motor = MotorSpec(joint='a', gear_ratio=100, torque_constant=0.05, efficiency=0.6)
     assert motor.joint_torque_constant == pytest.approx(3.0)
     assert MotorSpec(joint='a', gear_ratio=100, torque_constant=0.05).joint_torque_constant == 5.0

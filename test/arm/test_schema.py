@@ -151,9 +151,9 @@ def test_unit_against_joint_type() -> None:
 
 
 def test_gauge_behind_prismatic_joint() -> None:
-    """A gauge behind a slider needs an axis: nothing bends about the direction of travel."""
+    """A gauge after a slider needs an axis: nothing bends about the direction of travel."""
     content = changed('joints.1', {'name': 'two', 'type': 'prismatic', 'effort': {'unit': 'A'}})
-    assert "gauge 'hub' is behind the prismatic joint 'two'" in refusal(content)
+    assert "gauge 'hub' is after the prismatic joint 'two'" in refusal(content)
     content['gauges'][0]['axis'] = 'x'
     assert arm_from_dict(content, base=Path(), source='arm.yaml').gauge_names == ('hub',)
 

@@ -116,7 +116,7 @@ def test_chains_of_a_size_are_read() -> None:
     ('<robot name="r"/>', 'No link'),
     ('', 'no valid XML')])
 def test_refused(text: str, cause: str, capfd: pytest.CaptureFixture[str]) -> None:
-    """One line names the cause; the parsers behind Pinocchio add none of their own."""
+    """One line names the cause; the parsers that Pinocchio uses add none of their own."""
     with pytest.raises(ArmError, match=cause) as caught:
         model_from_urdf(text, 'r.urdf')
     assert str(caught.value).startswith('r.urdf: ') and len(str(caught.value)) < 300

@@ -294,7 +294,7 @@ def unfinished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes]:
 def test_any_cut_gives_whole_chunks(
     unfinished: tuple[Path, bytes], cut: int, tail: bytes,
 ) -> None:
-    """Wherever a file breaks off, and whatever is behind: a beginning of it, or one clear line."""
+    """Wherever a file breaks off, and whatever follows: a beginning of it, or one clear line."""
     folder, content = unfinished
     file = folder / 'cut.mcap'
     file.write_bytes(content[:cut] + (tail if cut < len(content) else b''))

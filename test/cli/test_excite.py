@@ -86,7 +86,7 @@ def test_plan_record_fit(
     (('--model', 'm', '--noise', '1'), 'leave out --noise')])
 def test_wrong_input(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
                      options: tuple[str, ...], said: str) -> None:
-    """One line, exit code 2, nothing left behind."""
+    """One line, exit code 2, no file is left."""
     assert excite(root, tmp_path / 'plan', *options) == 2
     err = capsys.readouterr().err
     assert said in err and err.count('\n') == 1

@@ -59,7 +59,7 @@ def test_a_table_gets_efforts(
     rows = np.loadtxt(out, delimiter=',', skiprows=1)
     motion = np.zeros((3, 6))
     motion[:, :2] = rows[:, [1, 3]]
-    motion[1, 2:4] = 0.4, 0.1  # the mean of both slopes; at rest before and behind
+    motion[1, 2:4] = 0.4, 0.1  # the mean of both slopes; at rest before and after
     truth = true_outputs(two_gauge_arm(), motion, 0.0)['effort']
     assert rows[:, [2, 4]] == pytest.approx(truth, rel=1e-6)
     assert main(command) == 2 and 'add --overwrite' in capsys.readouterr().err

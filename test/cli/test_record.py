@@ -63,7 +63,7 @@ def test_processes_do_not_change_the_bytes(root: Path, tmp_path: Path) -> None:
     (('--pushes', '9'), 'do not fit')])
 def test_wrong_input(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
                      options: tuple[str, ...], said: str) -> None:
-    """Impossible orders end with code 2 and one line, and leave nothing behind."""
+    """Impossible orders end with code 2 and one line, and leave no file."""
     assert record(root, tmp_path / 'out', *options) == 2
     err = capsys.readouterr().err
     assert said in err and err.count('\n') == 1

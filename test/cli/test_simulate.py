@@ -174,7 +174,7 @@ BEAM = ('links', 0, 'flexible')
     ((*BEAM, 'colour'), 'blue', 'unknown key'),
     ((*BEAM, 'height_axis'), 'x', 'height_axis'),
     ((*BEAM, 'lumped'), [{'node': 7, 'mass': 1}], 'node 7'),
-    (('links', 1), None, "nothing is known of the link behind 'corner'"),
+    (('links', 1), None, "nothing is known of the link after 'corner'"),
     (('links',), [], 'no links'),
     (('links', 1, 'joint'), 'knee', 'knee'),
     (('links', 1, 'rigid'), {'mass': 1}, 'rigid and flexible'),
@@ -196,7 +196,7 @@ def test_bad_mechanisms_get_one_line(description, tmp_path, capsys, path, value,
 
 
 def test_a_mechanism_that_moves_nothing_is_refused(description, tmp_path, capsys):
-    """A free joint without mass behind it has no acceleration."""
+    """A free joint without mass after it has no acceleration."""
     description['links'] = [{'joint': 'motor', 'rigid': {'mass': 0}},
                             {'joint': 'corner', 'rigid': {'mass': 0}}]
     arm = tmp_path / 'arm.yaml'

@@ -39,7 +39,7 @@ def moving(reaction: str) -> ReactingReference:
 
 @pytest.mark.parametrize('reaction', ['hold', 'retreat'])
 def test_brakes_and_retreats_within_the_limits(reaction: str) -> None:
-    """The reference has no step in place or speed; it rests, behind or before the collision."""
+    """The reference has no step in place or speed; it rests, after or before the collision."""
     reference = moving(reaction)
     touched = float(reference.q[0])
     reference.collide()

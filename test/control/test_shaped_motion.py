@@ -66,7 +66,7 @@ def swing_after(motion: np.ndarray, frequency: float, damping: float) -> float:
 
 @pytest.mark.parametrize('kind', ['zv', 'zvd', 'elastic'])
 def test_no_swing_is_left(kind: str) -> None:
-    """An oscillator of the mode is at rest behind the move; it would swing without shaping."""
+    """An oscillator of the mode is at rest after the move; it would swing without shaping."""
     start, target = np.array([0.5, 0.0]), np.array([0.9, 0.0])
     plain, shaped = MotionPlanner(LIMITS, start), ShapedPlanner(LIMITS, start, shaping(kind))
     plain.go(target)

@@ -73,7 +73,7 @@ def weighed(trial: Trial, count: Count) -> Found:
 
 @pytest.mark.parametrize('name', ['run', 'run.mcap'])
 def test_a_bag_travels_with_its_work(name: str, root: Path, tmp_path: Path) -> None:
-    """There it has the same files, here the name by which it was given; nothing stays behind."""
+    """There it has the same files, here the name by which it was given; no copy stays."""
     if name == 'run':
         (tmp_path / name).mkdir()
         (tmp_path / name / 'metadata.yaml').write_bytes(b'one')

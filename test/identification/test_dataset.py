@@ -88,7 +88,7 @@ def test_cut_by_time() -> None:
 
 
 def test_cut_by_seconds() -> None:
-    """Times count from the first sample; a part that ends behind the recording is refused."""
+    """Times count from the first sample; a part that ends after the recording is refused."""
     whole = recording_of(np.arange(1001.0)[:, None], 100.0)
     part = cut(whole, parse_choice('bag@2s-4.5s'))
     assert part.q[0, 0] == 200.0 and part.q[-1, 0] == 449.0

@@ -107,7 +107,7 @@ def test_what_cannot_be_told() -> None:
 
 
 def test_a_lag_of_the_amplifier_is_found() -> None:
-    """Strain behind a low-pass of 40 ms, of which the description says nothing; and none."""
+    """Strain after a low-pass of 40 ms, of which the description says nothing; and none."""
     arm = lone_arm()
     recording = lone_recording(3, payload=0.2)
     assert recording.strain is not None

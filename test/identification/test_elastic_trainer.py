@@ -90,7 +90,7 @@ def test_parts_of_parts() -> None:
     broken = whole(gaps=(1500,))
     part = cut(broken, BagChoice('bag', 0.5, 1.0))
     assert part.earlier is not None
-    assert prepare(part, SPEC)[-1].before is None  # behind the gap nothing before counts
+    assert prepare(part, SPEC)[-1].before is None  # after the gap nothing before counts
     after = cut(broken, BagChoice('bag', 0.75, 1.0))
     assert after.earlier is not None
     assert after.earlier[0][0] == broken.stamp[1500]
@@ -175,7 +175,7 @@ def test_what_the_arm_is(fitted: FitResult) -> None:
 def test_a_search_is_taken_over_behind_another_filter(
     fitted: FitResult, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The same bags behind another filter: no search, the same arm, gauges and figures anew."""
+    """The same bags after another filter: no search, the same arm, gauges and figures again."""
     def never(*_: object, **__: object) -> Identified:
         raise AssertionError('searched again')
 

@@ -57,7 +57,7 @@ def test_truth_of_a_wrench(tmp_path: Path) -> None:
 def test_truth_of_a_bool(tmp_path: Path) -> None:
     """A Bool on change counts from rise to fall, on the header stamps of the joint states."""
     stamp = times()
-    late = 70_000_000  # ns by which the clock of the bag is behind that of the headers
+    late = 70_000_000  # ns by which the clock of the bag is later than that of the headers
     changes, pressed = stamp[[0, 40, 90, 250]], (False, True, False, True)
     bag = make_bag(tmp_path / 'bag', joint_states(), button(changes, *pressed))
     assert [(push.begin, push.end) for push in find_truth(str(bag), 'button').pushes] == [
@@ -143,7 +143,7 @@ def test_bad_tables(tmp_path: Path, text: str) -> None:
 
 
 def test_the_push_of_an_event() -> None:
-    """An event belongs to the last push that has begun, until shortly behind its end."""
+    """An event belongs to the last push that has begun, until shortly after its end."""
     pushes = (KnownPush(0, 10**9), KnownPush(5 * 10**9, 6 * 10**9))
     assert [push_of(round(t * 1e9), pushes) for t in (0.5, 2.9, 3.1, 5.0, 9.0)] == [
         0, 0, None, 1, None]
@@ -153,7 +153,7 @@ def test_the_push_of_an_event() -> None:
 
 
 def test_alarms_at_another_threshold() -> None:
-    """A threshold twice as high gives an event for each excess behind a pause."""
+    """A threshold twice as high gives an event for each excess after a pause."""
     stamp = times(100)
     ratio = np.zeros(100)
     ratio[[10, 12, 60]] = 3.0

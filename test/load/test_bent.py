@@ -68,7 +68,7 @@ def test_found() -> None:
     """Angles per strain are those of the links, each gauge turns its joint and the next one."""
     assert found().bending == pytest.approx(BENDING, abs=3e-5)
     assert bends(two_gauge_arm()).tolist() == [[True, False], [True, True]]
-    # strains of hundreds, of which curved motion behind linear filters keeps a little
+    # strains of hundreds, of which curved motion after linear filters keeps a little
     assert np.sqrt(np.diag(found().density)).max() < 2.5
 
 

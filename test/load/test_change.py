@@ -120,7 +120,7 @@ def test_announced() -> None:
 
 
 def test_touched_and_recovered() -> None:
-    """A moment that stays is no load: the mass waits, and goes on being learned behind it."""
+    """A moment that stays is no load: the mass waits, and goes on being learned after it."""
     worth = worths(16.0)
     t = np.arange(len(worth)) * DT
     touch = np.where((t > 5.0) & (t < 9.0), 1.0, 0.0)[:, None] * np.array([60.0, -40.0])

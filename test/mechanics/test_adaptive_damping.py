@@ -106,7 +106,7 @@ def test_telling_is_smooth() -> None:
 
 
 def test_delay_takes_of_scheduled_gains_what_they_do_not_bear() -> None:
-    """A loop of 40 ms: quiet 5 s behind a move, with a part of the gains."""
+    """A loop of 40 ms: quiet 5 s after a move, with a part of the gains."""
     rig = adaptive(0.4, 0.4, delay=0.04)
     move(rig)
     begin = len(rig.trace.t)

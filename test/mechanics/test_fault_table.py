@@ -284,7 +284,7 @@ def test_gauges_fail_in_motion() -> None:
 
 @pytest.mark.parametrize('loss', [0.05, 0.2])
 def test_messages_get_lost(loss: float) -> None:
-    """Some of all messages: it goes on, and all is quiet behind the move."""
+    """Some of all messages: it goes on, and all is quiet after the move."""
     rig = moving(loss=loss, seed=3)
     rig.run(7.0)
     assert np.degrees(np.abs(rig.trace.array('command')[-100:])).max() < 1.0
@@ -297,7 +297,7 @@ def test_messages_get_lost(loss: float) -> None:
     (100.0, 0.02, 0.4), (100.0, 0.08, 0.0), (100.0, 0.08, 0.4), (250.0, 0.04, 0.4),
     (500.0, 0.04, 0.0), (500.0, 0.08, 0.4), (1000.0, 0.06, 0.0)])
 def test_delay_in_the_loop(rate: float, delay: float, payload: float) -> None:
-    """The damper takes what the measured delay allows: 5 s behind a move all commands rest."""
+    """The damper takes what the measured delay allows: 5 s after a move all commands rest."""
     rig = Rig(tudor(), rate=rate, delay=delay, payload=payload)
     rig.run(1.0)
     go(rig, FIRST)

@@ -71,7 +71,7 @@ def joint_frames(q: FloatArray, convention: str) -> list[FloatArray]:
 
 
 def arm_of_bodies(convention: str) -> Arm:
-    """Describe the spatial arm with a known body behind each joint."""
+    """Describe the spatial arm with a known body after each joint."""
     return arm_from_dict({
         'name': 'bodies', 'kinematics': {'dh': ROWS, 'convention': convention},
         'joints': [{'name': f'j{i}'} for i in range(3)],

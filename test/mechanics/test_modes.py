@@ -97,7 +97,7 @@ def test_strain_changes_its_sign_with_the_load(root):
 
 
 def test_joint_and_link_of_one_name(root, tmp_path):
-    """Where a joint is called ``tip`` like the link behind it, the beam ends there, too."""
+    """Where a joint is called ``tip`` like the link after it, the beam ends there, too."""
     text = (root / 'config' / 'tudor.urdf').read_text()
     ends = []
     for name in ('tip_mount', 'tip'):

@@ -255,7 +255,7 @@ def test_bombs(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _write_body(model, f'format: x\nfacts:\n  a: &a [1]\n{levels}\n')
     with pytest.raises(ModelError, match='more than 300000 values'):
         load_bundle(model)
-    _write_body(model, '[' * 100_000)
+    _write_body(model, '- ' * 100_000)
     with pytest.raises(ModelError, match='more than 50 levels'):
         load_bundle(model)
     _write_body(model, 'a: [1, }\n')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Full parameters behind base parameters."""
+"""Full parameters that give base parameters."""
 
 from __future__ import annotations
 

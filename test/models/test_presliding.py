@@ -98,7 +98,7 @@ def test_sample_by_sample(couplings: dict[str, Any] | None) -> None:
     offline = model.follow(stretch)
     assert np.max(np.abs(model.predict(stretch.motion) - offline)) > 1e-3  # as if it slid
     live = AnalyticalModel.live({'effort': model})
-    for _ in range(2):  # the second time behind a gap
+    for _ in range(2):  # the second time after a gap
         rows = []
         for k, (dt, row) in enumerate(zip(stretch.dt, stretch.motion, strict=True)):
             wanted = () if k % 7 == 3 else None  # nobody asks, and it follows all the same

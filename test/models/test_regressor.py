@@ -227,7 +227,7 @@ def test_exact_strain_is_the_bending_moment() -> None:
 
 
 def test_strain_behind_a_held_joint() -> None:
-    """The exact form serves a gauge behind a held joint; the paper's cannot and says so."""
+    """The exact form serves a gauge after a held joint; the paper's cannot and says so."""
     gauges = [gauge('g', 'j2', 0.1)]
     joints = [{'name': 'j1'}, {'name': 'j2', 'hold': 0.0}]
     arm = planar_arm(joints, gauges, active_joints=['j1'])

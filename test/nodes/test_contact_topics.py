@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Contacts over real topics: wrench, point and diagnosis as offline, and free again behind one."""
+"""Contacts over real topics: wrench, point and diagnosis as offline, and free again after one."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def vector(message: object) -> FloatArray:
 
 
 def test_wrench_point_and_diagnosis(world: World, elastic: Path, pushed: Recording) -> None:
-    """As offline to 1e-9; nothing behind a push, and the next one is told again."""
+    """As offline to 1e-9; nothing after a push, and the next one is told again."""
     node = world.add(MonitorNode, model=str(elastic), kind='elastic', methods=['strain'],
                      estimate_contact=True)
     wrenches = world.listen('contact_wrench', WrenchStamped)

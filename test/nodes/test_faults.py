@@ -243,7 +243,7 @@ def test_without_model(world: World) -> None:
 
 
 def test_restart_is_a_gap_for_others(world: World, model: Path, recording) -> None:
-    """A filter that is killed and restarted: the predictor goes on behind the settling."""
+    """A filter that is killed and restarted: the predictor goes on after the settling."""
     from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
     first = world.add(JointStateFilterNode, model=str(model))
     world.add(DynamicsPredictorNode, model=str(model), timeout=60.0)

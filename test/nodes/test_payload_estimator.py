@@ -129,7 +129,7 @@ def test_over_topics(world: World, bundle: Path, seen: Recording) -> None:
     assert told[-1].inertia.m == pytest.approx(mass, abs=0.1 * std + 1e-9)
     assert world.spin(lambda: abs(predictor.port.load.mass - told[-1].inertia.m) < 1e-12)
     status = values_of(world.status('payload_estimator'))
-    assert status['payload told by'] == 'strain' and float(status['payload std [kg]']) > 0.0
+    assert status['payload estimated from'] == 'strain' and float(status['payload std [kg]']) > 0.0
 
 
 def test_expected(world: World, bundle: Path) -> None:
@@ -163,7 +163,7 @@ def test_taken_back(world: World, bundle: Path, seen: Recording) -> None:
 
 
 def test_touched(world: World, bundle: Path) -> None:
-    """While the detector tells a contact the mass waits; behind it the next load is learned."""
+    """While the detector tells a contact the mass waits; after it the next load is learned."""
     arm, touched, ended, changed = two_gauge_arm(), 4.0, 5.5, 7.0
     t = np.arange(0.0, 8.5, 1.0 / RATE)
     moved = multisine(t, 2, 3)

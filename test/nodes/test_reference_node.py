@@ -96,7 +96,7 @@ def test_trajectories_are_driven_and_stopped(world: World, tudor: Path) -> None:
 
 
 def test_begins_again_where_the_arm_is(world: World, tudor: Path) -> None:
-    """An arm that stays behind is not left: the reference comes back to it, and says so."""
+    """An arm that lags is not left: the reference comes back to it, and says so."""
     generator = Generator(world, tudor)
     generator.run(10)
     generator.follows = False
@@ -236,7 +236,7 @@ def test_moves_are_refined_beside(world: World, root: Path, tmp_path: Path) -> N
     np.testing.assert_array_equal(generator.run(20)[-1], POSE)
     go_on.set()
     assert source.shaping.beside is not None
-    source.shaping.beside.submit(abs, 0).result(60.0)  # behind the move
+    source.shaping.beside.submit(abs, 0).result(60.0)  # after the move
     generator.run(120)
     assert 'not shaped' not in generator.node.status()[2]
     np.testing.assert_allclose(source.q, GOAL, atol=1e-6)

@@ -81,7 +81,7 @@ def test_limits(n: int, level: CoverageLevel) -> None:
 
 
 def test_settling_is_a_warning_for_its_time_only() -> None:
-    """0.7 s behind the start: WARN. A gap every second, with settling: ERROR in the end."""
+    """0.7 s after the start: WARN. A gap every second, with settling: ERROR in the end."""
     robot = Robot()
     assert set(robot.live(0.7, settling=50)[1:]) == {CoverageLevel.PARTIAL}
     assert 'settling' in robot.verdict.text

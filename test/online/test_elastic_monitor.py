@@ -72,7 +72,7 @@ def bundle() -> ModelBundle:
 def live(
     predictor: Predictor, recording: Recording, when: str = 'after', shift: int = 0,
 ) -> dict[str, dict[int, FloatArray]]:
-    """Run live: strain before its motion, after it, or behind the next motion; shift in ns."""
+    """Run live: strain before its motion, after it, or after the next motion; shift in ns."""
     states = StateFilter(SPEC)
     found: dict[str, dict[int, FloatArray]] = {'effort': {}, 'strain': {}}
     assert recording.strain is not None
@@ -125,7 +125,7 @@ def test_the_observer_makes_the_residual_smaller(
 
 
 def test_late_strain_does_not_count(bundle: ModelBundle, recording: Recording) -> None:
-    """A reading that comes behind the next motion changes nothing: it is as if there were none."""
+    """A reading that comes after the next motion changes nothing: it is as if there were none."""
     (stretch,) = prepare(recording, SPEC)
     found = live(Predictor(bundle, 'elastic', 'ringing'), recording, 'late')
     offline = bundle.models['strain']['elastic'].follow(stretch)

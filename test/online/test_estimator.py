@@ -186,7 +186,7 @@ class _Unknown:
 
 
 def test_readings_that_bend_the_arm_beyond_what_it_can_are_survived() -> None:
-    """The model is drawn to them until it is no arm; it begins anew, and tells contacts again."""
+    """The model is drawn to them until it is no arm; it begins again, and tells contacts again."""
     arm = tudor()
     estimator = ContactEstimator(bundle_of(arm), 'elastic')
     row = np.concatenate([POSE, np.zeros(4)])

@@ -71,7 +71,7 @@ def test_same_as_offline(cutoff: float | None, jitter: int) -> None:
 
 
 def test_bad_samples_leave_no_trace() -> None:
-    """NaN, repeated and late stamps are counted; what comes behind is as if they never were."""
+    """NaN, repeated and late stamps are counted; what comes after is as if they never were."""
     spec = PreprocessingSpec()
     stamp, q = wave(50)
     plain, disturbed = StateFilter(spec), StateFilter(spec)

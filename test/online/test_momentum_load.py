@@ -32,7 +32,7 @@ DT, LOAD, CAME = 1e-3, 0.3, 1500
 
 
 def test_load_is_no_external_effort() -> None:
-    """With the load it stays quiet from before to behind its coming; without it does not."""
+    """With the load it stays quiet from before to after its coming; without it does not."""
     arm = two_gauge_arm()
     moved = multisine(np.arange(0.0, 60.0, 0.05), 2, 1)
     model = AnalyticalModel(PayloadRegressor(EffortRegressor(arm), arm, (0.0, 0.4)), 2).fit(

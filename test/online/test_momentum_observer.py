@@ -57,7 +57,7 @@ class RigidModel:
 
 def test_follows_an_external_torque_with_its_lag() -> None:
     """
-    A step of torque appears behind a first-order lag, on the joint's scale.
+    A step of torque appears after a first-order lag, on the joint's scale.
 
     Truth: exp(-t gain); motion and torques are exact, so only the discretisation is left.
     """

@@ -75,7 +75,7 @@ class Life:
 
 
 def test_two_hundred_thousand_samples(bundle: ModelBundle) -> None:
-    """Three minutes at 1 kHz: the interpreter holds as many objects as behind the first."""
+    """Three minutes at 1 kHz: the interpreter holds as many objects as after the first."""
     life = Life(bundle, ('strain',))
     life.go(60_000)
     gc.collect()
@@ -90,7 +90,7 @@ def test_two_hundred_thousand_samples(bundle: ModelBundle) -> None:
 
 @pytest.mark.parametrize('methods', [('strain',), ('strain', 'effort', 'momentum')])
 def test_traced_memory(bundle: ModelBundle, methods: tuple[str, ...]) -> None:
-    """No byte more behind 10 000 samples than behind 4000, arrays included."""
+    """No byte more after 10 000 samples than after 4000, arrays included."""
     life = Life(bundle, methods)
     tracemalloc.start()
     try:

@@ -132,7 +132,7 @@ def test_round_trip(learned) -> None:
 
 
 def test_reversal_widens_for_a_while() -> None:
-    """The column of a joint is 1 for 150 ms behind a change of its direction."""
+    """The column of a joint is 1 for 150 ms after a change of its direction."""
     motion = np.zeros((40, 3))
     motion[:, 1] = np.where(np.arange(40) < 10, 0.5, -0.5)
     found = motion_features(10**18 + 10_000_000 * np.arange(40), motion)[:, -1]

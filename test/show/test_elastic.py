@@ -116,8 +116,8 @@ def test_section_says_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     text = words(html)
     assert 'id="elastic"' in html and 'href="#elastic"' in html
     assert 'to 98.7 %, after 321 simulations' in text
-    assert 'bending stiffness of the link behind shoulder 16.0 0.16 N·m² 16.0' in text
-    assert 'mass on the link behind shoulder 0.500 0.0050 kg 0.500' in text
+    assert 'bending stiffness of the link after shoulder 16.0 0.16 N·m² 16.0' in text
+    assert 'mass on the link after shoulder 0.500 0.0050 kg 0.500' in text
     assert text.count(NOT_SHOWN) == 2  # one row, and how to read it
     assert 'The payload of 0 kg was given' in text
     assert 'bridge0 80.0 0.50 (µm/m)/(N·m) 3.00 0.10 µm/m' in text

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Refining of moves: less swings behind them in the simulation, all else stays as it was."""
+"""Refining of moves: less swings after them in the simulation, all else stays as it was."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Value and derivatives behind one filter."""
+"""Value and derivatives after one filter."""
 
 from __future__ import annotations
 

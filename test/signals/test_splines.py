@@ -49,7 +49,7 @@ def test_a_quintic_is_what_three_fields_say(coefficients: np.ndarray) -> None:
 @settings(max_examples=30, deadline=None)
 @given(arrays(float, (2, 4), elements=NUMBERS))
 def test_a_cubic_is_what_two_fields_say(coefficients: np.ndarray) -> None:
-    """Accelerations between the ends are those of the cubics; they rest before and behind."""
+    """Accelerations between the ends are those of the cubics; they rest before and after."""
     curves = [Polynomial(row) for row in coefficients]
     path = Trajectory(JOINTS, T, along(curves, 0), along(curves, 1))
     motion = states(path)

@@ -116,7 +116,7 @@ class Arm:
             *(f'  joint {joint.name}: effort [{joint.effort.unit}] on {joint.effort.topic}, '
               f'friction {", ".join(joint.friction)}' for joint in self.joints),
             *(f'  gauge {gauge.name}: strain [{gauge.unit}] on {gauge.topic}, {gauge.distance:g} '
-              f'm behind {gauge.joint}' for gauge in self.gauges)])
+              f'm after {gauge.joint}' for gauge in self.gauges)])
 
     @property
     def name(self) -> str:

@@ -122,7 +122,7 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
                            f'{joint.effort.unit!r}; expected {unit!r} or A')
         for gauge in spec.gauges:
             if prismatic and gauge.joint == joint.name and gauge.axis is None:
-                msg = (f'{source}: gauge {gauge.name!r} is behind the prismatic joint '
+                msg = (f'{source}: gauge {gauge.name!r} is after the prismatic joint '
                        f'{joint.name!r}, about whose axis nothing bends; give gauges[].axis')
                 raise ArmError(msg)
 

@@ -259,7 +259,7 @@ def _decode(data: bytes, topic: str, time: int, place: str) -> Sent:
         message: Any = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(data, TRAJECTORY)
     except Exception as err:  # rosbags raises whatever the bytes lead it to
         msg = f'is no {TRAJECTORY} ({type(err).__name__})'
-        raise BagError(msg, place=place, remedy='the bag is damaged; record it anew') from None
+        raise BagError(msg, place=place, remedy='the bag is damaged; record it again') from None
     joints, stamp = tuple(message.joint_names), message.header.stamp
     if len(joints) > MAX_NAMES:
         raise BagError(f'has {len(joints)} joints; at most {MAX_NAMES} are read', place=place)

@@ -177,7 +177,7 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
     print_table(table)
     _print_events(results)
     for sentence in (*unknown(results), *(
-            f'{item.method}: force and place are not told: {item.no_contact}'
+            f'{item.method}: force and place are not known: {item.no_contact}'
             for item in results if item.no_contact)):
         print(sentence)
 
@@ -227,7 +227,7 @@ def _contact(found: dict[str, Any] | None) -> tuple[str, str]:
         return '-', '-'
     place, spread = found['place'], found['place_deviation']
     return (f'{found["force"]:.1f}',
-            'not told' if place is None else f'{1e3 * place:.0f} +- {1e3 * spread:.0f}')
+            'not known' if place is None else f'{1e3 * place:.0f} +- {1e3 * spread:.0f}')
 
 
 def _push(watched: WatchedBag, place: int | None) -> str:

@@ -128,7 +128,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                        help='the same of single joints or gauges')
     noise.add_argument('--model', metavar='MODEL',
                        help='bundle of this arm, whose residuals say it; also what friction is '
-                            'fitted behind which filters, and how large efforts will be')
+                            'fitted after which filters, and how large efforts will be')
     links = parser.add_argument_group('what the arm keeps away from (--floor or --box is needed)')
     links.add_argument('--floor', type=float, metavar='Z',
                        help='height of the floor or table above the base [m]: 0 where the arm '
@@ -200,7 +200,7 @@ def run(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     target = (target_of_arm(arm, _noise(args, arm)) if args.model is None else
               target_of_model(load_bundle(args.model, arm=arm), arm))
-    motion_limits(arm)  # missing ones are told before shapes are read
+    motion_limits(arm)  # missing ones are named before shapes are read
     links = SelfCollision(arm, tuple(map(Path, args.meshes)),
                           None if args.srdf is None else Path(args.srdf),
                           walls_of(arm, args.floor, args.box), args.radius)

@@ -33,7 +33,7 @@ examples:
         joints and masses of the URDF; topics, units and gauges as the bags show them
   tudor init run1 --dh rows.txt --out arm.yaml
         one row `a alpha d theta` a joint, base first [m, rad, m, rad]; the name of the joint may
-        stand before it, `prismatic` behind it, and pi/2 for an angle; or YAML with dh: [[...]]
+        stand before it, `prismatic` after it, and pi/2 for an angle; or YAML with dh: [[...]]
   tudor fit run1 run2 --arm arm.yaml --out model
         goes on with it
 

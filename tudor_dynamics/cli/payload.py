@@ -44,9 +44,9 @@ from torques or torque constants, from the gains of gauges (sensors of the descr
 the masses of the URDF; without any of them the load is a part of the arm's own moment. With
 --payload-of the estimates are compared with what is known. With --live a bag is gone through
 sample by sample, as the node payload_estimator does: what is carried over time, and which sudden
-changes are loads; --payload-of then says what is carried at the end. exit codes: 0 each bag told
-whether there is a load; 1 a bag has no information, or the truth is more than three standard
-deviations away; 2 wrong input.
+changes are loads; --payload-of then says what is carried at the end. exit codes: 0 each bag
+shows whether there is a load; 1 a bag has no information, or the truth is more than three
+standard deviations away; 2 wrong input.
 """
 FAR = 3.0
 """Standard deviations from which on an estimate is wrong."""
@@ -103,7 +103,7 @@ def _live(
     args: argparse.Namespace, bundle: ModelBundle, bags: Sequence[BagData],
     truths: Mapping[str, float],
 ) -> int:
-    """Go through bags sample by sample; say what is carried at the end, and what came when."""
+    """Go through bags sample by sample; say what is carried at the end, and what changed when."""
     content, far = {}, False
     for bag in bags:
         seen = follow_load(bundle, bag.recording, args.begin, announced=args.announced)
@@ -111,17 +111,17 @@ def _live(
         far = far or (true is not None and not abs(mass - true) <= FAR * std)
         content[str(bag.choice)] = {
             'told_by': seen.told_by, 'mass': mass, 'mass_std': std,
-            'loads': [{'time': time, 'mass': told.mass, 'change': told.change}
-                      for time, told in zip(seen.times, seen.loads, strict=True)],
+            'loads': [{'time': time, 'mass': held.mass, 'change': held.change}
+                      for time, held in zip(seen.times, seen.loads, strict=True)],
             'collisions': list(seen.events), 't': seen.t[::EACH].tolist(),
             'masses': seen.mass[::EACH].tolist(), 'stds': seen.std[::EACH].tolist(),
             **({} if true is None else {'true_mass': true})}
         if args.json:
             continue
         table = new_table(f'{bag.choice}: the load sample by sample, by {seen.told_by}',
-                          names=('what came',), figures=('at [s]', 'change [kg]', 'then [kg]'))
-        for time, told in zip(seen.times, seen.loads, strict=True):
-            table.add_row('a load', f'{time:.2f}', f'{told.change:+.3f}', f'{told.mass:.3f}')
+                          names=('event',), figures=('at [s]', 'change [kg]', 'then [kg]'))
+        for time, held in zip(seen.times, seen.loads, strict=True):
+            table.add_row('a load', f'{time:.2f}', f'{held.change:+.3f}', f'{held.mass:.3f}')
         for time in seen.events:
             table.add_row('a collision, or a load at first', f'{time:.2f}', '', '')
         print_table(table)

@@ -51,7 +51,7 @@ examples:
   tudor simulate config/l_shape.yaml --seconds 2 --out moved --motion motion.csv
 
 A torque is a CSV file (columns t, JOINT, ...), JOINT=EXPRESSION, or an EXPRESSION for the first
-active joint; of a joint with an entry in motors it is that of the motor, behind the gear. A force
+active joint; of a joint with an entry in motors it is that of the motor, after the gear. A force
 acts at the tip in the base frame: a CSV file (columns t, x, y, z), or x=EXPRESSION, y=..., z=...;
 links are bent at the start by what acts at t = 0. Joints in a table of motion follow a quintic
 spline through it; the table covers the whole run with at least six rows.

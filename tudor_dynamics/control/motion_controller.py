@@ -331,7 +331,7 @@ class MotionController:
         """Brake without looking at positions, as `watch`; None once the joints stand: now [s]."""
         if self._q is None or not self.envelope.command.any():
             return None
-        return self._brake(now, 'told to stand still')
+        return self._brake(now, 'asked to stand still')
 
     def _slow_down(self, now: float) -> FloatArray:
         """Give a slower command; a sample that is only late finds the arm following."""

@@ -305,7 +305,7 @@ class Adaptation:
     @property
     def unknown(self) -> str:
         """Why no payload is known, where none is."""
-        return self._refusal or ('the payload was never told' if math.isnan(self._reported)
+        return self._refusal or ('the payload is not known' if math.isnan(self._reported)
                                  else f'the payload is older than {self.timeout:g} s')
 
     def report(self) -> dict[str, str]:

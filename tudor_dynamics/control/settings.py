@@ -145,9 +145,9 @@ FREE_AFTER = 0.3
 # For so long standstill is commanded after a fault; then nothing is, and drives hold by themselves
 # [s], also one that creeps.
 SILENT_AFTER = 0.02
-# Time of readings from which a cause is told [s].
+# Time of readings from which a cause is named [s].
 TELLING_TIME = 0.6
-# For so long after a fault its cause is told again with what was seen meanwhile [s].
+# For so long after a fault its cause is named again with what was seen meanwhile [s].
 TELLING_AFTER = 0.15
 # Not with each sample, since telling takes up to 3 ms (bench/controller_cost.py) [s].
 TELLING_EVERY = 0.02

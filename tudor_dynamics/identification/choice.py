@@ -487,7 +487,7 @@ class _Chooser:
 
     def _choose_filter(self) -> None:
         candidates = [('causal', self.spec),
-                      (f'causal, all signals behind {OUTPUT_CUTOFF:g} Hz',
+                      (f'causal, all signals after {OUTPUT_CUTOFF:g} Hz',
                        self.spec.model_copy(update={'output_cutoff': OUTPUT_CUTOFF})),
                       ('zero-phase (causal beside the robot)',
                        self.spec.model_copy(update={'filter': 'zero_phase'}))]

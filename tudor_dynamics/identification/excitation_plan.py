@@ -305,7 +305,7 @@ HIGHEST = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What is to be identified, behind which filters, in which noise."""
+    """What is to be identified, after which filters, in which noise."""
 
     arm: Arm  # arm with the friction that is identified
     models: dict[str, AnalyticalModel]  # for each output the model that a fit would fit

@@ -80,7 +80,7 @@ def watched(bag: BagData) -> list[Watched]:
 # -- How far off a load is that a model tells, on motion with a known load that it has not seen
 
 ERRORS_KIND = 'analytical'
-"""Kind of model that loads are told by."""
+"""Kind of model that loads are estimated with."""
 PARTS = 4
 """Into which all training bags are cut; each part is left out once."""
 
@@ -130,13 +130,13 @@ def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str
 def _error(
     result: FitResult, model: Model, output: str, bag: BagData, bent: BentLinks | None,
 ) -> tuple[float, float]:
-    told = estimate_payload(result.arm, {output: model}, bag.stretches,
+    seen = estimate_payload(result.arm, {output: model}, bag.stretches,
                             known=bag.payload or 0.0, whole=False, bent=bent,
                             watched=[] if bent is None else watched(bag))
-    if told.verdict is Verdict.UNKNOWN:
+    if seen.verdict is Verdict.UNKNOWN:
         return math.nan, math.nan
-    one = told.outputs[0]
-    true = (bag.payload or 0.0) - told.known
+    one = seen.outputs[0]
+    true = (bag.payload or 0.0) - seen.known
     return one.mass - true, one.std
 
 
@@ -149,7 +149,7 @@ def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
                       'analytical')
     found = {output: kinds[chosen] for output, kinds in bundle.models.items() if chosen in kinds}
     if chosen == 'elm' or not found:
-        raise UsageError(f'the bundle has models of the kinds {have}; a load is told by an '
+        raise UsageError(f'the bundle has models of the kinds {have}; a load is estimated with an '
                          'analytical or an elastic one: fit that, or name it')
     return found
 
@@ -174,7 +174,7 @@ def payload_of(
 # -- From a fit to the bundle that is saved, and to the figures that are printed
 
 def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelBundle:
-    """Collect the models of a fit with all that is known of their worth."""
+    """Collect the models of a fit with all that is known of their quality."""
     assessment = assess(result) if assessment is None else assessment
     bent = bent_links_of(result)
     bare = bare_bundle_of(result)

@@ -382,8 +382,8 @@ def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
     table = np.zeros((len(pushes), PUSH))
     for row, push in zip(table, pushes, strict=True):
         if push.joint not in mechanism.body_of:
-            raise SimulationError(f'there is no link behind joint {push.joint!r} to push; links '
-                                  f'stand behind {list(mechanism.body_of)}')
+            raise SimulationError(f'there is no link after joint {push.joint!r} to push; links '
+                                  f'stand after {list(mechanism.body_of)}')
         body = mechanism.body_of[push.joint]
         length = mechanism.length(push.joint)
         if not 0.0 <= push.distance <= length + 1e-9:

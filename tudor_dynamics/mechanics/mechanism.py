@@ -230,7 +230,7 @@ class Builder:
         spec = self.links.get(name)
         urdf_mass = model.inertias[index].mass
         if (spec is None or (spec.rigid is None and spec.flexible is None)) and urdf_mass <= 0:
-            msg = (f'{self.arm.source}: nothing is known of the link behind {name!r}; add an '
+            msg = (f'{self.arm.source}: nothing is known of the link after {name!r}; add an '
                    f'entry with rigid: or flexible: to links (rigid: {{mass: 0}} for none)')
             raise SimulationError(msg)
         spec = spec or LinkSpec(joint=name)
@@ -293,7 +293,7 @@ class Builder:
     def _beam(self, index: int, beam: BeamSpec, axis: FloatArray, ints: IntArray,
               floats: FloatArray) -> None:
         name = self.model.names[index]
-        where = f'{self.arm.source}: the beam behind {name!r}'
+        where = f'{self.arm.source}: the beam after {name!r}'
         end = self._end(index, beam, where)
         start = np.asarray(beam.start, dtype=float)
         axes = _body_frame(beam, end, axis, where)
@@ -379,7 +379,7 @@ class Mechanism:
                 names[row[at.SPRING]] = f'spring of {joint}'
             for i in range(6 * int(row[at.ELEMENTS])):
                 kind = ('ux', 'uy', 'uz', 'rx', 'ry', 'rz')[i % 6]
-                names[row[at.FIRST] + i] = f'{kind} of node {i // 6 + 1} behind {joint}'
+                names[row[at.FIRST] + i] = f'{kind} of node {i // 6 + 1} after {joint}'
         return names
 
     def length(self, joint: str) -> float:

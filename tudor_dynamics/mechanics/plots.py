@@ -39,7 +39,7 @@ from tudor_dynamics.typing import FloatArray
 
 COLOURS = ('#1f5fa8', '#c8502d', '#3a8a4f', '#7a52a0')
 STYLES = ('-', (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
-"""Lines that can be told apart in grey, too."""
+"""Lines that can be distinguished in grey, too."""
 AXES = ('x', 'y', 'z')
 HIGHEST = 150.0
 """Frequency up to which spectra are drawn [Hz]."""
@@ -85,7 +85,7 @@ def pick_signal(
     if what == 'moment':
         number = list(mechanism.beams).index(which)
         return Curves(run.moment[:, number], ('torsion', 'about y', 'about z'),
-                      f'moment in the middle of the link behind {which}', 'N m')
+                      f'moment in the middle of the link after {which}', 'N m')
     if what == 'strain':
         column = gauges.index(which)
         return Curves(run.strain[:, [column]], (which,), 'strain', 'unit of the gauge')

@@ -130,12 +130,12 @@ class Probe:
     def _check(self, joint: str, distance: float) -> None:
         mechanism = self.plant.mechanism
         if joint not in mechanism.beams:
-            raise SimulationError(f'{mechanism.name}: there is no beam behind joint {joint!r}; '
-                                  f'beams stand behind {list(mechanism.beams)}')
+            raise SimulationError(f'{mechanism.name}: there is no beam after joint {joint!r}; '
+                                  f'beams stand after {list(mechanism.beams)}')
         length = mechanism.length(joint)
         if not -1e-9 <= distance <= length + 1e-9:
             raise SimulationError(f'{mechanism.name}: a section {distance:g} m from the start of '
-                                  f'the beam behind {joint!r} lies outside its {length:g} m')
+                                  f'the beam after {joint!r} lies outside its {length:g} m')
 
 
 # -- Inertial sensors on a mechanism: at the far end of each beam and at the tip

@@ -441,7 +441,7 @@ def solve_consistent(
     arm: Arm, model: AnalyticalModel, products: Sequence[Sequence[Products]],
     prior: Prior | None = None,
 ) -> Solution:
-    """Find bodies, by default near those described, and drives behind base parameters."""
+    """Find bodies, by default near those described, and drives that give base parameters."""
     problem = Problem(arm, model, products, prior or prior_of(arm))
     x = problem.start()
     for search, (problem.trusted, problem.strict) in enumerate(SEARCHES, start=1):

@@ -16,7 +16,7 @@
 Efforts of rigid bodies by Newton and Euler, compiled: as rows, and times parameters.
 
 A body's force is linear in its mass m, its first moments h and its inertia I about the joint, and
-so are the efforts that the bodies cause behind a joint. One pass gives the accelerations of all
+so are the efforts that the bodies cause after a joint. One pass gives the accelerations of all
 bodies. Then a unit rate of a channel's joint moves each body that hangs on it, and the power of
 what force and moment a unit parameter needs, along that motion, is the parameter's entry in the
 row: the joint torque regressor. Times parameters, no row is kept: beside a running robot that is
@@ -132,7 +132,7 @@ def _advance(frames: FloatArray, kinds: NDArray, driven: NDArray, gravity: Float
 @compiled
 def _row(frames: FloatArray, kinds: NDArray, joint: int, b: int, moving: FloatArray,
          virtual: FloatArray, row: FloatArray) -> None:
-    """Give the entries of one body in the row of a joint, behind those of its parent."""
+    """Give the entries of one body in the row of a joint, after those of its parent."""
     if b == joint:
         first = 0 if kinds[b, 1] != 0 else 3
         for i in range(3):

@@ -171,7 +171,7 @@ class ArmSimulatorNode(TudorNode):
                 self.late += not lockstep
                 due -= wait
                 if not simulated and self.value('factor') == 1.0:
-                    # as of an arm that has halted: stamps must not lag behind everybody's clock
+                    # as of an arm that has halted: stamps must not lag everybody's clock
                     origin -= round(wait * 1e9)
 
     def _publish(self, sample: Any, origin: int) -> None:

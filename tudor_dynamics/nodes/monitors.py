@@ -70,7 +70,7 @@ class WatchedArm:
         if node is not None and node.failure:
             host.get_logger().error(f'{self.namespace}: {node.failure}')
             last = node.failure.strip().splitlines()[-1]
-            self.fault = f'failed, made anew in {pause:g} s: {last}'
+            self.fault = f'failed, restarts in {pause:g} s: {last}'
             self.failures += 1
             self._due = now + pause
             self.end(host)

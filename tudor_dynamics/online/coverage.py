@@ -63,7 +63,7 @@ def _wait(values: FloatArray, last: FloatArray, dt: float, still: FloatArray) ->
 
 
 MEANING = {
-    'settling': 'the filters settle behind a beginning or a gap',
+    'settling': 'the filters settle after a beginning or a gap',
     'gap': 'samples are lost on the way, or the driver leaves some out',
     'not_finite': 'values are no numbers',
     'duplicate_stamp': 'stamps are repeated',
@@ -71,7 +71,7 @@ MEANING = {
     'unknown_names': 'the names are not those of the arm',
     'short_array': 'arrays are shorter than their names',
     'no_measurement': 'nothing was measured at the time of the motion',
-    'no_neighbour': 'no measurements stand close before and behind the motion',
+    'no_neighbour': 'no measurements stand close before and after the motion',
     'no_prediction': 'predictions do not come, or the model diverged',
     'no_thresholds': 'fit the model with more free motion, or call ~/calibrate while the arm '
                      'moves freely'}

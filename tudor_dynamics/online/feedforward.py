@@ -63,7 +63,7 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
         if constant is None:
             msg = (f'the effort of joint {joint.name!r} is in {joint.effort.unit}, and its torque '
                    'constant is not described')
-            raise ModelError(msg, remedy='give effort.torque_constant, or motors, and fit anew; '
+            raise ModelError(msg, remedy='give effort.torque_constant, or motors, and fit again; '
                                          'or take the unit of the model')
         result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
@@ -413,8 +413,8 @@ class Feedforward:
         """
         Take another mass at the tip [kg].
 
-        A ModelError if it is none, or the model is of one payload and nothing says what a kilogram
-        more is worth.
+        A ModelError if it is no mass, or if the model is of one payload and nothing says what a
+        kilogram more changes.
         """
         more = payload - self._known
         if not 0.0 <= payload < float('inf'):

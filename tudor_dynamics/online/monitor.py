@@ -236,7 +236,7 @@ class Watch:
         """Choose the method whose samples the load goes by."""
         own = [name for name in self.methods if SOURCE[name] == payload.output]
         if not own and isinstance(payload, PayloadStage):
-            raise ModelError(f'the load is told by {payload.output}, which none of the methods '
+            raise ModelError(f'the load is seen in {payload.output}, which none of the methods '
                              f'{list(self.methods)} listens to: add it to methods')
         return min(own or self.methods, key=lambda name: name != payload.output)
 

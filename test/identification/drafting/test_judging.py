@@ -104,7 +104,7 @@ def test_a_gauge_before_a_joint_that_never_moved(tmp_path: Path) -> None:
                 strains={'outer': 20.0 * tau[:, 1]})
     draft = draft_of([str(bag)], urdf=tmp_path / 'finger.urdf', out=tmp_path / 'arm.yaml')
     assert draft.content['gauges'][0]['joint'] == '?'
-    assert 'or sits behind finger, which never moved?' in draft.remarks['gauges.outer']
+    assert 'or sits after finger, which never moved?' in draft.remarks['gauges.outer']
 
 
 @pytest.mark.filterwarnings('ignore:.*1.5708')

@@ -190,7 +190,7 @@ def test_agrees_with_the_full_plant() -> None:
 
 
 def test_one_call_is_as_good_as_many() -> None:
-    """Sample by sample gives the very numbers of a whole stretch; dt 0 begins anew."""
+    """Sample by sample gives the very numbers of a whole stretch; dt 0 begins again."""
     arm, rate = blade_arm(), 100.0
     q = travel(3.0, rate)
     dt = even(len(q), rate)

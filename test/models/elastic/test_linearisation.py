@@ -117,7 +117,7 @@ def test_observer_has_the_same_mass(stretch: bool, payload: float) -> None:
 
 @pytest.mark.parametrize('stretch', [True, False])
 def test_linearising_changes_nothing(stretch: bool) -> None:
-    """The state is the same behind it, what follows from bending included."""
+    """The state is the same after it, what follows from bending included."""
     driven = DrivenArm(stretching(load_arm(CONFIG / 'tudor.yaml'), stretch))
     pose = np.array([0.6, 0.5])
     driven.follow(pose[None], np.zeros(1))

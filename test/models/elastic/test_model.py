@@ -183,7 +183,7 @@ def test_impossible_observers() -> None:
 
 
 def test_gauges_that_lag_are_observed() -> None:
-    """Ringing from before the beginning is taken over, also behind gauges that lag."""
+    """Ringing from before the beginning is taken over, also after gauges that lag."""
     model, (motion, dt) = model_of(), moving()
     late = ElasticModel(model.arm, 'strain', (
         *(p for p in model.physical if p.name != 'lag'), PhysicalParameter('lag', 0.04, 's')))

@@ -96,8 +96,8 @@ def test_units() -> None:
 
 
 @pytest.mark.parametrize(('name', 'text'), [
-    ('lumped(j2,1)', 'mass on the link behind j2'),
-    ('lumped(j2,3)', 'mass on the link behind j2, the 3.'),
+    ('lumped(j2,1)', 'mass on the link after j2'),
+    ('lumped(j2,3)', 'mass on the link after j2, the 3.'),
     ('play(a(b))', 'backlash of the gear of a(b), half of it'),
     ('beta', 'structural damping of the links, per stiffness'),
     ('payload', 'payload at the tip')])

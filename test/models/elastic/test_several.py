@@ -83,7 +83,7 @@ def test_gains_are_those_of_the_observer() -> None:
     """Sample by sample: follow, correct, and what the covariance says then."""
     arm, deviation = DrivenArm(ARM), np.array([0.02, 0.03])
     q, dt = Q[:80], DT[:80].copy()
-    dt[40] = 0.0  # begins anew
+    dt[40] = 0.0  # begins again
     measured = 1.1 * arm.follow(q, dt).moment
     gains = arm.gains_along(q, dt, measured, deviation, 2.0)
     arm.follow(q[:1], np.zeros(1))

@@ -90,7 +90,7 @@ def _gauges(arm: Arm) -> tuple[list[Finding], Arm]:
         if not gauge.distance > (1.001 * length if length else settings.LONGEST_ARM):
             continue
         reach = f', whose link is {length:.4g} m long' if length else ''
-        what = f'gauge {gauge.name} sits {gauge.distance:.4g} m behind {gauge.joint}{reach}'
+        what = f'gauge {gauge.name} sits {gauge.distance:.4g} m after {gauge.joint}{reach}'
         kind = 'gauge_beyond_link'
         if gauge.distance > 1.0 and gauge.distance / 1000.0 <= (length or settings.LONGEST_ARM):
             kind, what = 'gauge_in_millimetres', f'{what}: millimetres'

@@ -262,7 +262,7 @@ class _Writer:
     def _gauge(self, number: int, strains: Samples | None) -> dict[str, Any]:
         carrier, key, begin = self._gauges[number]
         unit = strain_unit(*carrier.ranges[key])
-        where = Judgement(OPEN, 'behind which joint?') if strains is None else joint_before(
+        where = Judgement(OPEN, 'after which joint?') if strains is None else joint_before(
             strains, self._down, number, self._joints, self._moving)
         if where.value == OPEN:
             where = named_joint(begin['name'], self._joints, where)
@@ -390,7 +390,7 @@ def text_of(draft: Draft) -> str:
     lines = _remark(f'Arm description of {content["name"]}, written by tudor init from '
                     f'{", ".join(draft.bags)}.')
     lines += _remark('docs/reference/arm_yaml.md (tudor_dynamics) has keys, units and defaults.'
-                     + (" A value that is '?' cannot be told from the bags: write it; nothing is "
+                     + (" A value that is '?' is not known from the bags: write it; nothing is "
                         'read from this file before.' if draft.unknown else ''))
     for note in draft.notes:
         lines += _remark(f'{note[0].upper()}{note[1:]}.')

@@ -364,7 +364,7 @@ def joint_before(
     text = (f'its reading follows the moment of {names[chosen]} '
             f'({100 * (1 - left[chosen]):.0f} % of its variance)')
     if names[chosen + 1:] and names[chosen + 1] not in moving:
-        return Judgement(OPEN, f'{text}; or sits behind {names[chosen + 1]}, which never moved?')
+        return Judgement(OPEN, f'{text}; or sits after {names[chosen + 1]}, which never moved?')
     return Judgement(names[chosen], text)
 
 

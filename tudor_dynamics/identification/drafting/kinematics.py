@@ -42,7 +42,7 @@ LARGEST_ANGLE = 2 * math.pi + 1e-6
 KINDS = ('revolute', 'continuous', 'prismatic')
 QUARTERS = re.compile(r'([+-]?)(\d+(?:\.\d+)?\*)?pi(?:/(\d+(?:\.\d+)?))?')
 EXPECTED = ('expected rows `a alpha d theta` [m, rad, m, rad], base first, with the name of the '
-            'joint before and prismatic behind them where need be; angles may be written pi/2')
+            'joint before and prismatic after them where need be; angles may be written pi/2')
 
 
 @dataclass(frozen=True)

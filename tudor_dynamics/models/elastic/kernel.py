@@ -457,7 +457,7 @@ def look(
     driven: Driven, loaded: bool, k: int, measured: NDArray, gains: NDArray, moment: NDArray,
     torque: NDArray,
 ) -> None:
-    """Read gauges and gears at sample k, and correct the state behind it; see ``follow``."""
+    """Read gauges and gears at sample k, and correct the state after it; see ``follow``."""
     sense(driven, loaded, moment[k], torque[k])
     for g in range(measured.shape[1]):
         apply_gains(driven.equations, gains[k], measured[k, g] - moment[k, g], g)

@@ -191,15 +191,15 @@ def _delay(physics: Physics, _: str, value: float) -> None:
 
 PHYSICAL: dict[str, ParameterKind] = {
     'bending': ParameterKind(
-        'link', 'N m^2', 'bending stiffness of the link behind {}',
+        'link', 'N m^2', 'bending stiffness of the link after {}',
         lambda physics, joint: physics.mechanism.beams[joint].EIz, _bend,
         width=0.5, adds=-1, early=True),
     'density': ParameterKind(
-        'link', 'kg/m', 'mass per length of the link behind {}',
+        'link', 'kg/m', 'mass per length of the link after {}',
         lambda physics, joint: physics.mechanism.beams[joint].density, _fill,
         width=0.1, adds=1),
     'lumped': ParameterKind(
-        'part', 'kg', 'mass on the link behind {}',
+        'part', 'kg', 'mass on the link after {}',
         lambda physics, part: physics.parts[part].mass, Physics.weigh,
         width=0.5, adds=1),
     'payload': ParameterKind(
@@ -233,7 +233,7 @@ PHYSICAL: dict[str, ParameterKind] = {
         lambda physics, arm: physics.arm.spec.simulation.rayleigh.beta, _in_beams(at.BETA),
         width=1.5, least=3e-4, early=True),
     'lag': ParameterKind(
-        'arm', 's', 'lag of the gauges behind the encoders',
+        'arm', 's', 'lag of the gauges after the encoders',
         lambda physics, arm: 0.0, _delay, width=1.5, least=3e-4,
         bounds=(0.0, LONGEST_LAG))}
 

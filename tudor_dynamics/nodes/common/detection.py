@@ -141,7 +141,7 @@ class ContactOutput:
                 values['contact note'] = last.note
         if self._summary:
             found = self._summary
-            where = ('place not told from force' if found['place'] is None else
+            where = ('place not known, from force' if found['place'] is None else
                      f'{found["place"]:.3f} m from its joint')
             values['last contact'] = f'{found["link"]}, {found["force"]:.2f} N, {where}'
         return values

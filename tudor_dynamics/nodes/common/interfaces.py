@@ -92,8 +92,8 @@ MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
 KIND = Param('kind', 'analytical', 'model that predicts', choices=KINDS)
 OBSERVER = Param('observer', 'ringing', 'what measured strain corrects in the elastic model: '
                  'nothing, or ringing that no motion explains', choices=('off', 'ringing'))
-PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all payloads; a detector begins '
-                'anew when it changes', 'kg', 0.0, 1e3, dynamic=True)
+PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all payloads; a detector '
+                'restarts when it changes', 'kg', 0.0, 1e3, dynamic=True)
 PAYLOAD_SOURCE = Param(
     'payload_source', 'parameter', 'where the load is known from: the parameter payload, the own '
     'estimate, which payload then is the beginning of, or the topic payload',
@@ -140,7 +140,7 @@ DETECT = (
           'model has it, else from the momentum observer'),
     Param('calibration_time', 60.0, 'free motion that ~/calibrate learns from', 's', 30.0, 3600.0,
           dynamic=True),
-    Param('stuck_time', 1.0, 'time without any change while the arm moves, behind which a channel '
+    Param('stuck_time', 1.0, 'time without any change while the arm moves, after which a channel '
           'counts as dead', 's', 0.01, 600.0, dynamic=True))
 AHEAD = (
     Param('unit', 'model', 'efforts as the model has them, as currents, or as torques at the '
@@ -183,7 +183,7 @@ DAMP = (
           100.0, dynamic=True),
     Param('gain_schedule', '', 'file of tudor tune: gains follow the topic payload and the pose'),
     Param('payload_timeout', 0.0, 'age at which a payload is not believed any more, and the fixed '
-          'gains come back; 0 for none, a payload is told once', 's', 0.0, 3600.0, dynamic=True))
+          'gains come back; 0 for none, a payload is said once', 's', 0.0, 3600.0, dynamic=True))
 REFERENCE = (
     ARM,
     AUTOSTART,

@@ -165,7 +165,7 @@ class PayloadPort:
         found = {'payload [kg]': f'{load.mass:.4f}', 'payload source': self.source}
         if isinstance(load, PayloadStage):
             found['payload std [kg]'] = f'{load.std:.4f}'
-            found['payload told by'] = load.output + (', bent links' if load.bent else '')
+            found['payload estimated from'] = load.output + (', bent links' if load.bent else '')
         found['collisions that were loads'] = str(self._taken_back)
         found['loads announced'] = str(self._announced)
         return found
