@@ -20,7 +20,7 @@ import argparse
 
 import numpy as np
 
-from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
+from tudor_dynamics.cli.console import new_table, print_json, print_table
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.comparison import BodyRow, compare_bodies, errors_on, Side, side_of
@@ -53,13 +53,12 @@ def run(args: argparse.Namespace) -> int:
     rows = compare_bodies(one, other)
     errors = None if args.bag is None else _errors(one, other, args.bag)
     if args.json:
-        print_json(finite({
+        print_json({
             'one': one.name, 'other': other.name, 'bodies': [
-                {'joint': row.joint, 'mass': list(row.mass), 'centres_apart': row.apart,
-                 'inertia': list(row.inertia)} for row in rows],
+                {'joint': row.joint, 'mass': row.mass, 'centres_apart': row.apart,
+                 'inertia': row.inertia} for row in rows],
             **({} if errors is None else {'relative_error': {
-                name: error.tolist() for name, error in zip(
-                    ('one', 'other'), errors, strict=True)}})}))
+                'one': errors[0].tolist(), 'other': errors[1].tolist()}})})
         return 0
     _print(one, other, rows)
     if errors is not None:

@@ -47,16 +47,12 @@ Advance = Callable[..., None]
 """Takes what changes about a bar: ``advance`` or ``completed``, ``total``, ``description``."""
 
 
-def watched() -> bool:
-    """Say whether a terminal shows standard error."""
-    return Console(file=sys.stderr).is_terminal
-
-
 @contextmanager
 def bar(total: int | None, *columns: str | ProgressColumn) -> Iterator[Advance]:
     """Show a bar on standard error while a terminal watches."""
-    with Progress(*columns, console=Console(file=sys.stderr), transient=True,
-                  disable=not watched()) as progress:
+    console = Console(file=sys.stderr)
+    with Progress(*columns, console=console, transient=True,
+                  disable=not console.is_terminal) as progress:
         yield partial(progress.update, progress.add_task('', total=total))
 
 
@@ -75,7 +71,7 @@ def steps(total: int) -> Iterator[Callable[[str], None]]:
 
 def print_json(content: Any) -> None:
     """Print one JSON object on standard output."""
-    json.dump(content, sys.stdout, indent=2, allow_nan=False, default=str)
+    json.dump(finite(content), sys.stdout, indent=2, allow_nan=False, default=str)
     sys.stdout.write('\n')
 
 

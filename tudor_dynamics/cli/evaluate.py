@@ -30,8 +30,7 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import plan_from_arm
 from tudor_dynamics.cli.console import (
-    add_bags_and_model, finite, new_table, print_findings, print_json, print_table, score_table,
-    steps)
+    add_bags_and_model, new_table, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
@@ -127,11 +126,11 @@ def run_collisions(args: argparse.Namespace) -> int:
     if picture is not None:
         write_picture(picture, draw_events, results)
     if args.json:
-        print_json(finite({'model': args.model, 'bags': [str(c) for c in choices],
-                           **({'trained_on': seen} if seen else {}),
-                           'false_alarms_allowed_per_hour': args.false_alarms,
-                           'collisions': {item.method: collision_values(item, args.false_alarms)
-                                          for item in results}}))
+        print_json({'model': args.model, 'bags': [str(c) for c in choices],
+                    **({'trained_on': seen} if seen else {}),
+                    'false_alarms_allowed_per_hour': args.false_alarms,
+                    'collisions': {item.method: collision_values(item, args.false_alarms)
+                                   for item in results}})
     else:
         print_collisions(results, args.false_alarms)
         _print_kept(results, args, bundle)
@@ -343,8 +342,8 @@ def run(args: argparse.Namespace) -> int:
         for change in compared:
             comparison.setdefault(change.output, {}).setdefault(change.kind, {})[
                 change.channel] = change.as_dict()
-        print_json(finite({**content, 'as_it_was': None if not compared else not worse,
-                           'comparison': comparison}))
+        print_json({**content, 'as_it_was': None if not compared else not worse,
+                    'comparison': comparison})
         return 1 if worse else 0
     rows = [(output, kind, item.score, output_units(bundle.arm, output))
             for output, kinds in found.items() for kind, item in kinds.items()]

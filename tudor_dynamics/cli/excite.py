@@ -27,7 +27,7 @@ from rich.progress import BarColumn, TimeElapsedColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import RADIUS, SelfCollision, walls_of
-from tudor_dynamics.cli.console import bar, finite, new_table, print_json, print_table
+from tudor_dynamics.cli.console import bar, new_table, print_json, print_table
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import whole
 from tudor_dynamics.identification.excitation import CLEARANCE, ExpectedError
@@ -233,7 +233,7 @@ def run(args: argparse.Namespace) -> int:
             folder / PICTURE, draw_motion, plan.trajectory, joint_range(arm), motion_limits(arm),
             {name: 'm' if arm.is_prismatic(name) else 'rad' for name in arm.active_joints})
     if args.json:
-        print_json(finite({'out': args.out, 'search_seconds': round(seconds, 2), **head}))
+        print_json({'out': args.out, 'search_seconds': round(seconds, 2), **head})
         return 0
     _print(target, plan, links, stated=stated)
     if cut:

@@ -19,8 +19,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.cli.console import new_table, print_table
 from tudor_dynamics.errors import UsageError
@@ -73,7 +71,6 @@ def run(args: argparse.Namespace) -> int:
     if args.to == 'arm' and out.suffix == '.urdf':
         raise UsageError('is the name of the URDF beside it', place=out,
                          remedy='choose a name that ends in .yaml')
-    console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
     bundle = load_bundle(args.model, with_data=True)
     files, left_out, full = _content(bundle, args, out)
     for path in files:
@@ -88,9 +85,9 @@ def run(args: argparse.Namespace) -> int:
                              remedy='choose another --out') from None
     if full is not None:
         show(full, full.solution.relative_errors if args.to in TABLES else
-             file_errors(bundle, full, out), console)
+             file_errors(bundle, full, out))
     for what in left_out:
-        console.print(f'{args.to} has no place for: {what}')
+        print(f'{args.to} has no place for: {what}')
     print(f'{args.to}: {", ".join(map(str, reversed(files)))}')
     return 0
 
@@ -127,7 +124,7 @@ def lost(arm: Arm, *, rotors: bool) -> tuple[str, ...]:
     return tuple(what for what, there in found.items() if there)
 
 
-def show(full: FullParameters, errors: FloatArray, console: Console) -> None:
+def show(full: FullParameters, errors: FloatArray) -> None:
     """Print what was found, what it rests on, and the error of the file: errors (joints,)."""
     solution, model = full.solution, full.arm.model
     table = new_table(f'{full.arm.name}: bodies and drives', names=('joint',), figures=(
@@ -144,11 +141,11 @@ def show(full: FullParameters, errors: FloatArray, console: Console) -> None:
             f'{100 * solution.free_errors[place]:.2f} %',
             f'{100 * errors[place]:.2f} %')
     print_table(table)
-    console.print('from data: parameters of the body that the data fix; the others lean on the '
-                  'description. error: on the training bags, of the model, and of this file')
+    print('from data: parameters of the body that the data fix; the others lean on the '
+          'description. error: on the training bags, of the model, and of this file')
     if loose := full.loose_constants():
-        console.print(f'torque constants that the data do not fix: {loose}')
+        print(f'torque constants that the data do not fix: {loose}')
     if full.assumed:
-        console.print('torque constants are not known: torques and masses are scaled so that '
-                      'the bodies weigh about what the description says; give effort.'
-                      'torque_constant of one joint for absolute ones')
+        print('torque constants are not known: torques and masses are scaled so that '
+              'the bodies weigh about what the description says; give effort.'
+              'torque_constant of one joint for absolute ones')

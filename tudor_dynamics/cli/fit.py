@@ -28,7 +28,7 @@ from pydantic import ValidationError
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS, PreprocessingSpec, validation_message
 from tudor_dynamics.cli.console import (
-    add_running, check_running, finite, new_table, print_findings, print_json, print_table,
+    add_running, check_running, new_table, print_findings, print_json, print_table,
     score_table, steps)
 from tudor_dynamics.cli.excite import print_comparison
 from tudor_dynamics.errors import UsageError
@@ -209,14 +209,12 @@ def run(args: argparse.Namespace) -> int:
     if assessment.detects is Grade.GOOD:
         levels.append(Grade.USABLE)  # to detect collisions, whatever its figures are
     if args.json:
-        print_json(finite({'model': str(out), 'report': str(report),
-                           'seconds': fit.seconds,
-                           'findings': [item.as_dict() for item in result.findings],
-                           'choices': choices_to_list(result.choices),
-                           **({} if fit.plan is None else {'plan': fit.plan.content()}),
-                           'unused': [asdict(bag) for bag in result.unused],
-                           **assessment.as_dict(), **figures(result),
-                           'beside_robot': figures(live)}))
+        print_json({'model': str(out), 'report': str(report), 'seconds': fit.seconds,
+                    'findings': [item.as_dict() for item in result.findings],
+                    'choices': choices_to_list(result.choices),
+                    **({} if fit.plan is None else {'plan': fit.plan.content()}),
+                    'unused': [asdict(bag) for bag in result.unused],
+                    **assessment.as_dict(), **figures(result), 'beside_robot': figures(live)})
     else:
         _print(result, assessment, report)
         if fit.plan is not None:
@@ -244,12 +242,12 @@ def change(args: argparse.Namespace) -> int:
     save_bundle(changed.bundle, out, overwrite=args.out is None or args.overwrite, extra=extra)
     names = [item['bag'] for item in changed.bundle.facts['training']]
     if args.json:
-        print_json(finite({
+        print_json({
             'model': str(out), 'seconds': round(time.perf_counter() - begun, 3), 'training': names,
             'left_out': {output: {bag: dict(zip(
                 changed.bundle.models[output]['analytical'].channels, errors.tolist(),
                 strict=True)) for bag, errors in bags.items()}
-                for output, bags in changed.left_out.items()}}))
+                for output, bags in changed.left_out.items()}})
         return 0
     for output, bags in changed.left_out.items():
         channels = changed.bundle.models[output]['analytical'].channels

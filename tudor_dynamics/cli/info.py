@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from datetime import datetime, timezone
-import json
 import sys
 
 from rich.console import Console
@@ -28,7 +27,7 @@ from rich.text import Text
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
-from tudor_dynamics.cli.console import finite, new_table, print_findings, print_table
+from tudor_dynamics.cli.console import new_table, print_findings, print_json, print_table
 from tudor_dynamics.errors import BagError, printable
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
@@ -77,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         if not args.json:
             show(report, console, findings)
     if args.json:
-        print(json.dumps(finite({'bags': reports}), indent=2, allow_nan=False))
+        print_json({'bags': reports})
     return code
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.console import (
-    add_bags_and_model, finite, new_table, print_json, print_table, steps)
+    add_bags_and_model, new_table, print_json, print_table, steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice, parse_payloads
 from tudor_dynamics.identification.loads import payload_of, telling
@@ -88,9 +88,9 @@ def run(args: argparse.Namespace) -> int:
     found = [payload_of(bundle, [bag], args.kind) for bag in bags]
     known = [truths.get(_resolved(bag)) for bag in bags]
     if args.json:
-        print_json(finite({'model': args.model, 'bags': {
+        print_json({'model': args.model, 'bags': {
             str(bag.choice): {**item.as_dict(), **({} if mass is None else {'true_mass': mass})}
-            for bag, item, mass in zip(bags, found, known, strict=True)}}))
+            for bag, item, mass in zip(bags, found, known, strict=True)}})
     else:
         _print(bags, found, known)
     bad = [item for item, mass in zip(found, known, strict=True)
@@ -128,7 +128,7 @@ def _live(
         print(f'at the end: {mass:.4g} +- {std:.2g} kg' + (
             '' if true is None else f'; known: {true:g} kg, error {mass - true:+.4g} kg'))
     if args.json:
-        print_json(finite({'model': args.model, 'bags': content}))
+        print_json({'model': args.model, 'bags': content})
     return 1 if far else 0
 
 

@@ -25,7 +25,7 @@ from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.cli.console import (
-    add_running, bar, finite, new_table, print_json, print_table)
+    add_running, bar, new_table, print_json, print_table)
 from tudor_dynamics.cli.excite import print_conditions
 from tudor_dynamics.errors import BagError, check_budget, UsageError
 from tudor_dynamics.files import write_whole
@@ -103,9 +103,9 @@ def _conditions(args: argparse.Namespace, arm: Arm, specs: list[StimulusSpec], d
     reports = [excitation_report(arm, stimulus_motion(
         arm, spec.excitation, spec.seconds, spec.motion_seed, dt)) for spec in specs]
     if args.json:
-        print_json(finite({name: {output: [asdict(group) for group in groups]
-                                  for output, groups in report.items()}
-                           for name, report in zip(names, reports, strict=True)}))
+        print_json({name: {output: [asdict(group) for group in groups]
+                           for output, groups in report.items()}
+                    for name, report in zip(names, reports, strict=True)})
     else:
         print_conditions(names, reports)
     return 0

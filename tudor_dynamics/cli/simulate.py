@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, watched
+from tudor_dynamics.cli.console import bar, new_table, print_json, print_table
 from tudor_dynamics.errors import check_budget, TudorWarning, UsageError
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
@@ -113,12 +113,12 @@ def print_modes(plant: Plant, count: int, free: list[str], *, as_json: bool) -> 
 
 
 def run_with_bar(
-    steps: int, work: Callable[[Callable[[int], None] | None], PlantRecord],
+    steps: int, work: Callable[[Callable[[int], None]], PlantRecord],
 ) -> PlantRecord:
     """Show a progress bar on a terminal while a run goes on."""
     with bar(steps, 'simulating', BarColumn(), '{task.percentage:.0f} %',
              TimeRemainingColumn()) as advance:
-        return work((lambda done: advance(advance=done)) if watched() else None)
+        return work(lambda done: advance(advance=done))
 
 
 def _runs(args: argparse.Namespace) -> bool:

@@ -466,27 +466,17 @@ MOST = 200
 """Arms that a figure draws, besides those that are named."""
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """A quantity over time."""
-
-    title: str  # quantity and channel
-    figure: str  # all arms over time, as data URI
-    named: tuple[str, ...]  # arms that are named for it
-
-
 def page_of(fleet: Fleet) -> str:
     """Render the page."""
     groups: dict[str, list[Observation]] = {}
     for item in fleet.seen:
         quantity = item.quantity
         groups.setdefault(f'{quantity.name}, {quantity.channel} ({item.output})', []).append(item)
-    named = {title: tuple(dict.fromkeys(item.arm for item in fleet.named if item.what == title))
-             for title in groups}
-    drawn = [Drawn(title, _figure(title, items, named[title]), named[title])
-             for title, items in groups.items()]
+    figures = {title: _figure(title, items, list(dict.fromkeys(
+        item.arm for item in fleet.named if item.what == title)))
+        for title, items in groups.items()}
     dates = sorted({item.date for item in fleet.seen})
-    return rendered('fleet', fleet=fleet, drawn=drawn, words=WORDS, dates=dates,
+    return rendered('fleet', fleet=fleet, figures=figures, words=WORDS, dates=dates,
                     alike=len(fleet.arms) - len({item.arm for item in fleet.named}))
 
 
@@ -501,7 +491,7 @@ def _figure(title: str, items: Sequence[Observation], named: Sequence[str]) -> F
         some = sorted(arms[arm], key=lambda item: item.date)
         look = {'color': '#b0b0b0', 'linewidth': 0.8, 'marker': '.', 'zorder': 1}
         if arm in named:
-            place = list(named).index(arm)
+            place = named.index(arm)
             look = {'color': COLOURS[place % len(COLOURS)], 'linewidth': 1.4,
                     'marker': MARKERS[place % len(MARKERS)], 'label': arm, 'zorder': 2}
         axes.errorbar([datetime.datetime.combine(item.date, datetime.time()) for item in some],

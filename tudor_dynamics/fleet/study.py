@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 import datetime
 import hashlib
@@ -27,7 +28,7 @@ from pathlib import Path
 from pydantic import Field, field_validator, ValidationError
 
 from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.arm.schema import Name, PreprocessingSpec, Spec, validation_message
+from tudor_dynamics.arm.schema import Name, Spec, validation_message
 from tudor_dynamics.errors import FitError, quiet, TudorError, UsageError
 from tudor_dynamics.files import load_yaml, read_bounded, source_digest, write_whole
 from tudor_dynamics.fleet.comparison import (
@@ -161,11 +162,10 @@ def made_model(piece: ModelPiece, count: Count) -> Path | Unused:
 
 
 def _stands(out: Path) -> bool:
-    try:
+    with suppress(TudorError):
         load_bundle(out)
-    except TudorError:
-        return False
-    return True
+        return True
+    return False
 
 
 # -- Stiffnesses of a fleet: a search for the elastic model of each arm at each of its dates.
@@ -298,28 +298,27 @@ class _Study:
         self._see()
         sample = self._sample()
         first = next(iter(self.arms.values()))
-        chosen = choose(first, sample, first.spec.preprocessing, FitSettings(), self.progress,
-                        summable=True)
+        self.chosen = chosen = choose(first, sample, first.spec.preprocessing, FitSettings(),
+                                      self.progress, summable=True)
         outputs = common_outputs(sample)
         friction = {joint.name: choices_of(joint) for joint in chosen.arm.joints}
         self.arms = {name: arm.with_joints(friction) for name, arm in self.arms.items()}
         bags = [filtered(bag, chosen.preprocessing) for bag in sample]
-        some = {output: self._measures(output, bags, chosen.settings) for output in outputs}
-        self._gather(chosen.preprocessing, chosen.settings, outputs)
+        some = {output: self._measures(output, bags) for output in outputs}
+        self._gather(outputs)
         self.progress('compare')
         seen = [Observation(*when, output, item) for when, date in self.dates.items()
                 for output, model in date.models.items()
                 for item in quantities(some[output], model, date.others[output])]
-        seen += self._rings(chosen.preprocessing, chosen.settings)
+        seen += self._rings()
         if self.run.elastic:
             stiff, without = stiffnesses(
-                self._tasks(chosen.preprocessing, chosen.settings, ('strain',)),
-                {when: date.used for when, date in self.dates.items()}, self.run.jobs,
-                lambda done: self.progress('stiffness'))
+                self._tasks(('strain',)), {when: date.used for when, date in self.dates.items()},
+                self.run.jobs, lambda done: self.progress('stiffness'))
             seen += stiff
             self.unused += without
         named = [*named_outliers(seen), *self._aged(outputs)]
-        models = self._models(chosen.preprocessing, chosen.settings) if self.run.models else {}
+        models = self._models() if self.run.models else {}
         order = list(self.arms)
         named.sort(key=lambda item: (order.index(item.arm), item.kind, -abs(item.sigmas)))
         return Fleet(self.plan.name, tuple(order), tuple(seen), tuple(named),
@@ -384,26 +383,20 @@ class _Study:
                            remedy='tudor info BAG says what is in one')
         return found
 
-    def _measures(
-        self, output: str, bags: Sequence[BagData], settings: FitSettings,
-    ) -> list[Measure]:
+    def _measures(self, output: str, bags: Sequence[BagData]) -> list[Measure]:
         arm = next(iter(self.arms.values()))
-        model = RowTrainer('analytical', arm, settings).fit(bags, output)
+        model = RowTrainer('analytical', arm, self.chosen.settings).fit(bags, output)
         assert isinstance(model, AnalyticalModel)
         return measures(arm, output, model, bags)
 
-    def _tasks(
-        self, spec: PreprocessingSpec, settings: FitSettings, outputs: tuple[str, ...],
-    ) -> dict[str, Task]:
-        return {name: Task(arm, (spec,), outputs, settings, self.run.base.absolute(),
-                           Folder((self.run.out / 'sums').absolute()))
-                for name, arm in self.arms.items()}
+    def _tasks(self, outputs: tuple[str, ...]) -> dict[str, Task]:
+        sums = Folder((self.run.out / 'sums').absolute())
+        return {name: Task(arm, (self.chosen.preprocessing,), outputs, self.chosen.settings,
+                           self.run.base.absolute(), sums) for name, arm in self.arms.items()}
 
-    def _gather(
-        self, spec: PreprocessingSpec, settings: FitSettings, outputs: tuple[str, ...],
-    ) -> None:
+    def _gather(self, outputs: tuple[str, ...]) -> None:
         """Multiply out all parts, and fit each date."""
-        tasks = self._tasks(spec, settings, outputs)
+        tasks = self._tasks(outputs)
         asked = [(tasks[name], date.sights) for (name, _), date in self.dates.items()]
         facts = iter(gather(asked, self.run.jobs, lambda done: self.progress('multiply out')))
         for (name, when), date in list(self.dates.items()):
@@ -432,12 +425,10 @@ class _Study:
             for (_, output), part in task.kept(sight).parts.items():
                 date.parts.setdefault(output, []).append(part)
 
-    def _rings(
-        self, spec: PreprocessingSpec, settings: FitSettings,
-    ) -> list[Observation]:
+    def _rings(self) -> list[Observation]:
         if not any(arm.gauges for arm in self.arms.values()):
             return []
-        tasks = self._tasks(spec, settings, ())
+        tasks = self._tasks(())
         asked = [(tasks[name], tuple(date.whole)) for (name, _), date in self.dates.items()]
         found = in_processes(_rings, asked, self.run.jobs,
                              lambda done: self.progress('ring-downs'))
@@ -457,12 +448,12 @@ class _Study:
                     new.parts[output])]
         return named_aged(found)
 
-    def _models(self, spec: PreprocessingSpec, settings: FitSettings) -> dict[str, str]:
+    def _models(self) -> dict[str, str]:
         """Make a bundle of each arm's last date."""
         last: dict[str, datetime.date] = {}
         for name, date in self.dates:
             last[name] = max(last.get(name, date), date)
-        tasks = self._tasks(spec, settings, ())
+        tasks = self._tasks(())
         asked = [(name, tasks[name], tuple(self.dates[name, date].whole), self.run.out.absolute())
                  for name, date in last.items()]
         answers = in_processes(made_model, asked, self.run.jobs,

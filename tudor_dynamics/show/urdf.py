@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+import re
 from xml.etree import ElementTree
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
@@ -164,6 +165,8 @@ def _described(root: ElementTree.Element) -> dict[str, pin.Inertia]:
 
 REACH = 2.0 * np.pi
 """Limits of the joints of a new URDF, which needs some [rad or m]."""
+TAG = re.compile(rb'<(?:[^>"\']|"[^"]*"|\'[^\']*\')*>')
+"""A '>' in quotes does not end it."""
 
 
 @dataclass
@@ -205,10 +208,13 @@ def _elements(text: bytes) -> _Element:
     top = _Element('', {}, 0)
     stack = [top]
 
+    def tag_end() -> int:
+        found = TAG.match(text, parser.CurrentByteIndex)
+        assert found is not None  # the parser has read it
+        return found.end()
+
     def start(name: str, attributes: dict[str, str]) -> None:
-        # nothing that is quoted may hold a '>' that ends the tag
-        begin = parser.CurrentByteIndex
-        element = _Element(name, attributes, begin, inside=_tag_end(text, begin))
+        element = _Element(name, attributes, parser.CurrentByteIndex, inside=tag_end())
         stack[-1].parts.append(element)
         stack.append(element)
 
@@ -217,25 +223,11 @@ def _elements(text: bytes) -> _Element:
         if text[element.inside - 2:element.inside] == b'/>':
             element.close = element.end = element.inside
         else:
-            element.close = parser.CurrentByteIndex
-            element.end = _tag_end(text, element.close)
+            element.close, element.end = parser.CurrentByteIndex, tag_end()
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.Parse(text, True)
     return top.parts[0]
-
-
-def _tag_end(text: bytes, begin: int) -> int:
-    quote = 0
-    for place in range(begin, len(text)):
-        byte = text[place]
-        if quote:
-            quote = 0 if byte == quote else quote
-        elif byte in b'"\'':
-            quote = byte
-        elif byte == ord('>'):
-            return place + 1
-    return len(text)
 
 
 def _change(
