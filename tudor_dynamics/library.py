@@ -53,7 +53,6 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
 from tudor_dynamics.models.bundle_io import check_target, save_bundle
 from tudor_dynamics.models.estimation import triangular
-from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.monitor import MonitorSettings
 from tudor_dynamics.typing import FloatArray, Progress
 
@@ -256,12 +255,12 @@ def fit_choices(
         assessment = assess(result, out)
         bundle = bundle_of(result, assessment)
     if out is not None:
-        from tudor_dynamics.show.page import report_bytes  # plots are slow to import
+        from tudor_dynamics.show.page import render  # plots are slow to import
 
         with _timed(seconds, 'save and report'):
             progress('report')
             save_bundle(bundle, out, overwrite=overwrite, extra={
-                'report.html': report_bytes(result, assessment, planned)})
+                'report.html': render(result, assessment, planned).encode()})
     return Fit(result, assessment, bundle, planned, seconds)
 
 
@@ -445,22 +444,17 @@ class Prediction:
     ) -> Figure:
         """Draw a channel of the first bag: measured, predicted by each model, and the residual."""
         # plots are slow to import, and most predictions are read
-        from tudor_dynamics.show.figures import ComparedSignal, draw_signal, liveliest, PAGE, style
+        from tudor_dynamics.show.figures import channel_series, draw_signal, liveliest, PAGE, style
         from tudor_dynamics.show.pictures import picture_path
 
         target = None if path is None else picture_path(path)
         output = output or ('strain' if 'strain' in self.outputs else next(iter(self.outputs)))
         kinds = _known(self.outputs, output, 'output')
         first = next(iter(kinds.values()))
-        columns = {name: i for i, name in enumerate(first.channels)}
-        column = _known(columns, channel or first.channels[0], 'channel')
-        name, trace = first.channels[column], first.traces[0]
-        series = ComparedSignal(output, name, output_units(self.arm, output)[name], trace.t,
-                                trace.measured[:, column],
-                                {kind: item.traces[0].predicted[:, column]
-                                 for kind, item in kinds.items()})
+        series = _known(channel_series(self.arm, output, kinds), channel or first.channels[0],
+                        'channel')
         with style(PAGE):
-            figure = draw_signal(series, liveliest(trace, self.data))
+            figure = draw_signal(series, liveliest(first.traces[0], self.data))
             if target is not None:
                 write_figure(figure, target)
         return figure

@@ -36,7 +36,7 @@ from tudor_dynamics.identification.validation import Grade, Verdict
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.show.figures import (
     coverage, joint_pairs, JointPositions, liveliest, MAX_POINTS, number, pretty_unit, thin)
-from tudor_dynamics.show.page import coefficient_groups, overall, render, report_bytes
+from tudor_dynamics.show.page import coefficient_groups, overall, render
 from tudor_dynamics.signals.preprocessing import prepare
 
 RATE = 100.0
@@ -198,7 +198,7 @@ def test_page_names_every_finding(result: FitResult, html: str) -> None:
 def test_same_fit_gives_same_bytes(result: FitResult, html: str) -> None:
     """Made again, equal bytes, whatever the user's matplotlib style, which stays as it is."""
     with matplotlib.rc_context({'axes.facecolor': 'black', 'font.size': 20}):
-        page = report_bytes(result)
+        page = render(result).encode()
         assert matplotlib.rcParams['font.size'] == 20
     assert page == html.encode()
     assert len(html) < 4e6
@@ -224,14 +224,14 @@ def test_hostile_names_stay_names() -> None:
     assert not [name for name, _ in page.attributes if name.startswith('on')]
     for figure in page.figures():
         assert '<script' not in figure
-    assert report_bytes(result)
+    assert render(result).encode()
 
 
 def test_lone_surrogates_can_be_written() -> None:
     """A path that is no UTF-8 does not stop the report."""
     result = fit(planar_arm(1), FitSettings(kinds=('analytical',)))
     bags = (replace(result.learned[0], bag='run\udcff'), *result.learned[1:])
-    assert b'run?' in report_bytes(replace(result, learned=bags))
+    assert b'run?' in render(replace(result, learned=bags)).encode()
 
 
 @pytest.mark.parametrize('kinds', [('analytical',), ('elm',)])
@@ -252,9 +252,9 @@ def test_six_joints_without_test_bag() -> None:
     """Six joints, each bag left out once: six figures of signals, at most three pairs."""
     arm = planar_arm(6)
     result = fit(arm, test=False)
-    page = Page(report_bytes(result).decode())
+    page = Page(render(result))
     assert len(page.figures()) == 6 + 1 + 2
-    assert len(report_bytes(result)) < 4e6
+    assert len(render(result).encode()) < 4e6
     assert 'There is no separate test bag' in page.text
     assert 'leave one bag out' in page.text
 

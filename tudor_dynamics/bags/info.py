@@ -31,6 +31,7 @@ from tudor_dynamics.bags.recording import ChannelSource, plan_from_arm, Recordin
 from tudor_dynamics.bags.settings import MANY_TURNS
 from tudor_dynamics.bags.storage import Bag, open_bag
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.typing import FloatArray
 
 
 STRAIN_WORDS = ('strain', 'gauge')
@@ -154,32 +155,21 @@ def _times(stamp: NDArray[np.int64], clock: str) -> dict[str, Any]:
 def _channels(
     states: DecodedTopic, names: list[str], fields: list[str],
 ) -> list[ChannelReport]:
-    found: dict[tuple[str, str], list[tuple[float, float, int]]] = {}
+    found: dict[tuple[str, str], list[FloatArray]] = {}
     for block in states.blocks:
         for what in block.layout.fields:
-            values = block.values(what)
-            if not values.shape[1]:
-                continue
-            finite = np.isfinite(values)
-            low = np.where(finite, values, np.inf).min(axis=0).tolist()
-            high = np.where(finite, values, -np.inf).max(axis=0).tolist()
-            bad = (~finite).sum(axis=0).tolist()
             # an array may be shorter or longer than the names; the first of equal names counts
-            columns = zip(low, high, bad, strict=True)
-            first: dict[str, tuple[float, float, int]] = {}
-            for name, column in zip(block.layout.names, columns, strict=False):
+            first: dict[str, FloatArray] = {}
+            for name, column in zip(block.layout.names, block.values(what).T, strict=False):
                 first.setdefault(name, column)
             for name, column in first.items():
                 found.setdefault((name, what), []).append(column)
     reports = []
-    for name in names:
-        for what in fields:
-            if (name, what) in found:
-                low, high, bad = zip(*found[name, what], strict=True)
-                least, most = min(low), max(high)
-                reports.append(ChannelReport(
-                    name, what, least if least < np.inf else None,
-                    most if most > -np.inf else None, sum(bad)))
+    for name, what in ((name, what) for name in names for what in fields if (name, what) in found):
+        values = np.concatenate(found[name, what])
+        finite = values[np.isfinite(values)].tolist()
+        reports.append(ChannelReport(name, what, min(finite, default=None),
+                                     max(finite, default=None), len(values) - len(finite)))
     return reports
 
 

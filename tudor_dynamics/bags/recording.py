@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.schema import SourceSpec
+from tudor_dynamics.arm.schema import LimitSpec, SourceSpec
 from tudor_dynamics.bags.messages import (
     DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE)
 from tudor_dynamics.bags.settings import (
@@ -172,15 +172,13 @@ def plan_from_arm(arm: Arm) -> Sources:
     prismatic, reach = [], []
     for joint in arm.joints:
         inner = model.joints[model.getJointId(joint.name)]
-        slides = inner.shortname().removeprefix('JointModel').startswith('P')
-        lower, upper = (None, None) if joint.limits is None else (
-            joint.limits.lower, joint.limits.upper)
-        lower = float(model.lowerPositionLimit[inner.idx_q]) if lower is None else lower
-        upper = float(model.upperPositionLimit[inner.idx_q]) if upper is None else upper
+        slides, given = arm.is_prismatic(joint.name), joint.limits or LimitSpec()
+        lower = model.lowerPositionLimit[inner.idx_q] if given.lower is None else given.lower
+        upper = model.upperPositionLimit[inner.idx_q] if given.upper is None else given.upper
         bound: float | None = None
         if max(-lower, upper) < UNLIMITED:
             # Twice the limits: a soft limit overrun or a zero set elsewhere is no matter of units.
-            bound = 2 * max(abs(lower), abs(upper), upper - lower)
+            bound = 2 * float(max(abs(lower), abs(upper), upper - lower))
         elif not slides and joint.type != 'continuous' and arm.spec.kinematics.urdf is None:
             bound = MANY_TURNS
         prismatic.append(slides)

@@ -376,7 +376,7 @@ def _cause(args: argparse.Namespace, data: Sequence[BagData], short: Sequence[st
 def _print_loads(evaluated: Evaluated, bundle: ModelBundle) -> None:
     if not evaluated.loads:
         return
-    from tudor_dynamics.show.bodies import load_shares, load_values  # slow to import
+    from tudor_dynamics.show.page import load_shares, load_values  # slow to import
     for bag, carried in evaluated.loads.items():
         table = new_table(f'load in {bag}', ('what',), ('value', 'std. deviation'))
         for name, unit, value, std in load_values(carried):

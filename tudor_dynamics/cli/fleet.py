@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         raise FitError(f'--strict: {fleet.unused[0]}', remedy='leave it out, or --strict')
     content = finite(fleet.as_dict())
     write_whole(out / 'fleet.json', json.dumps(content, indent=1).encode())
-    write_whole(out / 'fleet.html', page_of(fleet).encode('utf-8', errors='replace'))
+    write_whole(out / 'fleet.html', page_of(fleet).encode())
     if args.json:
         print_json({**content, 'seconds': round(time.perf_counter() - begun, 3)})
     else:

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
@@ -36,7 +36,7 @@ import numpy as np
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.dataset import all_stretches, BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
-from tudor_dynamics.identification.validation import Trace
+from tudor_dynamics.identification.validation import Trace, Validation
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.typing import FloatArray
@@ -330,14 +330,16 @@ DETAIL = 10.0
 MAX_PAIRS = 3
 
 
-def channel_series(fitted: Sequence[FittedOutput], arm: Arm) -> list[ComparedSignal]:
-    """Collect what the models of one output say of the first validation bag."""
-    traces = {item.kind: item.validation.traces[0] for item in fitted}
-    first = next(iter(traces.values()))
-    units = output_units(arm, fitted[0].output)
-    return [ComparedSignal(fitted[0].output, name, units[name], first.t, first.measured[:, i],
-                           {kind: trace.predicted[:, i] for kind, trace in traces.items()})
-            for i, name in enumerate(fitted[0].validation.channels)]
+def channel_series(
+    arm: Arm, output: str, judged: Mapping[str, Validation],
+) -> dict[str, ComparedSignal]:
+    """Collect what the models of one output, by kind, say of the first validation bag."""
+    first, units = next(iter(judged.values())), output_units(arm, output)
+    t, measured = first.traces[0].t, first.traces[0].measured
+    return {name: ComparedSignal(
+        output, name, units[name], t, measured[:, i],
+        {kind: item.traces[0].predicted[:, i] for kind, item in judged.items()})
+        for i, name in enumerate(first.channels)}
 
 
 def channel_errors(

@@ -23,6 +23,8 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+from matplotlib.figure import Figure
+import numpy as np
 
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
@@ -32,15 +34,19 @@ from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.next_steps import assess, Assessment, Comparison, ErrorChange
 from tudor_dynamics.identification.validation import (
     GOOD_FIT, Grade, LARGEST_CONDITION, USABLE_FIT, Validation)
+from tudor_dynamics.load.offline import Leftover, PayloadEstimate
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.comparison import (
+    body_row, described_bodies, described_parameters_of, full_parameters_of, relative_errors)
 from tudor_dynamics.models.elastic.parameters import in_words
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.show import figures as report_data
-from tudor_dynamics.show.bodies import before_after, load_figure, load_shares, load_values
 from tudor_dynamics.show.elastic import elastic_section
 from tudor_dynamics.show.figures import (
-    density_figure, error_figure, number, pair_figure, pretty_unit, signal_figure)
+    BLUE, density_figure, error_figure, label, new_cells, number, on_page, PAGE_MEASURED,
+    pair_figure, pretty_unit, signal_figure, thin)
 
 
 UNCERTAIN = 30.0
@@ -136,14 +142,47 @@ def preprocessing_rows(spec: PreprocessingSpec, sample_rate: float) -> list[tupl
     return rows
 
 
+def before_after(result: FitResult) -> dict[str, Any] | None:
+    """
+    Compare an arm as described with an arm as identified, for `before.html.j2`.
+
+    Returns ``bodies``: both bodies of each joint, the standard error of the identified mass [kg],
+    and how many of ten parameters the recordings fix; ``joints``: relative errors of effort [%] on
+    motion that nothing was fitted to, by bodies as described with the drives that suit them best,
+    by identified ones that can exist, and by base parameters; ``assumed``: whether torque is known
+    up to a factor only, so that masses are not absolute.
+    """
+    arm = result.arm
+    fitted = next((item for item in result.fitted
+                   if (item.output, item.kind) == ('effort', 'analytical')), None)
+    before = described_bodies(arm)
+    if fitted is None or not any(body[0] > 0.0 for body in before.values()):
+        return None
+    models = [fitted.model, *(model for model, _ in fitted.validation.cases)]
+    if len(models) < 2 or not all(isinstance(model, AnalyticalModel) and model.data_
+                                  and model.payload_range is None for model in models):
+        return None
+    errors = np.zeros((3, len(arm.active_joints)))
+    for model, data in fitted.validation.cases:
+        assert isinstance(model, AnalyticalModel)
+        own = result.blind or arm
+        for kind, judged in enumerate((described_parameters_of(own, model).model,
+                                       full_parameters_of(own, model).model, model)):
+            # a joint that shows nothing in a bag has no part in the mean square
+            found = np.nan_to_num(relative_errors(judged, data.stretches))
+            errors[kind] += found ** 2 / (len(models) - 1)
+    assert isinstance(fitted.model, AnalyticalModel)
+    full = full_parameters_of(arm, fitted.model)
+    sources, mass_errors = full.sources(), full.solution.body_errors[:, 0].tolist()
+    return {
+        'bodies': [(body_row(joint, (arm, arm), (before[joint], body)), mass_errors[place],
+                    sources[10 * place:10 * (place + 1)].count('data'))
+                   for place, (joint, body) in enumerate(full.bodies.items())],
+        'joints': list(zip(arm.active_joints, (100.0 * np.sqrt(errors)).T.tolist(), strict=True)),
+        'assumed': full.assumed}
+
+
 TITLES = {'effort': 'Effort', 'strain': 'Strain'}
-
-
-def report_bytes(
-    result: FitResult, assessment: Assessment | None = None, planned: Comparison | None = None,
-) -> bytes:
-    """Render the report as the file that it becomes; paths that are no UTF-8 do not stop it."""
-    return render(result, assessment, planned).encode('utf-8', errors='replace')
 
 
 def render(
@@ -194,13 +233,14 @@ def render(
 
 
 def rendered(template: str, **values: Any) -> str:
-    """Render a page."""
+    """Render a page; paths that are no UTF-8 do not stop it."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent / 'templates'), autoescape=True,
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {'number': number, 'unit': pretty_unit, 'in_words': in_words,
                             'kind': lambda kind: KINDS[kind].label}
-    return environment.get_template(f'{template}.html.j2').render(version=__version__, **values)
+    text = environment.get_template(f'{template}.html.j2').render(version=__version__, **values)
+    return text.encode('utf-8', errors='replace').decode()
 
 
 def _output(result: FitResult, output: str) -> dict[str, Any]:
@@ -210,11 +250,12 @@ def _output(result: FitResult, output: str) -> dict[str, Any]:
     unit = units[fitted[0].validation.channels[0]]
     trace = fitted[0].validation.traces[0]
     stretch = report_data.liveliest(trace, (*result.test, *result.training))
+    judged = {item.kind: item.validation for item in fitted}
     return {
         'key': output, 'title': TITLES[output], 'units': units,
         'unit': unit if set(units.values()) == {unit} else '', 'fitted': fitted, 'bag': trace.bag,
-        'signals': [(series.name, signal_figure(series, stretch))
-                    for series in report_data.channel_series(fitted, result.arm)],
+        'signals': [(name, signal_figure(series, stretch)) for name, series
+                    in report_data.channel_series(result.arm, output, judged).items()],
         'errors': error_figure(report_data.channel_errors(fitted, result.arm)),
         'groups': [group for item in fitted for group in coefficient_groups(item, result.arm)]}
 
@@ -226,6 +267,56 @@ def _ringing(result: FitResult) -> list[dict[str, Any]]:
     return [{'channel': item.channel, 'frequency': item.frequency, 'rms': item.rms,
              'share': 100.0 * item.share, 'unit': units[item.channel]}
             for item in result.ringing]
+
+
+# -- The page of an evaluation, with loads that the model did not know of
+
+WITH_LOAD: dict[str, Any] = {'color': BLUE, 'linewidth': 0.9, 'linestyle': '-'}
+COLUMNS = 2
+"""Channels beside each other."""
+
+
+def load_values(load: PayloadEstimate) -> list[tuple[str, str, float, float]]:
+    """List what is known of a load: name, unit, value, standard deviation."""
+    if math.isnan(load.mass):
+        found = [("Part of the arm's own moment", '%', 100.0 * load.relative,
+                  100.0 * load.relative_std)]
+    else:
+        found = [('Mass beyond what the model knows', 'kg', load.mass - load.known,
+                  load.mass_std)]
+    found += [(f'Centre {axis}', 'm', float(value), float(std))
+              for axis, value, std in zip('xyz', load.com, load.com_std, strict=True)]
+    found += [(f'Inertia {axes}', 'kg m^2', float(value), float(std)) for axes, value, std in zip(
+        ('xx', 'xy', 'yy', 'xz', 'yz', 'zz'), load.inertia, load.inertia_std, strict=True)]
+    return [row for row in found if math.isfinite(row[2])]
+
+
+def load_shares(arm: Arm, load: PayloadEstimate) -> list[tuple[str, str, float, float, float]]:
+    """List channels: name, unit, residual (rms) without and with a load, its share [%]."""
+    return [(name, output_units(arm, item.output)[name], float(before), float(after),
+             100.0 * float(share))
+            for item in load.outputs for name, before, after, share in zip(
+                item.leftover.channels, *item.leftover.sizes(), item.leftover.shares(),
+                strict=True)]
+
+
+@on_page
+def load_figure(arm: Arm, load: PayloadEstimate) -> Figure:
+    """Draw the residual of each channel without and with the load."""
+    panels: list[tuple[Leftover, int, str]] = []
+    for item in load.outputs:
+        units = output_units(arm, item.output)
+        panels += [(item.leftover, place, units[name])
+                   for place, name in enumerate(item.leftover.channels)]
+    figure, cells = new_cells(len(panels), COLUMNS, 1.35, (0.45, 0.55), between=0.8)
+    for one, (left, place, unit) in zip(cells, panels, strict=True):
+        one.plot(*thin(left.t, left.before[:, place]), **PAGE_MEASURED, label='without the load')
+        one.plot(*thin(left.t, left.after[:, place]), **WITH_LOAD, label='with the load')
+        one.set_ylabel(label(left.channels[place], unit)).set_parse_math(False)
+        one.set_xlabel('time [s]')
+        one.margins(x=0.01)
+    figure.legend(*cells[0].get_legend_handles_labels(), loc='upper right', ncol=2)
+    return figure
 
 
 def evaluation_page(
