@@ -25,8 +25,7 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.fit import fit_models, FitSettings
-from tudor_dynamics.show.bodies import before_after
-from tudor_dynamics.show.page import render
+from tudor_dynamics.show.page import before_after, render
 from tudor_dynamics.signals.preprocessing import prepare
 
 N = len(JOINTS)

@@ -165,12 +165,10 @@ class Arm:
     @property
     def topics(self) -> dict[str, dict[str, list[str]]]:
         """Topics of each output with the channels that they carry, in the order of the arm."""
-        found: dict[str, dict[str, list[str]]] = {'effort': {}, 'strain': {}}
-        for joint in self.joints:
-            found['effort'].setdefault(joint.effort.topic, []).append(joint.name)
-        for gauge in self.gauges:
-            found['strain'].setdefault(gauge.topic, []).append(gauge.name)
-        return found
+        carried = {'effort': by_topic(joint.effort for joint in self.joints),
+                   'strain': by_topic(self.gauges)}
+        return {output: {topic: [names[i] for i in carried[output][topic]]
+                         for topic in carried[output]} for output, names in self.channels.items()}
 
     def _reduce(self, model: pin.Model, keep: tuple[str, ...]) -> pin.Model:
         reference = np.zeros(model.nq)

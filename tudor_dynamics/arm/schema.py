@@ -383,11 +383,8 @@ class PreprocessingSpec(Spec):
     _open = model_validator(mode='before')(without_auto('filter'))
 
 
-def _both_directions(value: Any) -> Any:
-    return (value, value) if isinstance(value, (int, float)) else value
-
-
-PerDirection = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(_both_directions)]
+PerDirection = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(
+    lambda value: (value, value) if isinstance(value, (int, float)) else value)]
 """Magnitudes for positive and for negative motion; one number stands for both."""
 
 DRIVE_TIMEOUT = 0.1

@@ -403,21 +403,20 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
 def _open_directory(path: Path, notes: Notes) -> Bag:
     files = tuple(sorted((item for item in path.iterdir()
                           if item.suffix in SUFFIXES and item.is_file()), key=natural))
-    if not (path / METADATA).exists():
-        if not files:
-            raise BagError(f'{path}: no bag in this directory (neither {METADATA} nor .mcap or '
-                           '.db3 files); give the directory that `ros2 bag record` made')
-        notes.add(f'no {METADATA}; read {", ".join(file.name for file in files)} '
-                  'in the order of their names')
-        return _open_files(path, notes, Metadata(files))
-    try:
-        metadata = read_metadata(path)
-    except BagError as err:
-        if not files:
-            raise
-        notes.add(f'{METADATA} cannot be used: {err.cause}; read '
-                  f'{", ".join(file.name for file in files)} in the order of their names')
-        return _open_files(path, notes, Metadata(files))
+    metadata, cause = Metadata(files), f'no {METADATA}'
+    if (path / METADATA).exists():
+        try:
+            metadata, cause = read_metadata(path), ''
+        except BagError as err:
+            if not files:
+                raise
+            cause = f'{METADATA} cannot be used: {err.cause}'
+    elif not files:
+        raise BagError(f'{path}: no bag in this directory (neither {METADATA} nor .mcap or .db3 '
+                       'files); give the directory that `ros2 bag record` made')
+    if cause:
+        notes.add(f'{cause}; read {", ".join(file.name for file in files)} in the order of their '
+                  'names')
     if metadata.doubled:
         notes.add(f'{METADATA} lists a file twice; read once')
     missed = [file.name for file in files if file not in metadata.files]

@@ -21,6 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 import datetime
+from functools import lru_cache
 import hashlib
 import json
 from pathlib import Path
@@ -325,14 +326,9 @@ class _Study:
                      tuple(str(choice) for choice in chosen.made), models, tuple(self.unused))
 
     def _described(self) -> dict[str, Arm]:
-        read: dict[str, Arm] = {}
-        arms = {}
-        for item in self.plan.arms:
-            file = item.arm or self.plan.arm
-            assert file is not None  # load_plan has seen to it
-            if file not in read:
-                read[file] = load_arm(self.run.base / file)
-            arms[item.name] = read[file]
+        read = lru_cache(load_arm)  # load_plan has seen to it that each has a description
+        arms = {item.name: read(self.run.base / str(item.arm or self.plan.arm))
+                for item in self.plan.arms}
         first = next(iter(arms.values()))
         for name, arm in arms.items():
             if (arm.active_joints, arm.gauge_names) != (first.active_joints, first.gauge_names):
