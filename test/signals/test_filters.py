@@ -28,27 +28,21 @@ from tudor_dynamics.signals.filters import CausalDifferentiator, low_pass_gain, 
 
 @settings(max_examples=60, deadline=None)
 @given(n=st.integers(2, 60), joints=st.integers(1, 3), seed=st.integers(0, 2**31),
-       cuts=st.lists(st.integers(0, 60), max_size=4), measured=st.booleans(),
-       uniform=st.booleans())
-def test_pieces_and_samples(
-    n: int, joints: int, seed: int, cuts: list[int], measured: bool, uniform: bool,
+       measured=st.booleans(), uniform=st.booleans())
+def test_record_and_samples(
+    n: int, joints: int, seed: int, measured: bool, uniform: bool,
 ) -> None:
-    """A record in one piece, in any pieces, and sample by sample gives the same states."""
+    """A record in one piece and sample by sample gives the same states."""
     generator = np.random.default_rng(seed)
     dt = np.full(n, 0.001) if uniform else generator.uniform(1e-4, 2e-2, n)
     q = np.cumsum(generator.normal(0, 0.01, (n, joints)), axis=0)
     dq = generator.normal(0, 1, (n, joints)) if measured else None
     whole = CausalDifferentiator().process(dt, q, dq)
-    by_piece, by_sample = CausalDifferentiator(), CausalDifferentiator()
-    edges = [0, *sorted(min(c, n) for c in cuts), n]
-    parts = [by_piece.process(dt[a:b], q[a:b], None if dq is None else dq[a:b])
-             for a, b in zip(edges[:-1], edges[1:])]
+    by_sample = CausalDifferentiator()
     steps = [by_sample.step_row(float(dt[k]), q[k], None if dq is None else dq[k])
              for k in range(n)]
     for name, found in zip(('q', 'dq', 'ddq'), np.split(np.array(steps), 3, axis=1)):
-        expected = getattr(whole, name)
-        assert np.array_equal(np.vstack([getattr(p, name) for p in parts]), expected)
-        assert np.array_equal(found, expected)
+        assert np.array_equal(found, getattr(whole, name))
 
 
 @pytest.mark.parametrize(('dt', 'first', 'second'), [
@@ -92,14 +86,11 @@ def test_delays() -> None:
 
 
 def test_first_sample_is_at_rest() -> None:
-    """The first sample after a reset has no velocity of its own, whatever came before."""
+    """The first sample of a record has no velocity of its own, whatever came before."""
     filt = CausalDifferentiator()
     filt.process(np.full(5, 0.01), np.arange(5.0)[:, None])
-    filt.reset()
     states = filt.process(np.array([7.0]), np.array([[3.0]]))
     assert states.dq.tolist() == [[0.0]] and states.ddq.tolist() == [[0.0]]
-    empty = filt.process(np.zeros(0), np.zeros((0, 1)))
-    assert empty.q.shape == (0, 1)
 
 
 def test_inputs_stay_and_refusal_leaves_no_trace() -> None:
@@ -126,10 +117,6 @@ def test_states_are_the_callers_own() -> None:
 
 
 @pytest.mark.parametrize(('call', 'message'), [
-    (lambda: CausalDifferentiator(0.0), 'velocity_cutoff is 0.0'),
-    (lambda: CausalDifferentiator(acceleration_cutoff=float('nan')), 'acceleration_cutoff is nan'),
-    (lambda: CausalDifferentiator().process(np.zeros(3), np.zeros(3)), r'q \(3,\)'),
-    (lambda: CausalDifferentiator().process(np.zeros(2), np.zeros((3, 1))), r'dt has shape \(2,'),
     (lambda: CausalDifferentiator().process(np.ones(3), np.zeros((3, 2)), np.zeros((3, 1))),
      'velocities have shape'),
     (lambda: CausalDifferentiator().process(np.array([1.0, np.nan]), np.zeros((2, 1))),
@@ -145,13 +132,11 @@ def test_errors(call: object, message: str) -> None:
 
 
 def test_step_errors() -> None:
-    """A stamp that stands still is refused in the control loop too; so is another arm."""
+    """A stamp that stands still is refused in the control loop too."""
     filt = CausalDifferentiator()
     filt.step_row(0.1, np.zeros(2))
     with pytest.raises(SignalError, match='sample time 0.0 s; stamps must increase'):
         filt.step_row(0.0, np.zeros(2))
-    with pytest.raises(SignalError, match='3 joints after samples of 2'):
-        filt.process(np.ones(1), np.zeros((1, 3)))
 
 
 def test_acceleration_of_a_fast_motion() -> None:

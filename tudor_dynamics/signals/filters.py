@@ -138,10 +138,6 @@ class CausalDifferentiator:
     """
 
     def __init__(self, velocity_cutoff: float = 80.0, acceleration_cutoff: float = 20.0) -> None:
-        for name, value in (('velocity_cutoff', velocity_cutoff),
-                            ('acceleration_cutoff', acceleration_cutoff)):
-            if not (math.isfinite(value) and value > 0):
-                raise SignalError(f'{name} is {value}; expected a frequency above 0 Hz')
         self.velocity_cutoff = velocity_cutoff
         self.acceleration_cutoff = acceleration_cutoff
         self.reset()
@@ -151,54 +147,34 @@ class CausalDifferentiator:
         self._q: FloatArray | None = None
 
     def process(
-        self,
-        dt: FloatArray,
-        q: FloatArray,
-        measured: FloatArray | None = None,
+        self, dt: FloatArray, q: FloatArray, measured: FloatArray | None = None,
     ) -> FilteredStates:
-        """Filter the samples that follow those seen so far; any number of them, one included."""
-        q = np.asarray(q, dtype=float)
-        dt = np.asarray(dt, dtype=float)
-        if q.ndim != 2 or dt.shape != q.shape[:1]:
-            msg = f'dt has shape {dt.shape} and q {q.shape}; expected (n,) and (n, n_joints)'
-            raise SignalError(msg)
+        """Filter a record (samples, joints), whatever came before it."""
         if measured is not None and measured.shape != q.shape:
             raise SignalError(f'velocities have shape {measured.shape}, positions {q.shape}')
-        if not len(q):
-            return FilteredStates(q, q.copy(), q.copy())
-        begin = 1 if self._q is None else 0
-        wrong = np.flatnonzero(~(dt[begin:] > 0))
-        if wrong.size:  # before anything is remembered: a refused record leaves no trace
-            at = begin + int(wrong[0])
-            raise SignalError(f'sample time {dt[at]} s at sample {at}; stamps must increase')
-        if self._q is None:
-            self._begin(q[0], None if measured is None else measured[0])
-        assert self._q is not None
-        if q.shape[1:] != self._q.shape:
-            msg = f'{q.shape[1]} joints after samples of {len(self._q)}; reset the filter between'
-            raise SignalError(msg)
+        wrong = np.flatnonzero(~(dt[1:] > 0)) + 1
+        if wrong.size:
+            raise SignalError(f'sample time {dt[wrong[0]]} s at sample {wrong[0]}; stamps must '
+                              'increase')
         given = np.empty((len(q), 0)) if measured is None else measured
         rows = np.empty((len(q), 3 * q.shape[1]))
-        rows[0] = np.concatenate([self._q, self._dq, self._ddq])
+        self.reset()
+        rows[0] = self.step_row(0.0, q[0], None if measured is None else measured[0])
+        assert self._q is not None
         _differentiate_record(
-            dt[begin:], self.velocity_cutoff, self.acceleration_cutoff,
-            np.ascontiguousarray(q[begin:]), np.ascontiguousarray(given[begin:], dtype=float),
-            self._q, self._dq, self._ddq, rows[begin:])
+            dt[1:], self.velocity_cutoff, self.acceleration_cutoff,
+            np.ascontiguousarray(q[1:]), np.ascontiguousarray(given[1:]),
+            self._q, self._dq, self._ddq, rows[1:])
         _, dq, ddq = np.split(rows, 3, axis=1)
         return FilteredStates(q, dq.copy(), ddq.copy())
-
-    def _begin(self, q: FloatArray, measured: FloatArray | None) -> None:
-        """Remember a first sample."""
-        self._q = q.copy()
-        self._dq = np.zeros(len(q)) if measured is None else measured.copy()
-        self._ddq = np.zeros(len(q))
 
     def step_row(
         self, dt: float, q: FloatArray, measured: FloatArray | None = None,
     ) -> FloatArray:
         """Filter one sample, for the control loop; gives ``[q, dq, ddq]`` in one new array."""
         if self._q is None:
-            self._begin(q, measured)
+            self._q, self._ddq = q.copy(), np.zeros(len(q))
+            self._dq = np.zeros(len(q)) if measured is None else measured.copy()
             return np.concatenate([q, self._dq, self._ddq])
         if not dt > 0:
             raise SignalError(f'sample time {dt} s; stamps must increase')
