@@ -86,8 +86,6 @@ def interpolate(
     neighbours, unless there is a gap between these.
     """
     result = np.full((len(at), values.shape[1]), np.nan)
-    if not len(stamp):
-        return result, np.zeros(len(at), dtype=bool)
     right = np.minimum(np.searchsorted(stamp, at), len(stamp) - 1)
     left = np.maximum(right - 1, 0)
     exact = stamp[right] == at

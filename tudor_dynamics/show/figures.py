@@ -35,7 +35,7 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.dataset import all_stretches, BagData
-from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.identification.validation import Trace, Validation
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
@@ -302,10 +302,14 @@ signal_figure = on_page(draw_signal)
 
 
 @on_page
-def error_figure(channels: Sequence[tuple[str, str, dict[str, FloatArray]]]) -> Figure:
-    """Draw the distribution of the error of each channel."""
+def error_figure(arm: Arm, output: str, judged: Mapping[str, Validation]) -> Figure:
+    """Draw how the error of each channel is distributed over all validation bags."""
+    channels, units = next(iter(judged.values())).channels, output_units(arm, output)
     figure, cells = new_cells(len(channels), min(len(channels), 3), 1.6, (0.5, 0.75))
-    for axes, (name, unit, errors) in zip(cells, channels, strict=True):
+    for i, (axes, name) in enumerate(zip(cells, channels, strict=True)):
+        errors = {kind: np.concatenate([
+            trace.measured[:, i] - trace.predicted[:, i] for trace in item.traces])
+            for kind, item in judged.items()}
         bound = _reach(errors, 99.5)
         edges = np.linspace(-bound, bound, SIGNAL_BINS + 1)
         for kind, values in errors.items():
@@ -315,7 +319,7 @@ def error_figure(channels: Sequence[tuple[str, str, dict[str, FloatArray]]]) -> 
             axes.stairs(100.0 * share, edges, linewidth=1.2, label=KINDS[kind].label,
                         fill=False, **look)
         axes.axvline(0.0, color='#555555', linewidth=0.6)
-        axes.set_xlabel(label('error', unit))
+        axes.set_xlabel(label('error', units[name]))
         plain_text(axes.set_title, label(name))
         axes.set_ylim(bottom=0.0)
     cells[0].set_ylabel('share of samples [%]')
@@ -340,17 +344,6 @@ def channel_series(
         output, name, units[name], t, measured[:, i],
         {kind: item.traces[0].predicted[:, i] for kind, item in judged.items()})
         for i, name in enumerate(first.channels)}
-
-
-def channel_errors(
-    fitted: Sequence[FittedOutput], arm: Arm,
-) -> list[tuple[str, str, dict[str, FloatArray]]]:
-    """Collect the errors over all validation bags."""
-    units = output_units(arm, fitted[0].output)
-    return [(name, units[name],
-             {item.kind: np.concatenate([trace.measured[:, i] - trace.predicted[:, i]
-                                         for trace in item.validation.traces]) for item in fitted})
-            for i, name in enumerate(fitted[0].validation.channels)]
 
 
 def _speed(trace: Trace, data: Sequence[BagData]) -> FloatArray:

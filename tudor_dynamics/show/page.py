@@ -256,7 +256,7 @@ def _output(result: FitResult, output: str) -> dict[str, Any]:
         'unit': unit if set(units.values()) == {unit} else '', 'fitted': fitted, 'bag': trace.bag,
         'signals': [(name, signal_figure(series, stretch)) for name, series
                     in report_data.channel_series(result.arm, output, judged).items()],
-        'errors': error_figure(report_data.channel_errors(fitted, result.arm)),
+        'errors': error_figure(result.arm, output, judged),
         'groups': [group for item in fitted for group in coefficient_groups(item, result.arm)]}
 
 
