@@ -23,7 +23,8 @@ from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import (
     backward, Chain, forward, put_vector, rotation_at, vector_at)
 from tudor_dynamics.mechanics.small_algebra import (
-    add, cross, exponential, left_jacobian, Rotation, sub, times, turn, turn_back, Vector)
+    add, cross, exponential, left_jacobian, Rotation, sub, times, turn, turn_back, turn_symmetric,
+    Vector)
 
 
 # -- Equations of motion of a mechanism of flexible links, as generalised forces.
@@ -113,6 +114,12 @@ def inner(a: Four, b: Four) -> float:
 
 
 @compiled
+def plus(a: Four, k: float, b: Four) -> Four:
+    """Give a + k b."""
+    return (a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2], a[3] + k * b[3])
+
+
+@compiled
 def along(a: float, b: float, length: float) -> Four:
     """Give the coefficients of a linear function by its end values."""
     return (a, (b - a) / length, b, (b - a) / length)
@@ -183,22 +190,15 @@ def beam_forces(
         stretch = elastic * floats[at.EA] / length * (
             u2[0] - u1[0] + beta * (v2[0] - v1[0])) + (hx[1] + hx[3]) / length
         torsion = elastic * floats[at.GJ] / length * (u2[3] - u1[3] + beta * (v2[3] - v1[3]))
-        ky = hermite_stiffness(
-            (y[0] + beta * dy[0], y[1] + beta * dy[1], y[2] + beta * dy[2], y[3] + beta * dy[3]),
-            length, elastic * floats[at.EIZ])
-        kz = hermite_stiffness(
-            (s[0] + beta * ds[0], s[1] + beta * ds[1], s[2] + beta * ds[2], s[3] + beta * ds[3]),
-            length, elastic * floats[at.EIY])
+        ky = hermite_stiffness(plus(y, beta, dy), length, elastic * floats[at.EIZ])
+        kz = hermite_stiffness(plus(s, beta, ds), length, elastic * floats[at.EIY])
         if floats[at.STRETCH] > 0.0:
             gy, gz = hermite_slope(y, length), hermite_slope(s, length)
             more = elastic * floats[at.EA] / length * (
                 0.5 * (inner(y, gy) + inner(s, gz)) + beta * (inner(dy, gy) + inner(ds, gz)))
             stretch += more
             normal = stretch - (hx[1] + hx[3]) / length
-            ky = (ky[0] + normal * gy[0], ky[1] + normal * gy[1], ky[2] + normal * gy[2],
-                  ky[3] + normal * gy[3])
-            kz = (kz[0] + normal * gz[0], kz[1] + normal * gz[1], kz[2] + normal * gz[2],
-                  kz[3] + normal * gz[3])
+            ky, kz = plus(ky, normal, gy), plus(kz, normal, gz)
         add_node(force, first, e, (
             hx[0] - stretch, hy[0] + ky[0], hz[0] + kz[0], m1 - torsion, -hz[1] - kz[1],
             hy[1] + ky[1]))
@@ -216,15 +216,8 @@ def rigid_forces(floats: NDArray, here: NDArray) -> None:
     omega, angular = vector_at(here, at.OMEGA), vector_at(here, at.ANGULAR)
     push = times(mass, add(vector_at(here, at.ACCELERATION), add(
         cross(angular, c), cross(omega, cross(omega, c)))))
-    xx, yy, zz, xy, xz, yz = (floats[at.INERTIA], floats[at.INERTIA + 1],
-                              floats[at.INERTIA + 2], floats[at.INERTIA + 3],
-                              floats[at.INERTIA + 4], floats[at.INERTIA + 5])
-    spin = (xx * omega[0] + xy * omega[1] + xz * omega[2],
-            xy * omega[0] + yy * omega[1] + yz * omega[2],
-            xz * omega[0] + yz * omega[1] + zz * omega[2])
-    rise = (xx * angular[0] + xy * angular[1] + xz * angular[2],
-            xy * angular[0] + yy * angular[1] + yz * angular[2],
-            xz * angular[0] + yz * angular[1] + zz * angular[2])
+    spin = turn_symmetric(floats, at.INERTIA, omega)
+    rise = turn_symmetric(floats, at.INERTIA, angular)
     moment = add(add(rise, cross(omega, spin)), cross(c, push))
     put_vector(here, at.FORCE, add(vector_at(here, at.FORCE), push))
     put_vector(here, at.MOMENT, add(vector_at(here, at.MOMENT), moment))
@@ -287,16 +280,10 @@ LOADS = 9  # force (3), moment (3), rates of twist and of the curvatures about y
 
 
 @compiled
-def shape(xi: float, length: float) -> tuple[float, float, float, float]:
+def shape(xi: float, length: float) -> Four:
     """Give the cubic functions of an element at xi in 0..1."""
     return (1.0 - xi * xi * (3.0 - 2.0 * xi), length * xi * (1.0 - xi) * (1.0 - xi),
             xi * xi * (3.0 - 2.0 * xi), length * xi * xi * (xi - 1.0))
-
-
-@compiled
-def at_place(c: tuple, h: tuple) -> float:
-    """Evaluate a field."""
-    return c[0] * h[0] + c[1] * h[1] + c[2] * h[2] + c[3] * h[3]
 
 
 @compiled
@@ -389,8 +376,8 @@ def section_loads(
                 xi = low + (1.0 - low) * GAUSS[g]
                 h = shape(xi, length)
                 part = density * length * (1.0 - low) * WEIGHT[g]
-                f = (part * at_place(px, h), part * at_place(py, h), part * at_place(pz, h))
-                r = (at_place(x, h), at_place(y, h), at_place(q, h))
+                f = (part * inner(px, h), part * inner(py, h), part * inner(pz, h))
+                r = (inner(x, h), inner(y, h), inner(q, h))
                 polar = floats[at.POLAR] * length * (1.0 - low) * WEIGHT[g]
                 rise = (angular[0] + (1.0 - xi) * (w1[3] + alpha * v1[3])
                         + xi * (w2[3] + alpha * v2[3]))
@@ -400,7 +387,7 @@ def section_loads(
                     polar * rise, omega[2] * spin, -omega[1] * spin)))
             if e == cut:
                 h = shape(begin, length)
-                point = (at_place(x, h), at_place(y, h), at_place(q, h))
+                point = (inner(x, h), inner(y, h), inner(q, h))
                 d0, d1 = 6.0 * begin * (begin - 1.0) / length, 1.0 - begin * (4.0 - 3.0 * begin)
                 d3 = begin * (3.0 * begin - 2.0)
                 turned = ((1.0 - begin) * u1[3] + begin * u2[3],

@@ -27,7 +27,8 @@ from tudor_dynamics.mechanics.chain import Chain, put_vector, rotation_at, vecto
 from tudor_dynamics.mechanics.equations import (
     along, Four, hermite_mass, hermite_slope, hermite_stiffness, inner, node_values,
     shape_function)
-from tudor_dynamics.mechanics.small_algebra import add, cross, dot, sub, times, turn, Vector
+from tudor_dynamics.mechanics.small_algebra import (
+    add, cross, dot, sub, times, turn, turn_back, turn_symmetric, Vector)
 
 
 # -- Mass matrix by composite bodies, from the tips inwards
@@ -51,13 +52,7 @@ def times_inertia(inertia: NDArray, linear: Vector, angular: Vector) -> tuple[Ve
     """Give force and moment of a composite body: mass, first moment (3), second moment (6)."""
     mass, s = inertia[0], (inertia[1], inertia[2], inertia[3])
     push = add(times(mass, linear), cross(angular, s))
-    xx, yy, zz, xy, xz, yz = (inertia[4], inertia[5], inertia[6], inertia[7], inertia[8],
-                              inertia[9])
-    moment = add(cross(s, linear), (
-        xx * angular[0] + xy * angular[1] + xz * angular[2],
-        xy * angular[0] + yy * angular[1] + yz * angular[2],
-        xz * angular[0] + yz * angular[1] + zz * angular[2]))
-    return push, moment
+    return push, add(cross(s, linear), turn_symmetric(inertia, 4, angular))
 
 
 @compiled
@@ -136,34 +131,15 @@ def own_beam(
 
 
 @compiled
-def own_rigid(floats: NDArray, inertia: NDArray) -> None:
-    """Fill the inertia of a rigid body about its frame."""
-    mass, c = floats[at.MASS], vector_at(floats, at.CENTER)
-    square = dot(c, c)
-    inertia[0] = mass
-    for i in range(3):
-        inertia[1 + i] = mass * c[i]
-        inertia[4 + i] = floats[at.INERTIA + i] + mass * (square - c[i] * c[i])
-    inertia[7] = floats[at.INERTIA + 3] - mass * c[0] * c[1]
-    inertia[8] = floats[at.INERTIA + 4] - mass * c[0] * c[2]
-    inertia[9] = floats[at.INERTIA + 5] - mass * c[1] * c[2]
-
-
-@compiled
 def turned_inertia(frame: tuple, inertia: NDArray, turned: NDArray) -> None:
     """Give the inertia of a composite body in the axes of its carrier, same origin."""
     turned[0] = inertia[0]
     put_vector(turned, 1, turn(frame, vector_at(inertia, 1)))
-    xx, yy, zz, xy, xz, yz = (inertia[4], inertia[5], inertia[6], inertia[7], inertia[8],
-                              inertia[9])
-    a = turn(frame, (xx, xy, xz))
-    b = turn(frame, (xy, yy, yz))
-    c = turn(frame, (xz, yz, zz))
-    row0 = turn(frame, (a[0], b[0], c[0]))
-    row1 = turn(frame, (a[1], b[1], c[1]))
-    row2 = turn(frame, (a[2], b[2], c[2]))
-    turned[4], turned[5], turned[6] = row0[0], row1[1], row2[2]
-    turned[7], turned[8], turned[9] = row0[1], row0[2], row1[2]
+    x = turn(frame, turn_symmetric(inertia, 4, (frame[0], frame[1], frame[2])))
+    y = turn(frame, turn_symmetric(inertia, 4, (frame[3], frame[4], frame[5])))
+    z = turn(frame, turn_symmetric(inertia, 4, (frame[6], frame[7], frame[8])))
+    turned[4], turned[5], turned[6] = x[0], y[1], z[2]
+    turned[7], turned[8], turned[9] = x[1], x[2], y[2]
 
 
 @compiled
@@ -201,11 +177,11 @@ def mass_matrix(z: NDArray, chain: Chain, composite: Composite, matrix: NDArray)
             for i in range(6 * ints[at.ELEMENTS]):
                 owner[ints[at.FIRST] + i] = b
         else:
-            own_inertia = inertias[bodies]
-            own_inertia[:] = 0.0
-            own_rigid(floats, own_inertia)
-            for i in range(10):
-                inertias[b, i] += own_inertia[i]
+            turned[:] = 0.0
+            turned[0] = floats[at.MASS]
+            for i in range(6):
+                turned[4 + i] = floats[at.INERTIA + i]
+            shifted_inertia(turned, vector_at(floats, at.CENTER), inertias[b])
         frame = rotation_at(here, at.TO_PARENT)
         place, joint_at = vector_at(here, at.PLACE), vector_at(here, at.JOINT_AT)
         node_at, axis = vector_at(here, at.NODE_AT), vector_at(here, at.AXIS_AT)
@@ -256,14 +232,12 @@ def mass_matrix(z: NDArray, chain: Chain, composite: Composite, matrix: NDArray)
             owner[j] = parent
             push, moment = vector_at(columns[j], 0), vector_at(columns[j], 3)
             if elastic >= 0:
-                about = add(moment, cross(arm, push))
+                twist = turn_back(jacobian, add(moment, cross(arm, push)))
                 for i in range(3):
                     matrix[elastic + i, j] += push[i]
                     matrix[j, elastic + i] += push[i]
-                    share = (jacobian[i] * about[0] + jacobian[3 + i] * about[1]
-                             + jacobian[6 + i] * about[2])
-                    matrix[elastic + 3 + i, j] += share
-                    matrix[j, elastic + 3 + i] += share
+                    matrix[elastic + 3 + i, j] += twist[i]
+                    matrix[j, elastic + 3 + i] += twist[i]
             put_vector(columns[j], 3, add(moment, cross(place, push)))
         if elastic >= 0:
             for j in range(6):
@@ -274,14 +248,11 @@ def mass_matrix(z: NDArray, chain: Chain, composite: Composite, matrix: NDArray)
                     angular = turn(jacobian, unit(j - 3))
                     linear = cross(angular, arm)
                 push, moment = times_inertia(turned, linear, angular)
-                about = add(moment, cross(arm, push))
-                for i in range(3):
-                    matrix[elastic + i, elastic + j] += push[i]
-                    matrix[elastic + 3 + i, elastic + j] += (
-                        jacobian[i] * about[0] + jacobian[3 + i] * about[1]
-                        + jacobian[6 + i] * about[2])
+                twist = turn_back(jacobian, add(moment, cross(arm, push)))
                 outer = add(moment, cross(place, push))
                 for i in range(3):
+                    matrix[elastic + i, elastic + j] += push[i]
+                    matrix[elastic + 3 + i, elastic + j] += twist[i]
                     columns[elastic + j, i] += push[i]
                     columns[elastic + j, 3 + i] += outer[i]
         shifted_inertia(turned, place, inertias[parent])

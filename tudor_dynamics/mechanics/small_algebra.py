@@ -93,6 +93,14 @@ def product(a: Rotation, b: Rotation) -> Rotation:
 
 
 @compiled
+def turn_symmetric(row: NDArray, k: int, a: Vector) -> Vector:
+    """Give S a; the entries xx, yy, zz, xy, xz, yz of S stand in a row from k on."""
+    xx, yy, zz, xy, xz, yz = row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5]
+    return (xx * a[0] + xy * a[1] + xz * a[2], xy * a[0] + yy * a[1] + yz * a[2],
+            xz * a[0] + yz * a[1] + zz * a[2])
+
+
+@compiled
 def about_axis(axis: Vector, angle: float) -> Rotation:
     """Give the rotation about a unit vector by an angle [rad]."""
     c, s = math.cos(angle), math.sin(angle)
@@ -123,9 +131,8 @@ def coefficients(x: float) -> tuple[float, float, float, float, float]:
 
 
 @compiled
-def exponential(t: Vector) -> Rotation:
-    """Give the rotation of a rotation vector [rad]."""
-    s, a, _, _, _ = coefficients(dot(t, t))
+def skewed(t: Vector, s: float, a: float) -> Rotation:
+    """Give I + s S(t) + a S(t)^2, S(t) being the vector product with t."""
     x, y, z = t
     return (1.0 - a * (y * y + z * z), a * x * y - s * z, a * x * z + s * y,
             a * x * y + s * z, 1.0 - a * (x * x + z * z), a * y * z - s * x,
@@ -133,13 +140,17 @@ def exponential(t: Vector) -> Rotation:
 
 
 @compiled
+def exponential(t: Vector) -> Rotation:
+    """Give the rotation of a rotation vector [rad]."""
+    s, a, _, _, _ = coefficients(dot(t, t))
+    return skewed(t, s, a)
+
+
+@compiled
 def left_jacobian(t: Vector) -> Rotation:
     """Give the matrix from the rate of a rotation vector to the angular velocity."""
     _, a, b, _, _ = coefficients(dot(t, t))
-    x, y, z = t
-    return (1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y,
-            b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x,
-            b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y))
+    return skewed(t, a, b)
 
 
 @compiled

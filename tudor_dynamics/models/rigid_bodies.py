@@ -25,8 +25,6 @@ the difference between 30 us and 1.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
@@ -34,7 +32,10 @@ import pinocchio as pin
 from tudor_dynamics.arm.kinematics import is_prismatic, joint_axis
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.lanes import unowned
-from tudor_dynamics.mechanics.small_algebra import cross, turn_back
+from tudor_dynamics.mechanics.chain import (
+    put_rotation, put_vector, rotation_at, vector_at, ZERO)
+from tudor_dynamics.mechanics.small_algebra import (
+    about_axis, add, cross, dot, product, times, turn, turn_back)
 from tudor_dynamics.typing import FloatArray, IndexArray
 
 # Pinocchio's order of the parameters of a body: mass, first moments, inertia about the joint.
@@ -134,11 +135,9 @@ def _row(frames: FloatArray, kinds: NDArray, joint: int, b: int, moving: FloatAr
          virtual: FloatArray, row: FloatArray) -> None:
     """Give the entries of one body in the row of a joint, after those of its parent."""
     if b == joint:
-        first = 0 if kinds[b, 1] != 0 else 3
-        for i in range(3):
-            virtual[b, i] = virtual[b, 3 + i] = 0.0
-        for i in range(3):
-            virtual[b, first + i] = frames[b, 12 + i]
+        axis = vector_at(frames[b], 12)
+        put_vector(virtual[b], 0, axis if kinds[b, 1] != 0 else ZERO)
+        put_vector(virtual[b], 3, ZERO if kinds[b, 1] != 0 else axis)
     else:
         _carry(moving[b], virtual[kinds[b, 0]], virtual[b])
     _power(moving[b], virtual[b], row)
@@ -147,22 +146,18 @@ def _row(frames: FloatArray, kinds: NDArray, joint: int, b: int, moving: FloatAr
 @compiled
 def _carry(own: FloatArray, above: FloatArray, virtual: FloatArray) -> None:
     """Give a body the speed and spin that its parent's have it take part in."""
-    speed, spin = (above[0], above[1], above[2]), (above[3], above[4], above[5])
-    swept = cross(spin, (own[_OFFSET], own[_OFFSET + 1], own[_OFFSET + 2]))
-    speed = turn_back(own, (speed[0] + swept[0], speed[1] + swept[1], speed[2] + swept[2]))
-    spin = turn_back(own, spin)
-    for i in range(3):
-        virtual[i], virtual[3 + i] = speed[i], spin[i]
+    spin = vector_at(above, 3)
+    swept = cross(spin, vector_at(own, _OFFSET))
+    put_vector(virtual, 0, turn_back(own, add(vector_at(above, 0), swept)))
+    put_vector(virtual, 3, turn_back(own, spin))
 
 
 @compiled
 def _power(moving: FloatArray, virtual: FloatArray, row: FloatArray) -> None:
     """Evaluate the power of what unit parameters of a body need for its motion."""
-    w = (moving[_SPIN], moving[_SPIN + 1], moving[_SPIN + 2])
-    dw = (moving[_TURN], moving[_TURN + 1], moving[_TURN + 2])
-    a = (moving[_PUSH], moving[_PUSH + 1], moving[_PUSH + 2])
-    v, spin = (virtual[0], virtual[1], virtual[2]), (virtual[3], virtual[4], virtual[5])
-    row[0] = v[0] * a[0] + v[1] * a[1] + v[2] * a[2]
+    w, dw, a = vector_at(moving, _SPIN), vector_at(moving, _TURN), vector_at(moving, _PUSH)
+    v, spin = vector_at(virtual, 0), vector_at(virtual, 3)
+    row[0] = dot(v, a)
     # of h: v (dw x h + w x (w x h)) + spin (h x a), solved for h
     along, around, lever = cross(v, dw), cross(cross(v, w), w), cross(a, spin)
     for i in range(3):
@@ -182,47 +177,27 @@ def _move(frame: FloatArray, prismatic: bool, state: FloatArray, gravity: FloatA
           moving: FloatArray, parent: int, own: FloatArray) -> None:
     """Give a body its rotation, rates and accelerations in its own frame, from its parent's."""
     q, dq, ddq = state[0], state[1], state[2]
-    x, y, z = frame[12], frame[13], frame[14]
+    axis, offset, rotation = vector_at(frame, 12), vector_at(frame, 9), rotation_at(frame, 0)
     if prismatic:
-        for i in range(9):
-            own[_ROTATION + i] = frame[i]
-        for i in range(3):
-            own[_OFFSET + i] = frame[9 + i] + q * (
-                frame[3 * i] * x + frame[3 * i + 1] * y + frame[3 * i + 2] * z)
+        offset = add(offset, times(q, turn(rotation, axis)))
     else:
-        sine, cosine = math.sin(q), math.cos(q)
-        rest = 1.0 - cosine
-        spun = ((cosine + rest * x * x, rest * x * y - sine * z, rest * x * z + sine * y),
-                (rest * x * y + sine * z, cosine + rest * y * y, rest * y * z - sine * x),
-                (rest * x * z - sine * y, rest * y * z + sine * x, cosine + rest * z * z))
-        for i in range(3):
-            own[_OFFSET + i] = frame[9 + i]
-            a, b, c = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
-            own[_ROTATION + 3 * i] = a * spun[0][0] + b * spun[1][0] + c * spun[2][0]
-            own[_ROTATION + 3 * i + 1] = a * spun[0][1] + b * spun[1][1] + c * spun[2][1]
-            own[_ROTATION + 3 * i + 2] = a * spun[0][2] + b * spun[1][2] + c * spun[2][2]
-    if parent < 0:
-        spin = turning = (0.0, 0.0, 0.0)
-        push = (-gravity[0], -gravity[1], -gravity[2])
-    else:
+        rotation = product(rotation, about_axis(axis, q))
+    spin, turning, push = ZERO, ZERO, times(-1.0, vector_at(gravity, 0))
+    if parent >= 0:
         above = moving[parent]
-        spin = (above[_SPIN], above[_SPIN + 1], above[_SPIN + 2])
-        turning = (above[_TURN], above[_TURN + 1], above[_TURN + 2])
-        push = (above[_PUSH], above[_PUSH + 1], above[_PUSH + 2])
-    offset = (own[_OFFSET], own[_OFFSET + 1], own[_OFFSET + 2])
-    inner = cross(spin, cross(spin, offset))
-    outer = cross(turning, offset)
-    spin = turn_back(own, spin)
-    turning = turn_back(own, turning)
-    push = turn_back(own, (push[0] + outer[0] + inner[0], push[1] + outer[1] + inner[1],
-                           push[2] + outer[2] + inner[2]))
-    swept = cross(spin, (x * dq, y * dq, z * dq))
+        spin, turning = vector_at(above, _SPIN), vector_at(above, _TURN)
+        push = vector_at(above, _PUSH)
+    inner, outer = cross(spin, cross(spin, offset)), cross(turning, offset)
+    spin, turning = turn_back(rotation, spin), turn_back(rotation, turning)
+    push = turn_back(rotation, add(add(push, outer), inner))
+    swept = cross(spin, times(dq, axis))
     if prismatic:
-        push = (push[0] + 2.0 * swept[0] + x * ddq, push[1] + 2.0 * swept[1] + y * ddq,
-                push[2] + 2.0 * swept[2] + z * ddq)
+        push = add(add(push, times(2.0, swept)), times(ddq, axis))
     else:
-        turning = (turning[0] + swept[0] + x * ddq, turning[1] + swept[1] + y * ddq,
-                   turning[2] + swept[2] + z * ddq)
-        spin = (spin[0] + x * dq, spin[1] + y * dq, spin[2] + z * dq)
-    for i in range(3):
-        own[_SPIN + i], own[_TURN + i], own[_PUSH + i] = spin[i], turning[i], push[i]
+        turning = add(add(turning, swept), times(ddq, axis))
+        spin = add(spin, times(dq, axis))
+    put_rotation(own, _ROTATION, rotation)
+    put_vector(own, _OFFSET, offset)
+    put_vector(own, _SPIN, spin)
+    put_vector(own, _TURN, turning)
+    put_vector(own, _PUSH, push)
