@@ -30,6 +30,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.mechanics import integrator as gen
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import Probe
@@ -68,10 +69,10 @@ def time_plant(mechanism: Mechanism, dt: float, torque, q, *, observe: int = 0) 
 
     work()
     seconds = best(work)
-    counts = plant.counts()
+    counts = plant.tables.settings
     return {'step_us': 1e6 * seconds / steps, 'times_real_time': SECONDS / seconds,
-            'unknowns': mechanism.size, 'iterations_per_step': counts.iterations / steps,
-            'factorisations': counts.factorisations}
+            'unknowns': mechanism.size, 'iterations_per_step': counts[gen.ITERATIONS] / steps,
+            'factorisations': int(counts[gen.FACTORS])}
 
 
 def lapack_solve(size: int) -> dict:

@@ -201,7 +201,6 @@ def drive_row(motor: MotorSpec, dt: float, chosen: Imperfections) -> FloatArray:
 
 # Columns of the parameters of one encoder and current measurement.
 COUNT, AT_MOTOR, CURRENT_NOISE, CURRENT_STEP, RIPPLE, TURNS, PHASE = range(7)
-DRIVE_SENSOR = 7
 # Columns of the parameters of one gauge.
 PER_MOMENT, PER_RATE, COLUMN, OFFSET, NOISE, RESOLUTION = range(6)
 GAUGE = 6
@@ -239,7 +238,7 @@ def gauge_reading(gauge: NDArray, loads: NDArray, noise: float) -> float:
 
 
 def drive_sensor_row(motor: MotorSpec, chosen: Imperfections) -> FloatArray:
-    """Lay out encoder and current measurement of one motor; returns (DRIVE_SENSOR,)."""
+    """Lay out encoder and current measurement of one motor; returns (7,)."""
     return np.array([
         motor.encoder_resolution if chosen.encoder else 0.0,
         1.0 if motor.encoder_on == 'motor' else 0.0,
@@ -281,11 +280,10 @@ class Floor:
 
 def floor_row(floor: Floor | None, mechanism: Mechanism) -> FloatArray:
     """Lay a floor out for compiled code; floor: none presses nowhere; returns (FLOOR,)."""
-    points = mechanism.body_int[:, at.POINT]
-    body = int(np.flatnonzero(points <= mechanism.tip)[np.argmax(
-        points[points <= mechanism.tip])])
+    body = mechanism.body_at(mechanism.tip)
+    node = mechanism.tip - mechanism.body_int[body, at.POINT]
     height, stiffness = (0.0, 0.0) if floor is None else (floor.height, floor.stiffness)
-    return np.array([height, stiffness, body, mechanism.tip - points[body], mechanism.tip])
+    return np.array([height, stiffness, body, node, mechanism.tip])
 
 
 @compiled

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.kinematics import gauge_point, joint_axis, unit_vector
+from tudor_dynamics.arm.kinematics import gauge_point, is_prismatic, joint_axis, unit_vector
 from tudor_dynamics.arm.schema import (
     BeamSpec, GaugeSpec, InertiaPart, LinkSpec, SectionSpec)
 from tudor_dynamics.errors import check_type, SimulationError
@@ -239,8 +239,7 @@ class Builder:
         ints, floats = self._blank(parent, model.jointPlacements[index])
         axis = joint_axis(model, name)
         floats[at.AXIS:at.AXIS + 3] = axis
-        prismatic = 'P' in model.joints[index].shortname().removeprefix('JointModel')[:1]
-        ints[at.JOINT] = at.PRISMATIC if prismatic else at.REVOLUTE
+        ints[at.JOINT] = at.PRISMATIC if is_prismatic(model, name) else at.REVOLUTE
         hold = {joint.name: joint.hold for joint in self.arm.spec.joints}.get(name, 0.0)
         start = self.arm.spec.simulation.initial.get(name, hold)
         ints[at.Q] = self._coordinate(spec.hub_inertia, 0.0, spec.viscous_friction, start)
@@ -388,6 +387,10 @@ class Mechanism:
         if not self.body_int[body, at.FLEXIBLE]:
             return 0.0
         return float(self.body_int[body, at.ELEMENTS] * self.body_float[body, at.LENGTH])
+
+    def body_at(self, point: int) -> int:
+        """Give the body that a point belongs to."""
+        return int(np.flatnonzero(self.body_int[:, at.POINT] <= point)[-1])
 
     def point(self, joint: str, node: int = -1) -> int:
         """Give the number of a node after a joint."""

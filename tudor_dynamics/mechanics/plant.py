@@ -64,16 +64,6 @@ class Energy(NamedTuple):
         return self.kinetic + self.elastic + self.gravity
 
 
-class Counts(NamedTuple):
-    """Newton iterations and factorisations since the last reset."""
-
-    iterations: int  # Newton iterations since the last reset
-    factorisations: int  # factorisations since the last reset
-
-
-__all__ = ['Counts', 'DrivenBy', 'Energy', 'Plant', 'PlantState']
-
-
 class Plant:
     """
     A mechanism with its state and its integrator.
@@ -324,62 +314,11 @@ class Plant:
         self._start()
 
     def set_state(self, t: float, z: FloatArray, dz: FloatArray, torque: FloatArray) -> None:
-        """
-        Put the plant into a state, and solve for its accelerations.
-
-        Parameters
-        ----------
-        t : float
-            Time of the state [s].
-        z, dz : ndarray of shape (n,)
-            Coordinates and rates.
-        torque : ndarray of shape (n_joints,)
-            Torque of each joint [N m or N].
-
-        """
+        """Put the plant into a state at a time [s], and solve accelerations; see ``imbalance``."""
         self.tables.vectors[gen.Z], self.tables.vectors[gen.DZ] = z, dz
         self.tables.torque[self._q] = torque
         self._t0, self._time_steps = t, 0
         self._start()
-
-    def counts(self) -> Counts:
-        """Give the iterations and factorisations since the last reset."""
-        counts = self.tables.settings
-        return Counts(int(counts[gen.ITERATIONS]), int(counts[gen.FACTORS]))
-
-    def solve_accelerations(
-        self, z: FloatArray, dz: FloatArray, torque: FloatArray,
-    ) -> FloatArray:
-        """
-        Solve the equations of motion for the accelerations: the right side of an ODE.
-
-        Parameters
-        ----------
-        z, dz : ndarray of shape (n,)
-            Coordinates and rates.
-        torque : ndarray of shape (n_joints,)
-            Torque of each joint [N m or N].
-
-        Returns
-        -------
-        ndarray of shape (n,)
-            Accelerations; those of prescribed coordinates as last given.
-
-        Raises
-        ------
-        SimulationError
-            If the mass matrix is singular.
-
-        """
-        tables = self.tables
-        saved = tables.vectors.copy(), tables.torque.copy()
-        tables.vectors[gen.Z], tables.vectors[gen.DZ] = z, dz
-        tables.torque[self._q] = torque
-        tables.vectors[gen.DDZ, tables.prescribed] = tables.motion[2, tables.prescribed]
-        self._start_accelerations()
-        result = tables.vectors[gen.DDZ].copy()
-        tables.vectors[:], tables.torque[:] = saved
-        return result
 
     def _start_accelerations(self) -> None:
         tables = self.tables

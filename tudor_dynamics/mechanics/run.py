@@ -37,6 +37,7 @@ from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import (
     Chain, forward, put_rotation, put_vector, rotation_at, vector_at)
 from tudor_dynamics.mechanics.equations import joint_reactions, LOADS, nodal_motion, section_loads
+from tudor_dynamics.mechanics.integrator import DDZ
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge, with_motors
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.small_algebra import (
@@ -168,7 +169,7 @@ def read_inertial(
 
 def _tip(mechanism: Mechanism) -> int:
     """Give the point at the tip: the node that carries a payload where it sits right on it."""
-    body = int(np.flatnonzero(mechanism.body_int[:, at.POINT] <= mechanism.tip)[-1])
+    body = mechanism.body_at(mechanism.tip)
     row, place = mechanism.body_int[body], mechanism.body_float[body, at.JOINT_PLACE:][:3]
     if row[at.JOINT] == at.WELD and row[at.NODE] > 0 and np.linalg.norm(place) < 1e-9:
         return int(mechanism.body_int[row[at.PARENT], at.POINT] + row[at.NODE])
@@ -184,12 +185,11 @@ class InertialSensors:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        first = mechanism.body_int[:, at.POINT]
         points = {mechanism.point(joint): joint for joint in mechanism.beams}
         points[_tip(mechanism)] = TIP  # in place of the last beam where that ends there
         self.names = tuple(points.values())
-        self._bodies = np.array([np.flatnonzero(first <= point)[-1] for point in points])
-        self._nodes = np.array(list(points)) - first[self._bodies]
+        self._bodies = np.array([mechanism.body_at(point) for point in points])
+        self._nodes = np.array(list(points)) - mechanism.body_int[self._bodies, at.POINT]
         count = len(self.names)
         self._axes, self._turning, self._force = (
             np.zeros((count, *shape)) for shape in ((3, 3), (3,), (3,)))
@@ -447,7 +447,8 @@ def simulate_with_scipy(
         k = min(int(t / dt), steps - 1)
         share = t / dt - k
         now = (1.0 - share) * torque[k] + share * torque[k + 1]
-        return np.concatenate([y[count:], plant.solve_accelerations(place, rate, now)[free]])
+        plant.set_state(t, place, rate, now)
+        return np.concatenate([y[count:], plant.tables.vectors[DDZ, free]])
 
     scale = np.where(np.isin(np.flatnonzero(free), plant.mechanism.q_index), 1.0, 0.01)
     atol = rtol * np.concatenate([scale, 10.0 * scale])
