@@ -361,11 +361,9 @@ class ClosedLoop:
         state[:] = 0.0
         state[:, dr.ANGLE], state[:, dr.GEAR] = wanted, load
         state[:, dr.CURRENT] = load / self._drive[:, dr.TORQUE]
-        self._sensors.angle[:] = wanted
+        self._sensors.angle[:] = [dr.encoder_reading(row, angle, angle) for row, angle in zip(
+            self._sensors.sensor, wanted.tolist(), strict=True)]
         self._sensors.speed[:] = 0.0
-        counts = self._sensors.sensor[:, 0]
-        rough = counts > 0.0
-        self._sensors.angle[rough] = np.floor(wanted[rough] / counts[rough]) * counts[rough]
         self.cascade.reset(state[:, dr.CURRENT] - np.asarray(ahead, dtype=float))
         self.damper.reset()
         self._control.status_time[:] = 0.0
@@ -541,15 +539,14 @@ class ArmProcess:
         t = self.t
         self._samples += 1
         try:
-            return self._advance(t, self.force, self.floor)
+            return self._advance(t)
         except SimulationError as err:
             self.failure = str(err)
             self._rest()
-            return self._advance(t, np.zeros(3), None)
+            return self._advance(t)
 
-    def _advance(self, t: float, force: FloatArray, floor: Floor | None) -> Sample:
-        if self.failure:
-            force, floor = np.zeros(3), None
+    def _advance(self, t: float) -> Sample:
+        force, floor = (np.zeros(3), None) if self.failure else (self.force, self.floor)
         self.loop.set_force(force)
         self.loop.set_floor(floor)
         total = np.array(force, dtype=float)

@@ -35,7 +35,7 @@ from tudor_dynamics.files import read_text, write_figure
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.plots import (
-    Curves, draw_signal, pick_signal, signal_names, spectrum)
+    animate, Curves, draw_signal, pick_signal, signal_names, spectrum)
 from tudor_dynamics.mechanics.run import (
     count_steps, FIRST_STAMP, InertialSensors, PlantRecord, Probe, run_plant)
 from tudor_dynamics.typing import FloatArray
@@ -326,8 +326,6 @@ class SimulatedRun:
 
     def animate(self, path: str | Path) -> None:
         """Draw the run in real time to a ``.gif``, or a ``.mp4`` where ffmpeg is installed."""
-        from tudor_dynamics.mechanics.plots import animate  # slow to import
-
         animate(Path(path), self.run, self.mechanism)
 
     def save(self, folder: str | Path, *, bag: bool = True) -> None:
