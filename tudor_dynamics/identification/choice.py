@@ -34,7 +34,7 @@ from tudor_dynamics.models.base import Range
 from tudor_dynamics.models.estimation import (
     find_constants, Products, rescaled, solve, squared_residuals)
 from tudor_dynamics.models.friction import (
-    BY_LOAD, Coupling, friction_columns, friction_names, states_along, term_of, TERMS)
+    BY_LOAD, Coupling, fill_columns, friction_codes, friction_names, states_along, term_of, TERMS)
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import base_sets, regressor_of
 from tudor_dynamics.typing import FloatArray, Progress
@@ -55,6 +55,7 @@ class Column(NamedTuple):
     """A column of friction; numbers that it does not depend on are 0."""
 
     kind: str  # name of the term, with its direction
+    code: int  # as `fill_columns` takes it
     switch: float  # velocity of the smoothed sign [rad/s or m/s]
     decay: float  # velocity of Stribeck's curve [rad/s or m/s]
     value: float  # of its state
@@ -72,25 +73,16 @@ class CandidateRows:
 
 def columns_of(joint: JointSpec) -> list[Column]:
     """Give the friction columns of a joint, those with a state first."""
-    found = [Column(term, 0.0, 0.0, value) for term in joint.friction
+    found = [Column(term, TERMS[term].code, 0.0, 0.0, value) for term in joint.friction
              for value in joint.state_values(term)]
-    for name in friction_names(joint):
+    for name, code in zip(friction_names(joint), friction_codes(joint).tolist(), strict=True):
         kind, term = name.partition('(')[0], term_of(name)
         if term not in STATE_KEYS:
             # what acts in one direction has a switch
             switched = TERMS[term].switched or kind != term
-            found.append(Column(kind, joint.friction_velocity if switched else 0.0,
+            found.append(Column(kind, code, joint.friction_velocity if switched else 0.0,
                                 joint.stribeck_velocity if TERMS[term].decays else 0.0, 0.0))
     return found
-
-
-def joint_with(joint: JointSpec, column: Column) -> JointSpec:
-    """Give a joint whose friction has a column, with another one where columns come in pairs."""
-    name = column.kind.rstrip('+-')
-    return joint.model_copy(update={
-        'friction': (name,), 'asymmetric': name != column.kind,
-        'friction_velocity': column.switch or joint.friction_velocity,
-        'stribeck_velocity': column.decay or joint.stribeck_velocity})
 
 
 class LeftOut:
@@ -112,7 +104,6 @@ class LeftOut:
         self._reach = self._coupling.reach if output == 'effort' else np.zeros((0, 0))
         names = [joint.name for joint in arm.joints]
         self.terms: list[list[Column]] = [[] for _ in names]
-        self._joints = arm.joints
         if output == 'effort':
             for joint in candidates:
                 own = self.terms[names.index(joint.name)]
@@ -154,7 +145,7 @@ class LeftOut:
                                if column.kind in STATE_KEYS})
             states = states_along(
                 stretch, self._coupling,
-                np.array([[TERMS[column.kind].code] * n for column in stateful],
+                np.array([[column.code] * n for column in stateful],
                          dtype=np.intp).reshape(-1, n),
                 np.array([[column.value] * n for column in stateful]).reshape(-1, n))
             for i, columns in enumerate(self.terms):
@@ -162,9 +153,10 @@ class LeftOut:
                     if column in stateful:
                         speed[:, i, k] = states[:, stateful.index(column), i]
                         continue
-                    names = friction_names(joint := joint_with(self._joints[i], column))
-                    place = [name.partition('(')[0] for name in names].index(column.kind)
-                    speed[:, i, k] = friction_columns(joint, dq[:, i])[:, place]
+                    one = np.empty((len(dq), 1))
+                    fill_columns(dq[:, i], np.array([column.code], dtype=np.intp), column.switch,
+                                 column.decay, one)
+                    speed[:, i, k] = one[:, 0]
             rows = self._regressor.rows(motion if keep.sections is not None else keep(motion))
             bodies = rows[:, :, self.columns]
             pieces.append(CandidateRows(

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import os
 
 import numpy as np
@@ -116,8 +116,8 @@ class Record:
     def head(self, seconds: float) -> Record:
         """Take the first seconds of the record."""
         n = int(np.searchsorted(np.cumsum(self.dt[1:]), seconds)) + 1
-        return Record(self.q[:n], self.dt[:n], self.strain[:n], min(self.skip, n // 2),
-                      self.payload, self.before)
+        return replace(self, q=self.q[:n], dt=self.dt[:n], strain=self.strain[:n],
+                       skip=min(self.skip, n // 2))
 
     def decimated(self, dt: float) -> Record:
         """Leave out samples, for coarse steps: dt [s]."""
@@ -125,8 +125,9 @@ class Record:
         if stride < 2:
             return self
         passed = np.cumsum(self.dt)[::stride]
-        return Record(self.q[::stride], np.diff(passed, prepend=passed[0] - self.dt[0]),
-                      self.strain[::stride], -(-self.skip // stride), self.payload, self.before)
+        return replace(self, q=self.q[::stride], strain=self.strain[::stride],
+                       dt=np.diff(passed, prepend=passed[0] - self.dt[0]),
+                       skip=-(-self.skip // stride))
 
 
 @dataclass(frozen=True, eq=False)

@@ -324,7 +324,7 @@ Found = list[BagFacts | Unused]
 Work = Callable[[Trial, Count], Found]
 Answer = tuple[Found, Mapping[str, bytes]]
 """What is known of bags, and what is to be kept of them."""
-Result = TypeVar('Result')
+Kept = TypeVar('Kept', BagSums, BagErrors)
 Progress = Callable[[int], None]
 
 
@@ -367,23 +367,18 @@ def _gather(trial: Trial, count: Count) -> Found:
     task = trial.task
     models: dict[str, AnalyticalModel] = {}
 
-    def products(seen: SurveyedBag) -> BagFacts:
-        name = _sums(trial, seen)
-        kept = loaded_sums(task.store.read(name) or b'')
-        if kept is None:
-            for output in () if models else task.outputs:  # only where there is anything to do
-                model = blank('analytical', task.arm, output, task.settings)
-                assert isinstance(model, AnalyticalModel)
-                models[output] = model
-            data = _by_each_filter(task, seen)
-            kept = BagSums(facts_of(data[0]), {
-                (number, output): model.products(training_blocks(
-                    [bag], output, with_payload=task.with_payload, inputs=model.inputs),
-                    triangular=True)
-                for number, bag in enumerate(data) for output, model in models.items()})
-            task.store.write(name, dumped_sums(kept))
-        return kept.facts
-    return _each(trial.bags, products, count, task.base)
+    def products(seen: SurveyedBag) -> BagSums:
+        for output in () if models else task.outputs:  # only where there is anything to do
+            model = blank('analytical', task.arm, output, task.settings)
+            assert isinstance(model, AnalyticalModel)
+            models[output] = model
+        data = _by_each_filter(task, seen)
+        return BagSums(facts_of(data[0]), {
+            (number, output): model.products(training_blocks(
+                [bag], output, with_payload=task.with_payload, inputs=model.inputs),
+                triangular=True)
+            for number, bag in enumerate(data) for output, model in models.items()})
+    return _each(trial, _sums, loaded_sums, dumped_sums, products, count)
 
 
 def _by_each_filter(task: Task, seen: SurveyedBag) -> list[BagData]:
@@ -436,20 +431,13 @@ def _taken(store: Store, answer: Answer) -> Found:
 
 
 def _judge(trial: Trial, count: Count) -> Found:
-    task = trial.task
-
-    def tallies(seen: SurveyedBag) -> BagFacts:
-        name = trial.name(seen)
-        judged = loaded_errors(task.store.read(name) or b'')
-        if judged is None:
-            data = _by_each_filter(task, seen)
-            judged = BagErrors(facts_of(data[0]), *(
-                {(number, output): trace(model_for(model, data[0]), data[number], output).tally()
-                 for (number, output), model in models.items()}
-                for models in (trial.unseen, trial.seen)))
-            task.store.write(name, dumped_errors(judged))
-        return judged.facts
-    return _each(trial.bags, tallies, count, task.base)
+    def tallies(seen: SurveyedBag) -> BagErrors:
+        data = _by_each_filter(trial.task, seen)
+        return BagErrors(facts_of(data[0]), *(
+            {(number, output): trace(model_for(model, data[0]), data[number], output).tally()
+             for (number, output), model in models.items()}
+            for models in (trial.unseen, trial.seen)))
+    return _each(trial, Trial.name, loaded_errors, dumped_errors, tallies, count)
 
 
 def names_of(trials: Sequence[Trial]) -> set[str]:
@@ -459,16 +447,22 @@ def names_of(trials: Sequence[Trial]) -> set[str]:
 
 
 def _each(
-    bags: Sequence[SurveyedBag], work: Callable[[SurveyedBag], Result], count: Count, base: Path,
-) -> list[Result | Unused]:
-    """Go through bags; what is wrong with one says so in its place."""
-    found: list[Result | Unused] = []
+    trial: Trial, name: Callable[[Trial, SurveyedBag], str], load: Callable[[bytes], Kept | None],
+    dump: Callable[[Kept], bytes], make: Callable[[SurveyedBag], Kept], count: Count,
+) -> Found:
+    """Read what each bag comes to, or make and keep it; what is wrong with one says so instead."""
+    found: Found = []
+    store = trial.task.store
     with quiet():
-        for seen in bags:
+        for seen in trial.bags:
             try:
-                found.append(work(seen))
+                kept = load(store.read(name(trial, seen)) or b'')
+                if kept is None:
+                    kept = make(seen)
+                    store.write(name(trial, seen), dump(kept))
+                found.append(kept.facts)
             except TudorError as err:
-                found.append(_unused(str(seen.choice), err, base))
+                found.append(_unused(str(seen.choice), err, trial.task.base))
             count(1)
     return found
 

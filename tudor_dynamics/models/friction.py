@@ -218,8 +218,8 @@ def friction_columns(
     """Evaluate the friction columns (samples, columns) of a joint, that slides by default."""
     codes = friction_codes(joint)
     out = np.empty((len(dq), len(codes)))
-    _fill(np.asarray(dq, dtype=float), codes, joint.friction_velocity, joint.stribeck_velocity,
-          out)
+    fill_columns(np.asarray(dq, dtype=float), codes, joint.friction_velocity,
+                 joint.stribeck_velocity, out)
     if states is not None:
         out[:, codes >= FIRST_STATE] = states[:, :np.count_nonzero(codes >= FIRST_STATE)]
     if load is not None:
@@ -240,7 +240,10 @@ def friction_codes(joint: JointSpec) -> NDArray[np.intp]:
 
 
 @compiled
-def _fill(dq: FloatArray, codes: NDArray, sharp: float, stribeck: float, out: FloatArray) -> None:
+def fill_columns(
+    dq: FloatArray, codes: NDArray, sharp: float, stribeck: float, out: FloatArray,
+) -> None:
+    """Evaluate columns (samples, codes) of a joint that slides, see `friction_term`."""
     for k in range(len(dq)):
         for i in range(len(codes)):
             out[k, i] = friction_term(codes[i], dq[k], sharp, stribeck)
