@@ -40,7 +40,6 @@ from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.comparison import described_parameters_of, full_parameters
 from tudor_dynamics.models.consistent import (
     full_of, parameters_of, prior_of, Problem, pseudo_inertia)
-from tudor_dynamics.models.estimation import summed
 
 SAMPLES = CONFIG.parent / 'bags'
 OTHERS = (
@@ -82,7 +81,7 @@ def relative_error(model, parameters, bags):
 def semidefinite(bundle, model, full):
     """Solve by clarabel at the constants that were found; full parameters and time [s]."""
     from scipy import sparse
-    problem = Problem(bundle.arm, model, summed(model.data_.values()), prior_of(bundle.arm))
+    problem = Problem(bundle.arm, model, prior_of(bundle.arm))
     rows = []
     for channel, matrix, target in problem.parts:
         factor = np.where(problem.scaled, 1.0 / full.solution.constants[channel], 1.0)

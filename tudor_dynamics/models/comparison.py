@@ -31,7 +31,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.consistent import (
     full_of, Prior, prior_of, Problem, scaled_columns, Solution, solve_consistent, solve_drives)
-from tudor_dynamics.models.estimation import Constants, summed
+from tudor_dynamics.models.estimation import Constants
 from tudor_dynamics.models.friction import BY_LOAD, FRICTION, term_of, TERMS
 from tudor_dynamics.models.regressor import BaseSet
 from tudor_dynamics.models.settings import FROM_BOTH, FROM_DATA
@@ -115,7 +115,7 @@ def full_parameters(bundle: ModelBundle) -> FullParameters:
 def _of_file(bundle: ModelBundle) -> tuple[Problem, FloatArray]:
     """Give the data, and what the parameters of a file are in the model's drives, (drives, n)."""
     model = effort_model(bundle)
-    problem = Problem(bundle.arm, model, summed(model.data_.values()), prior_of(bundle.arm))
+    problem = Problem(bundle.arm, model, prior_of(bundle.arm))
     names = problem.columns[problem.first:]
     # of each joint rotor, damping, friction, and the zero of its effort, which no file has
     table = np.zeros((len(names), len(model.channels), 4))
@@ -178,15 +178,14 @@ def full_parameters_of(
     arm: Arm, model: AnalyticalModel, prior: Prior | None = None,
 ) -> FullParameters:
     """Find full parameters that can exist, of a model of efforts; prior: as described."""
-    return _full(arm, model, solve_consistent(arm, model, summed(model.data_.values()), prior))
+    return _full(arm, model, solve_consistent(arm, model, prior or prior_of(arm)))
 
 
 def described_parameters_of(
     arm: Arm, model: AnalyticalModel, prior: Prior | None = None,
 ) -> FullParameters:
     """Take bodies as they are described, with the drives that suit them best."""
-    return _full(arm, model, solve_drives(
-        arm, model, summed(model.data_.values()), prior or prior_of(arm)))
+    return _full(arm, model, solve_drives(arm, model, prior or prior_of(arm)))
 
 
 def _full(arm: Arm, model: AnalyticalModel, solution: Solution) -> FullParameters:

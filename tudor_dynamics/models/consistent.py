@@ -27,7 +27,7 @@ from scipy import linalg
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.estimation import Products, triangle
+from tudor_dynamics.models.estimation import Products, summed, triangle
 from tudor_dynamics.models.friction import (
     BY_LOAD, DAMPING, FRICTION, friction_columns, friction_names, term_of, TERMS)
 from tudor_dynamics.models.regressor import EffortRegressor, random_inputs
@@ -227,10 +227,8 @@ class Problem:
     What drives must not do (``energy_rows``) counts as an error where they do it.
     """
 
-    def __init__(
-        self, arm: Arm, model: AnalyticalModel, products: Sequence[Sequence[Products]],
-        prior: Prior,
-    ) -> None:
+    def __init__(self, arm: Arm, model: AnalyticalModel, prior: Prior) -> None:
+        products = summed(model.data_.values())
         self.columns = model.regressor.columns
         self.scaled = scaled_columns(arm, self.columns)
         self.unknown = EffortRegressor(arm, shared=True).unknown
@@ -437,12 +435,9 @@ def _searched(problem: Problem, x: FloatArray, first: int = 0) -> FloatArray:
         ftol=ENOUGH, xtol=ENOUGH, gtol=1e-12, max_nfev=EVALUATIONS).x)
 
 
-def solve_consistent(
-    arm: Arm, model: AnalyticalModel, products: Sequence[Sequence[Products]],
-    prior: Prior | None = None,
-) -> Solution:
-    """Find bodies, by default near those described, and drives that give base parameters."""
-    problem = Problem(arm, model, products, prior or prior_of(arm))
+def solve_consistent(arm: Arm, model: AnalyticalModel, prior: Prior) -> Solution:
+    """Find bodies and drives that give base parameters."""
+    problem = Problem(arm, model, prior)
     x = problem.start()
     for search, (problem.trusted, problem.strict) in enumerate(SEARCHES, start=1):
         if search == len(SEARCHES):
@@ -454,11 +449,9 @@ def solve_consistent(
     return problem.solution(x)
 
 
-def solve_drives(
-    arm: Arm, model: AnalyticalModel, products: Sequence[Sequence[Products]], prior: Prior,
-) -> Solution:
+def solve_drives(arm: Arm, model: AnalyticalModel, prior: Prior) -> Solution:
     """Find the drives and torque constants that suit bodies as they are described."""
-    problem = Problem(arm, model, products, prior)
+    problem = Problem(arm, model, prior)
     problem.trusted, problem.strict = SEARCHES[-1]
     return problem.solution(_searched(problem, problem.start(), problem.first))
 
