@@ -24,6 +24,7 @@ compared with what rosbags makes of the same bytes, message by message.
     python bench/fuzz.py --only bags:1234 --keep DIR
     python bench/fuzz_bags.py --losses 500        whole fits of bags that lost messages
     python bench/fuzz_urdfs.py --urdfs 2000       URDFs with faults that people make
+    python bench/fuzz_files.py                    plans, trajectories, marks of pushes, fleets
 """
 
 from __future__ import annotations
@@ -59,11 +60,13 @@ def target(name, folder):
     from fuzzing.arms import Arms
     from fuzzing.bags import Bags
     from fuzzing.bundles import Bundles
+    from fuzzing.files import Fleets, Plans, Trajectories, Truths
     from fuzzing.losses import Losses
     from fuzzing.urdfs import Urdfs
-    if name in ('arms', 'urdfs', 'losses'):
-        return {'arms': Arms, 'urdfs': Urdfs, 'losses': Losses}[name](folder, ROOT)
-    return {'bags': Bags, 'bundles': Bundles}[name](folder)
+    if name in ('bags', 'bundles'):
+        return {'bags': Bags, 'bundles': Bundles}[name](folder)
+    return {'arms': Arms, 'urdfs': Urdfs, 'losses': Losses, 'plans': Plans, 'fleets': Fleets,
+            'trajectories': Trajectories, 'truths': Truths}[name](folder, ROOT)
 
 
 def peak(*, reset=False):
@@ -152,10 +155,11 @@ class Tally:
             print(f'{self.kind}:{number} ({sample}): {text}', flush=True)
 
 
-def run(name, seed, first, last):
+def run(name, seed, first, last, seconds=float('inf')):
     """Go through the cases of one kind, with another process wherever one ends or hangs."""
     context, tally = multiprocessing.get_context('spawn'), Tally(name)
-    while first < last:
+    over = time.monotonic() + seconds
+    while first < last and time.monotonic() < over:
         ours, theirs = context.Pipe(duplex=False)
         worker = context.Process(target=work, args=(name, seed, first, last, theirs), daemon=True)
         worker.start()
@@ -167,6 +171,9 @@ def run(name, seed, first, last):
                 if isinstance(item, tuple):
                     tally.add(*item)
                     first = item[0] + 1 if item[0] != 'sample' else first
+                    if item[0] != 'sample' and time.monotonic() > over:
+                        last = first
+                        break
                 elif item is not None:
                     patience, current = PATIENCE, item
             ended = f'no answer within {patience:g} s'
@@ -189,6 +196,8 @@ def main(description=__doc__, counts=COUNTS):
     for name, count in counts.items():
         parser.add_argument(f'--{name}', type=int, default=count, metavar='N')
     parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--minutes', type=float, default=float('inf'), metavar='M',
+                        help='end each kind after this time, with what is done by then')
     parser.add_argument('--only', metavar='KIND:NUMBER', help='one case, in this process')
     parser.add_argument('--keep', type=Path, metavar='DIR', help='where --only leaves its input')
     args = parser.parse_args()
@@ -202,7 +211,7 @@ def main(description=__doc__, counts=COUNTS):
     failed = 0
     for name in counts:
         begun = time.perf_counter()
-        tally = run(name, args.seed, 0, getattr(args, name))
+        tally = run(name, args.seed, 0, getattr(args, name), 60.0 * args.minutes)
         failed += tally.wrong
         print(f'{name}: {sum(tally.outcomes.values())} mutations in '
               f'{time.perf_counter() - begun:.0f} s: {tally.outcomes[READ]} read, '

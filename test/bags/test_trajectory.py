@@ -92,3 +92,19 @@ def test_what_is_no_table(text: str, said: str, tmp_path: Path) -> None:
     assert 'motion.csv' in str(caught.value)
     with pytest.raises(BagError, match='cannot be read'):
         read_trajectory(tmp_path / 'none.csv')
+
+
+@pytest.mark.parametrize(('rows', 'said'), [
+    (('0,1', 'inf,1', 'inf,2'), 'time does not increase after point 1'),
+    (('0,1', '1e-300,2', '1,3'), 'time does not increase after point 1'),
+    (('0,1', '1,1e300'), 'positions of point 2 are not finite, or beyond'),
+    ((), 'found a table of shape')])
+@pytest.mark.filterwarnings('error')
+def test_numbers_that_nobody_can_square(
+    rows: tuple[str, ...], said: str, tmp_path: Path,
+) -> None:
+    """They are refused where they are read, without a warning of what overflows."""
+    path = tmp_path / 'motion.csv'
+    path.write_text('\n'.join(['t,a', *rows, '']))
+    with pytest.raises(BagError, match=said):
+        read_trajectory(path)

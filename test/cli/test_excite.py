@@ -153,6 +153,10 @@ def test_plans_that_are_none(root: Path, tmp_path: Path,
     assert 'there is no plan.json' in refused(*fit)
     (folder / 'plan.json').write_text('{"format": "x"}')
     assert 'no plan (' in refused(*fit)
+    (folder / 'plan.json').write_text(json.dumps({
+        'format': 'tudor_dynamics/excitation', 'version': 1, 'noise_of': 'samples',
+        'noise_stated': True, 'noise': {'effort': {'joint2': 1e-300, 'joint3': 1.0}}}))
+    assert '1e-12 to 1e12' in refused(*fit)
     record = ('record', '--arm', arm, '--out', str(tmp_path / 'r'), '--trajectory', str(folder))
     assert 'cannot be read' in refused(*record)
     (folder / 'trajectory.csv').write_text('t,a,a_velocity,a_acceleration\n0,0,0,0\n1,0,0,0\n')

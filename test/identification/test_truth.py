@@ -54,6 +54,18 @@ def test_truth_of_a_wrench(tmp_path: Path) -> None:
                             KnownPush(int(stamp[200]), int(stamp[219]), 4.0))
 
 
+@pytest.mark.filterwarnings('error')
+def test_a_wrench_that_nobody_can_square(tmp_path: Path) -> None:
+    """It is a push all the same, and its size is not infinite."""
+    stamp, force = times(), np.zeros((300, 3))
+    force[100:150] = 1e200
+    bag = make_bag(tmp_path / 'b', joint_states(), Signals(
+        '/applied_wrench', stamp, {'force': force, 'torque': np.zeros((300, 3))}, frame='tip',
+        msgtype=WRENCH_STAMPED))
+    push, = find_truth(str(bag)).pushes
+    assert push.force == pytest.approx(3.0**0.5 * 1e200)
+
+
 def test_truth_of_a_bool(tmp_path: Path) -> None:
     """A Bool on change counts from rise to fall, on the header stamps of the joint states."""
     stamp = times()

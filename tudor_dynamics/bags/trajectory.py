@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
@@ -38,6 +39,8 @@ from tudor_dynamics.typing import FloatArray
 
 Points = Sequence[Sequence[float]]
 MAX_TABLE_BYTES = 50_000_000
+LARGEST = 1e12
+"""What no joint reaches [rad, m, s]: squares of more are no numbers."""
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 MOST_MESSAGES = 100_000
 SECOND = 1_000_000_000
@@ -87,11 +90,14 @@ class Trajectory:
             if values is not None and values.shape != shape:
                 raise SignalError(f'the trajectory has {name} of shape {values.shape}, expected '
                                   f'{shape[0]} points of the joints {list(self.joints)}')
-            if values is not None and not np.isfinite(values).all():
-                row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-                raise SignalError(f'{name} of point {row + 1} are not finite')
-        if not np.isfinite(self.t).all() or np.any(np.diff(self.t) <= 0.0):
-            row = int(np.argmin(np.append(np.diff(self.t) > 0.0, False)))
+            if values is not None and not (np.abs(values) < LARGEST).all():
+                row = int(np.flatnonzero(~(np.abs(values) < LARGEST).all(axis=1))[0])
+                raise SignalError(f'{name} of point {row + 1} are not finite, or beyond '
+                                  f'{LARGEST:g}')
+        known = np.abs(self.t) < LARGEST
+        later = np.diff(np.where(known, self.t, np.nan)) > 0.5 / SECOND  # messages count ns
+        if not known.all() or not later.all():
+            row = int(np.argmin(np.append(later, False)))
             msg = (f'time does not increase after point {row + 1}, at {self.t[row]:g} s; '
                    'time_from_start of each point has to be later than that of the one before')
             raise SignalError(msg)
@@ -180,7 +186,9 @@ def read_trajectory(path: Path) -> Trajectory:
         raise BagError(msg, place=path, remedy='columns are t [s], JOINT [rad or m], and where '
                        'known JOINT_velocity and JOINT_acceleration')
     try:
-        values = np.loadtxt(StringIO(body), delimiter=',', ndmin=2)
+        with catch_warnings():
+            simplefilter('ignore', UserWarning)  # of a table without rows, which is refused below
+            values = np.loadtxt(StringIO(body), delimiter=',', ndmin=2)
     except ValueError as err:
         raise BagError(f'a line is no row of numbers ({err})', place=path) from None
     if values.shape[1:] != (len(columns),):

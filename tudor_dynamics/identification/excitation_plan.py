@@ -487,8 +487,8 @@ def read_plan(path: str | Path) -> PlanFolder:
         raise UsageError(f'found {head.format[:60]} {head.version}, expected {FORMAT} {VERSION}',
                          place=path / HEAD, remedy='plan again with this version')
     noise = {output: np.array(list(values.values())) for output, values in head.noise.items()}
-    if not noise or any(not np.all(size > 0.0) or not np.isfinite(size).all()
-                        for size in noise.values()):
-        raise UsageError('noise: expected a positive number for each channel', place=path / HEAD)
+    if not noise or not all(np.all((size >= 1e-12) & (size <= 1e12)) for size in noise.values()):
+        raise UsageError('noise: expected a positive number, 1e-12 to 1e12, for each channel',
+                         place=path / HEAD)
     return PlanFolder(path, read_trajectory(path / TABLE),
                       Noise(noise, head.noise_of == 'residuals'), head.noise_stated)
