@@ -23,7 +23,10 @@ import shutil
 
 import draft_making
 import pytest
+from tudor_dynamics.cli import evaluate
 from tudor_dynamics.cli.main import main
+from tudor_dynamics.identification.doctor.between import Evaluated
+from tudor_dynamics.identification.doctor.findings import found
 
 
 def commands(said: str) -> list[list[str]]:
@@ -84,6 +87,7 @@ def test_after_a_draft(
 @pytest.mark.parametrize('more', [[], ['--json']])
 def test_more_false_alarms_than_promised(
     root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """How many times what was promised came, and the fit whose thresholds know that motion."""
     bags, model = root / 'bags', tmp_path / 'a model'
@@ -112,3 +116,10 @@ def test_more_false_alarms_than_promised(
     assert 'fit again' not in said
     if 'no longer what it was' in said:
         assert 'pushes (' not in said and 'holds' in said and '--collisions' in said
+    # ends without motion are a fact about the bag, and no cause of an error
+    monkeypatch.setattr(evaluate, 'examine_evaluation', lambda *_: Evaluated(
+        (found('standstill', 'the arm stands'),), {}))
+    main(words)
+    stood = capsys.readouterr().out
+    assert 'the arm stands' in stood and 'no longer what it was' in stood
+    assert 'holds 4 pushes: touched' in stood and '--collisions' in stood

@@ -355,7 +355,7 @@ def run(args: argparse.Namespace) -> int:
               'chance')
     print_findings(findings)
     _print_loads(evaluated, bundle)
-    if worse and not findings:
+    if worse and all(item.kind == 'standstill' for item in findings):
         print(_cause(args, data, [touched(change, found[change.output][change.kind])
                                   for change in worse]))
     return 1 if worse else 0
