@@ -36,11 +36,16 @@ def test_damaged_input(root: Path) -> None:
 
 
 @pytest.mark.parametrize(('script', 'kind', 'count'), [
-    ('fuzz_bags.py', 'losses', 4), ('fuzz_urdfs.py', 'urdfs', 200)])
+    ('fuzz_bags.py', 'losses', 4), ('fuzz_urdfs.py', 'urdfs', 200),
+    ('fuzz_files.py', 'trajectories', 60), ('fuzz_files.py', 'truths', 60)])
 def test_of_one_kind(root: Path, script: str, kind: str, count: int) -> None:
-    """Whole fits of bags that lost messages; URDFs with faults that people make."""
+    """Fits of bags that lost messages, URDFs with people's faults, files that programs send."""
+    others = [word for other in ('plans', 'trajectories', 'truths', 'fleets') if other != kind
+              for word in (f'--{other}', '0')] if script == 'fuzz_files.py' else []
     done = subprocess.run(
-        [sys.executable, f'bench/{script}', f'--{kind}', str(count), '--seed', '3'], cwd=root,
+        [sys.executable, f'bench/{script}', f'--{kind}', str(count), '--seed', '3', *others],
+        cwd=root,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
     assert done.returncode == 0, done.stdout
-    assert done.stdout.startswith(f'{kind}: {count} mutations') and ' 0 wrong; ' in done.stdout
+    said, = (line for line in done.stdout.splitlines() if line.startswith(f'{kind}:'))
+    assert said.startswith(f'{kind}: {count} mutations') and ' 0 wrong; ' in said

@@ -143,7 +143,8 @@ def test_a_table_of_pushes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('text', [
-    '2.0', 'begin,end\n2,1\n', '1,2\nx,y\n', '-1,2\n', '1,nan\n', '1,2,-1\n'])
+    '2.0', 'begin,end\n2,1\n', '1,2\nx,y\n', '-1,2\n', '1,nan\n', '1,2,-1\n',
+    '1,1e300\n'])
 def test_bad_tables(tmp_path: Path, text: str) -> None:
     """A line that is no push is named, with what was expected."""
     table = tmp_path / 'pushes.csv'

@@ -53,6 +53,8 @@ TOPIC = 'applied_wrench'
 """Where forces that were applied on purpose are recorded."""
 LARGEST_TOLERANCE = 1.0
 """A push that is marked by eye is not farther off [s]; source: none known."""
+LONGEST = 1e9
+"""Later no bag has a push [s]: stamps count nanoseconds in 64 bits."""
 MAX_TABLE = 10_000_000
 """Bytes of a table of pushes that are read."""
 
@@ -156,7 +158,7 @@ def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:
             if place == 0 and len(row) >= 2:
                 continue  # names of the columns
             begin, end, early = 0.0, -1.0, 0.0
-        if not (0.0 <= begin <= end < float('inf') and 0.0 <= early <= LARGEST_TOLERANCE):
+        if not (0.0 <= begin <= end < LONGEST and 0.0 <= early <= LARGEST_TOLERANCE):
             msg = (f'--pushes {path}, line {number + 1}: found {",".join(row)!r}, expected '
                    'begin,end in seconds since the beginning of the bag, such as 2.0,2.95, and '
                    f'perhaps a tolerance of up to {LARGEST_TOLERANCE:g} s')
