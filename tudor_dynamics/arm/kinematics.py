@@ -174,8 +174,6 @@ def model_from_urdf(text: str, path: str, angles: ExactAngles | None = None) -> 
         raise ArmError(f'{path}: Pinocchio cannot build a model from this URDF ({cause})')
     if said and sys.stderr is not None:
         sys.stderr.write(said)
-    if model.nq != model.nv:
-        raise ArmError(f'{path}: a joint of this URDF needs more than one coordinate')
     return model
 
 

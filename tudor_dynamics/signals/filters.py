@@ -231,9 +231,6 @@ def zero_phase(
     with jitter are brought to a uniform grid and back.
     """
     n = len(t)
-    if n < settings.FEWEST:
-        raise SignalError(f'{n} samples are too few for a zero-phase filter; expected '
-                          f'{settings.FEWEST} or more')
     dt = float(t[-1] - t[0]) / (n - 1)
     if not 0 < cutoff < 0.5 / dt:
         raise SignalError(f'cut-off {cutoff} Hz; expected between 0 and half the sample rate, '
