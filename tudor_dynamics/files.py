@@ -212,11 +212,6 @@ class YamlError(ValueError):
     """Text that is no YAML, or more of it than is read."""
 
 
-def read_yaml(path: Path, limit: int) -> Any:
-    """Read a YAML file in UTF-8: limit [bytes]."""
-    return load_yaml(read_bounded(path, limit).decode())
-
-
 def load_yaml(text: str | bytes) -> Any:
     """Read YAML of which nothing is known."""
     try:

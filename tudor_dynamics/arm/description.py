@@ -34,7 +34,7 @@ from tudor_dynamics.arm.kinematics import (
 from tudor_dynamics.arm.schema import (
     ArmSpec, FRICTION_KEYS, GaugeSpec, JointSpec, read_spec, SourceSpec)
 from tudor_dynamics.errors import ArmError, check_type, TudorWarning
-from tudor_dynamics.files import read_yaml, YamlError
+from tudor_dynamics.files import load_yaml, read_text, YamlError
 from tudor_dynamics.typing import FloatArray
 
 
@@ -325,16 +325,12 @@ def load_arm(path: str | Path) -> Arm:
     """
     check_type(path, (str, Path), 'path', 'the path of a YAML file')
     path = Path(path)
+    text = read_text(path, MAX_YAML_BYTES, 'the arm description', ArmError,
+                     'check --arm, or write one with `tudor init`')
     try:
-        content = read_yaml(path, MAX_YAML_BYTES)
-    except OSError as err:
-        raise ArmError(f'{path}: the arm description cannot be read ({err.strerror}); check '
-                       '--arm, or write one with `tudor init`') from None
+        content = load_yaml(text)
     except YamlError as err:
-        raise ArmError(f'{path}: {err}') from None
-    except ValueError as err:  # no UTF-8, or a NUL in the path
-        msg = f'{path}: the arm description cannot be read ({err}); check --arm'
-        raise ArmError(msg) from None
+        raise ArmError(str(err), place=path) from None
     arm = arm_from_dict(content, base=path.parent, source=str(path))
     for note in arm.notes:
         warnings.warn(f'{path}: {note}', TudorWarning, stacklevel=2)

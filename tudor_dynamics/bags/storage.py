@@ -32,8 +32,8 @@ from tudor_dynamics.bags.mcap import McapFile
 from tudor_dynamics.bags.sqlite import SqliteFile
 from tudor_dynamics.errors import BagError, TudorWarning
 from tudor_dynamics.files import (
-    BreaksOff, Damaged, open_regular, read_yaml, scratch_prefix, unpacked_file, Unpacker,
-    ZSTD_MAGIC)
+    BreaksOff, Damaged, load_yaml, open_regular, read_bounded, scratch_prefix, unpacked_file,
+    Unpacker, ZSTD_MAGIC)
 
 # A bag is untrusted. Whatever its bytes are, what leaves this module is data or a BagError on one
 # line that names the file, the cause and the remedy.
@@ -59,7 +59,7 @@ class Metadata:
 def read_metadata(directory: Path) -> Metadata:
     """Read the metadata of a bag."""
     try:
-        content = read_yaml(directory / METADATA, MAX_METADATA_BYTES)
+        content = load_yaml(read_bounded(directory / METADATA, MAX_METADATA_BYTES).decode())
         return _checked(directory, content['rosbag2_bagfile_information'])
     except OSError as err:
         cause = f'cannot be read: {err.strerror}'

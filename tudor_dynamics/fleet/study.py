@@ -31,7 +31,7 @@ from pydantic import Field, field_validator, ValidationError
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import Name, Spec, validation_message
 from tudor_dynamics.errors import FitError, quiet, TudorError, UsageError
-from tudor_dynamics.files import load_yaml, read_bounded, source_digest, write_whole
+from tudor_dynamics.files import load_yaml, read_text, source_digest, write_whole
 from tudor_dynamics.fleet.comparison import (
     aged, Fleet, Measure, measures, Named, named_aged, named_outliers, Observation, parted,
     quantities, Quantity, ring_quantities, rings, stiffness_quantities)
@@ -100,16 +100,13 @@ class FleetPlan(Spec):
 
 def load_plan(path: Path) -> FleetPlan:
     """Read a plan, YAML as in docs/howto/fleet.md; every arm in it has a description."""
-    remedy = 'docs/howto/fleet.md describes a plan'
+    text = read_text(path, LARGEST, 'the plan', UsageError, 'check the path')
     try:
-        plan = FleetPlan.model_validate(load_yaml(read_bounded(path, LARGEST).decode()))
-    except OSError as err:
-        raise UsageError(f'the plan cannot be read ({err.strerror})', place=path,
-                         remedy='check the path') from None
-    except ValidationError as err:
-        raise UsageError(validation_message(err), place=path, remedy=remedy) from None
+        plan = FleetPlan.model_validate(load_yaml(text))
     except ValueError as err:
-        raise UsageError(str(err), place=path, remedy=remedy) from None
+        cause = validation_message(err) if isinstance(err, ValidationError) else str(err)
+        raise UsageError(cause, place=path,
+                         remedy='docs/howto/fleet.md describes a plan') from None
     lacking = [arm.name for arm in plan.arms if arm.arm is None]
     if plan.arm is None and lacking:
         raise UsageError(f'there is no description of {lacking[0]}', place=path,
