@@ -36,7 +36,7 @@ from typing import Any
 import warnings
 
 from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
-from tudor_dynamics.files import open_regular, PACKAGE, source_digest
+from tudor_dynamics.files import PACKAGE, source_digest
 from tudor_dynamics.identification.dataset import Unused
 from tudor_dynamics.identification.passes import Answer, Memory, Trial, Work
 from tudor_dynamics.parallel import Count, given_to, Piece, Result
@@ -186,8 +186,8 @@ def packed(work: Work, trial: Trial) -> Parcel:
     seen, = trial.bags
     path = trial.task.place(seen)
     try:
-        files = ({file.name: _content(file) for file in sorted(path.iterdir()) if file.is_file()}
-                 if path.is_dir() else {'': _content(path)})
+        files = ({file.name: file.read_bytes() for file in sorted(path.iterdir())
+                  if file.is_file()} if path.is_dir() else {'': path.read_bytes()})
     except OSError as err:
         raise BagError(f'cannot be read ({err.strerror})', place=str(seen.choice),
                        remedy='leave the bags where they are until the fit is done') from None
@@ -206,8 +206,3 @@ def unpacked(parcel: Parcel, count: Count) -> Answer:
         found = parcel.work(replace(parcel.trial, task=task), count)
     return [replace(item, why=item.why.replace(str(bag), seen.choice.path))
             if isinstance(item, Unused) else item for item in found], kept
-
-
-def _content(file: Path) -> bytes:
-    with open_regular(file) as opened:
-        return opened.read()
