@@ -174,20 +174,8 @@ def all_finite(x: NDArray[np.float64]) -> bool:
 
 
 @compiled
-def largest(x: NDArray[np.float64]) -> float:
-    """Give the largest value of a vector; NaN if one is NaN."""
-    most = -math.inf
-    for value in x:
-        if not value <= most:
-            most = value
-        if math.isnan(most):
-            return most
-    return most
-
-
-@compiled
 def largest_size(x: NDArray[np.float64], begin: int, end: int) -> float:
-    """Give the largest absolute value of a part of a vector, as ``largest`` does."""
+    """Give the largest absolute value of a part of a vector; NaN if one is NaN."""
     most = 0.0
     for i in range(begin, end):
         if not abs(x[i]) <= most:

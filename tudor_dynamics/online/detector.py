@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.compiled import compiled, largest, largest_size
+from tudor_dynamics.compiled import compiled, largest_size
 from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.online.settings import (
     FRICTION_UNCERTAIN, HIGHEST_RAISE, LEVEL_QUANTILE, LEVEL_SPEED, LOWEST_LEVEL, OUTLIER,
@@ -393,7 +393,8 @@ class CollisionDetector:
             event = self._event(method, excess, onset.since)
         for level, track, ratios in zip(LEVELS, self._tracks[method],
                                         (excess.contact, excess.collision), strict=True):
-            sure = track.follow(stamp, largest(ratios), settings.debounce)
+            most = largest_size(ratios, 0, len(ratios))
+            sure = track.follow(stamp, most, settings.debounce)
             if sure and self.level < level:
                 if level is Level.COLLISION:
                     event = self._event(method, excess, track.since)
