@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 import csv
 from dataclasses import asdict, dataclass, field, replace
@@ -33,7 +34,7 @@ from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.files import read_bounded
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.online.contact import ContactRecord
+from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.detector import CollisionEvent, Level
 from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.online.prediction import Predictor
@@ -183,6 +184,8 @@ def truth_of_table(
 # A push counts as found if an event falls between its start and shortly after its end. Its latency
 # runs from the start of the force to the sample at which the detector is sure.
 
+RECENT = 60
+"""Estimates of a contact before an event that may belong to it: 0.3 s at 200 Hz."""
 LATE = 0.3
 """After the end of a push an event still counts as found [s]."""
 AFTERMATH = 2.0
@@ -333,6 +336,8 @@ class _Log:
     ratios: list[float] = field(default_factory=list)
     events: list[_Open] = field(default_factory=list)
     under_way: _Open | None = None  # the last of the events, until it is over
+    # Contacts of the last moments: a touch begins before the detector is sure.
+    recent: deque[ContactEstimate] = field(default_factory=lambda: deque(maxlen=RECENT))
 
     def add(self, found: Found, watch: Watch) -> None:
         """Take the samples that became known, and the level after them."""
@@ -353,6 +358,10 @@ class _Log:
                 event, event.ratios[channel], channel, event.stamp,
                 None if watch.contact is None else watch.contact.record())
             self.events.append(self.under_way)
+            if self.under_way.touched is not None:
+                for estimate in self.recent:
+                    self.under_way.touched.add(estimate)
+        self.recent.extend(found.contacts)
         if self.under_way is not None and self.under_way.touched is not None:
             for estimate in found.contacts:
                 self.under_way.touched.add(estimate)

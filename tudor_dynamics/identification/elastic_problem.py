@@ -136,6 +136,7 @@ class Knowledge:
 
     start: dict[str, float] = field(default_factory=dict)  # starting values by parameter
     width: dict[str, float] = field(default_factory=dict)  # standard deviation of their logarithms
+    held: dict[str, float] = field(default_factory=dict)  # values of those that are not searched
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -155,7 +156,13 @@ class Knowledge:
     def without(self, kind: str) -> Knowledge:
         """Leave a parameter out of the search."""
         return Knowledge({k: v for k, v in self.start.items() if k != kind},
-                         {k: v for k, v in self.width.items() if k != kind})
+                         {k: v for k, v in self.width.items() if k != kind}, self.held)
+
+    def holding(self, values: dict[str, float]) -> Knowledge:
+        """Hold parameters at values instead of searching for them."""
+        return Knowledge({k: v for k, v in self.start.items() if k not in values},
+                         {k: v for k, v in self.width.items() if k not in values},
+                         {**self.held, **values})
 
 
 def record_of(stretch: Stretch, payload: float | None) -> Record | None:
@@ -316,7 +323,7 @@ class Problem:
         fixed: dict[str, float], center: FloatArray, width: FloatArray, *,
         inner: float = INNER_STEP,
     ) -> None:
-        self.arm, self.records, self.names = arm, tuple(records), names
+        self.arm, self.records, self.names, self.fixed = arm, tuple(records), names, fixed
         self.center, self.width = center, width
         self.strain = np.vstack([r.strain[r.skip:] for r in records])
         spread = np.maximum(self.strain.std(axis=0), 1e-12)
@@ -517,6 +524,8 @@ def result_of(
             name, value, physical_unit(problem.arm, name), float(value * deviation[i]),
             bool(deviation[i] < 0.5 * problem.width[i] and deviation[i] < 0.5
                  and name not in untold)))
+    physical += [PhysicalParameter(name, value, physical_unit(problem.arm, name))
+                 for name, value in problem.fixed.items()]
     n = len(problem.names)
     gauge_errors = np.sqrt(np.maximum(np.diag(covariance)[n:], 0.0)).reshape(-1, 2)
     return Identified(tuple(physical), gains, gauge_errors, robust_scale(errors, problem.strain),

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from tudor_dynamics.identification.elastic_problem import (
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.models.elastic.arm import DrivenArm, reduced_mechanism
 from tudor_dynamics.models.elastic.parameters import kind_of
-from tudor_dynamics.models.settings import INNER_STEP
+from tudor_dynamics.models.settings import INNER_STEP, RIGID_GEAR
 from tudor_dynamics.parallel import shared_out
 from tudor_dynamics.typing import FloatArray, Progress
 
@@ -306,6 +306,14 @@ AS_GOOD, APART = 1.05, 0.2
 which they differ by more than the latter, as a logarithm."""
 
 
+RIGID_SHARE = 0.1
+"""Of a link's compliance: a gear that has less is tried as rigid, without play."""
+LEARNED = 2.0 / 3.0
+"""Part of the recordings that rigid gears are identified from before they are judged by the
+rest; the more general arm, which has seen all of them, may not be better there by 5 %."""
+GEAR_KINDS = ('gear', 'play', 'edge', 'tight', 'loose')
+
+
 def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:
     """Collect starting values and their widths."""
     start: dict[str, float] = {}
@@ -333,6 +341,10 @@ def identify(
     runs = 0
     if warm is not None:
         known = known if warm.get('lag') else known.without('lag')
+        gears = {name.partition('(')[2] for name, value in warm.items()
+                 if value == 0.0 and name.startswith('play')}
+        known = known.holding({name: value for name, value in warm.items() if name.startswith(
+            GEAR_KINDS) and name.partition('(')[2] in gears})
         finalists = [(known, np.log([max(warm.get(name, value), 1e-12)
                                      for name, value in known.start.items()]))]
     else:
@@ -363,8 +375,52 @@ def identify(
         progress)
     which = chosen([end.fit for end in done])
     known, end = finalists[which][0], done[which]
-    return result_of(_problem(arm, records, known), end.x, starts,
-                     runs + sum(end.runs for end in done), untold)
+    runs += sum(item.runs for item in done)
+    simple = rigid_gears(arm, known, end.x)
+    if simple.held != known.held:
+        ends = _without_gears(arm, records, known, end.x, simple, progress)
+        runs += sum(item.runs for item in ends)
+        if len(ends) > 1:
+            known, end = simple, ends[-1]
+            untold = tuple(name for name in untold if name not in simple.held)
+    return result_of(_problem(arm, records, known), end.x, starts, runs, untold)
+
+
+def rigid_gears(arm: Arm, known: Knowledge, x: FloatArray) -> Knowledge:
+    """Take gears for rigid, without play, that hardly give way beside their links: x (names,)."""
+    mechanism, values = reduced_mechanism(arm), dict(zip(known.names, np.exp(x), strict=True))
+    held: dict[str, float] = {}
+    for joint in mechanism.beams:
+        if not {f'gear({joint})', f'bending({joint})'} <= {*values}:
+            continue
+        length = float(mechanism.body_float[mechanism.body_of[joint], at.LENGTH])
+        link = 3.0 * values[f'bending({joint})'] / length
+        if link < RIGID_SHARE * values[f'gear({joint})']:
+            stiff = {f'gear({joint})': RIGID_GEAR * link, f'play({joint})': 0.0}
+            held |= stiff | {name: float(values[name]) for kind in ('edge', 'tight', 'loose')
+                             if (name := f'{kind}({joint})') in values}
+    return known.holding(held)
+
+
+def _without_gears(
+    arm: Arm, records: Sequence[Record], known: Knowledge, x: FloatArray, simple: Knowledge,
+    progress: Progress,
+) -> list[_End]:
+    """Search with rigid gears, in all records only where a part that is left out allows it."""
+    begun = np.array([value for name, value in zip(known.names, x, strict=True)
+                      if name in simple.start])
+    parts, rest = [], []
+    for record in records:
+        some = record.head(LEARNED * float(record.dt[1:].sum()))
+        parts.append(some)
+        rest.append(replace(record, skip=max(record.skip, len(some.q))))
+    ends = [_descended(_Descent('rigid gears', arm, parts, simple, begun, FIRST), progress)]
+    before, = _problem(arm, rest, known).fits([x])
+    after, = _problem(arm, rest, simple).fits([ends[0].x])
+    if 100.0 - after <= AS_GOOD * (100.0 - before):
+        ends.append(_descended(_Descent('rigid gears', arm, records, simple, ends[0].x, LAST),
+                               progress))
+    return ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,7 +443,7 @@ class _End:
 
 
 def _problem(arm: Arm, records: Sequence[Record], known: Knowledge) -> Problem:
-    return Problem(arm, records, known.names, {}, known.center, known.width_of)
+    return Problem(arm, records, known.names, known.held, known.center, known.width_of)
 
 
 def _descended(task: _Descent, progress: Progress) -> _End:
@@ -407,6 +463,7 @@ def taken_over(arm: Arm, records: Sequence[Record], found: Identified) -> Identi
     known = knowledge_of(arm, payload=any(record.payload is None for record in records))
     values = {p.name: p.value for p in found.physical}
     known = known if 'lag' in values else known.without('lag')
+    known = known.holding({p.name: p.value for p in found.physical if np.isnan(p.standard_error)})
     x = np.log([values[name] for name in known.names])
     return result_of(_problem(arm, records, known), x, found.starts, found.runs, found.untold)
 

@@ -34,9 +34,9 @@ from tudor_dynamics.online.contact_levers import (
 from tudor_dynamics.online.settings import (
     CONTACT_STEP, DEVIATION_STEP, ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET, EVIDENCE_MEMORY,
     FORCE_MEMORY, FREE_EVIDENCE_MEMORY, HELD_FORCE_MEMORY, INNOVATION_BOUND, LARGEST_FORCE,
-    MOVING_DEVIATIONS, OFFSET_MEMORY, PLACE_CERTAIN, RIGID_DETECTED, RIGID_ENDED, RIGID_OFFSET,
-    RINGING_FLOOR, RINGING_MEMORY, RINGING_SAMPLES, STANDING_DEVIATION, STANDING_MEMORY,
-    STANDING_SPEED, STANDING_VARIANCE, TORQUE_DETECTED, TORQUE_ENDED)
+    MOVING_DEVIATIONS, OFFSET_MEMORY, OTHER_SHARE, PLACE_CERTAIN, RIGID_DETECTED, RIGID_ENDED,
+    RIGID_OFFSET, RINGING_FLOOR, RINGING_MEMORY, RINGING_SAMPLES, STANDING_DEVIATION,
+    STANDING_MEMORY, STANDING_SPEED, STANDING_VARIANCE, TORQUE_DETECTED, TORQUE_ENDED, TOUCH_SHARE)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -60,6 +60,8 @@ class ContactEstimate:
     point: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     # For each span (F, F a, A), (spans, PRESSING) [N, N m, N].
     pressing: FloatArray = field(default_factory=lambda: np.zeros((0, PRESSING)))
+    # Covariance of (F, F a) for each span, (spans, 2, 2).
+    spread: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
     # Logarithm of the likelihood of the newest readings, (spans,).
     likely: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -76,49 +78,76 @@ class ContactEstimate:
 
 
 class ContactRecord:
-    """Sums over a contact: its place does not change, so all samples count together."""
+    """
+    What a contact comes to: its place does not change, so all samples of the touch count together.
 
-    def __init__(self, spans: Sequence[Span], links: Sequence[str]) -> None:
-        self.spans, self.links = spans, links
-        self._likely = np.log([span.weight for span in spans])
-        self._moments, self._largest = np.zeros((len(spans), 4)), np.zeros(len(spans))
-        self._count = 0
+    together: samples that count as one, because the residual of a moving arm rings.
+    """
+
+    def __init__(
+        self, spans: Sequence[Span], links: Sequence[str], together: float = 1.0,
+    ) -> None:
+        self.spans, self.links, self.together = spans, links, together
+        self._prior = np.log([span.weight for span in spans])
+        self._seen: list[ContactEstimate] = []
 
     def add(self, estimate: ContactEstimate) -> None:
-        """Take a sample of the contact."""
-        force, moment = estimate.pressing[:, ACROSS], estimate.pressing[:, MOMENT]
-        self._likely = self._likely + estimate.likely
-        self._moments = self._moments + np.column_stack(
-            [force * force, force * moment, moment * moment, force])
-        self._largest = np.where(np.abs(force) > np.abs(self._largest), force, self._largest)
-        self._count += 1
+        """Take a sample of the contact, or of the moments before and after it."""
+        self._seen.append(estimate)
 
     def summary(self) -> dict[str, Any]:
-        """Give link, forces [N], place and its deviation [m], None if unknown; empty if unfelt."""
-        if self._count == 0 or not self.spans:
-            return {}
-        link, own, weights = most_likely(self._likely, self.links)
-        share = weights[own] / weights[own].sum()
-        force = float(share @ (self._moments[own, 3] / self._count))
-        largest = float(share @ self._largest[own])
-        place, spread, known = place_among(
-            [self.spans[k] for k in own], share, [self._place(k) for k in own])
-        certain = float(sum(weights[k] for k in own))
-        return {'link': link, 'certain': round(certain, 4), 'force': force,
-                'largest_force': largest, 'place': place if known else None,
-                'place_deviation': spread if known else None}
+        """
+        Give link, forces [N], seconds of touch, places [m]; empty without a sample.
 
-    def _place(self, k: int) -> tuple[float, float]:
-        """Give the place on a span and its standard deviation, by the line through (F, F a)."""
-        span, (squares, products, others, _) = self.spans[k], self._moments[k]
-        prior = span.spread
+        ``force`` is the mean over the touch, ``place`` that of the likeliest span, or None where
+        it is unknown; its deviation covers other spans of the link, of which ``or_place`` is one.
+        """
+        if not self._seen or not self.spans:
+            return {}
+        pressing = np.array([item.pressing for item in self._seen])
+        likely = np.array([item.likely for item in self._seen])
+        during = slice(0, len(pressing))
+        for _ in range(2):  # the touch by the likeliest link, and the link by the touch
+            link, own, weights = most_likely(
+                self._prior + likely[during].sum(axis=0) / self.together, self.links)
+            share = weights[own] / weights[own].sum()
+            course = pressing[:, own, ACROSS] @ share
+            during = touch(course)
+        kept, best = self._seen[during], int(np.argmax(share))
+        places = [self._place(k, kept) for k in own]
+        place, spread, known = place_among([self.spans[k] for k in own], share, places)
+        others = [places[n][0] for n in np.argsort(-share).tolist()
+                  if n != best and share[n] > OTHER_SHARE]
+        return {'link': link, 'certain': round(float(sum(weights[k] for k in own)), 4),
+                'force': float(course[during].mean()),
+                'largest_force': float(course[during][np.argmax(np.abs(course[during]))]),
+                'seconds': 1e-9 * (kept[-1].stamp - kept[0].stamp),
+                'place': place if known else None, 'place_deviation': spread if known else None,
+                'or_place': others[0] if known and others else None}
+
+    def _place(self, k: int, kept: Sequence[ContactEstimate]) -> tuple[float, float]:
+        """
+        Give the place on a span and its standard deviation, by the line through (F, F a).
+
+        What the residual of free motion makes of it does not become less over a touch.
+        """
+        span, values = self.spans[k], np.array([item.pressing[k, :ALONG] for item in kept])
+        squares, products = values[:, ACROSS] @ values
         if squares <= 0.0:
-            return span.middle, prior
-        raw = products / squares
-        scatter = max(others - raw * products, 0.0) / max(self._count - 1, 1)
-        spread = math.sqrt(scatter / squares)
-        near = min(max(raw, span.inner), span.outer)
-        return near, min(max(spread, abs(raw - near)), max(prior, 1e-9))
+            return span.middle, span.spread
+        line = np.array([-products / squares, 1.0])
+        spread = math.sqrt(sum(max(float(line @ item.spread[k] @ line), 0.0) for item in kept)
+                           / (self.together * squares))
+        near = min(max(-line[0], span.inner), span.outer)
+        return near, min(max(spread, abs(-line[0] - near)), max(span.spread, 1e-9))
+
+
+def touch(course: FloatArray) -> slice:
+    """Find the samples of a touch in the course of its force (samples,): around its peak."""
+    peak = int(np.argmax(np.abs(course)))
+    weak = np.flatnonzero(course * np.sign(course[peak]) <= TOUCH_SHARE * abs(course[peak]))
+    begin, end = weak[weak < peak], weak[weak > peak]
+    return slice(int(begin[-1]) + 1 if len(begin) else 0, int(end[0]) if len(end) else None)
 
 
 def most_likely(likely: FloatArray, names: Sequence[str]) -> tuple[str, list[int], FloatArray]:
@@ -134,9 +163,9 @@ def most_likely(likely: FloatArray, names: Sequence[str]) -> tuple[str, list[int
 def place_among(
     spans: Sequence[Span], share: FloatArray, places: Sequence[tuple[float, float]],
 ) -> tuple[float, float, bool]:
-    """Give place and deviation on several spans of a link [m], and if that is to be reported."""
+    """Give the likeliest place on several spans of a link [m], its deviation, and if it is one."""
     means, deviations = np.array(places).T
-    place = float(share @ means)
+    place = float(means[np.argmax(share)])
     deviation = math.sqrt(float(share @ (deviations**2 + (means - place)**2)))
     reach = max(span.outer for span in spans) - min(span.inner for span in spans)
     prior = reach / math.sqrt(12.0)  # of a place of which only the link is known
@@ -232,7 +261,8 @@ class ContactEstimator:
 
     def record(self) -> ContactRecord:
         """Give a record for a contact that begins."""
-        return ContactRecord(self.spans, self.links)
+        return ContactRecord(self.spans, self.links,
+                             RINGING_SAMPLES if self._front.modes else 1.0)
 
     def _restart(self) -> None:
         """Forget the past."""
@@ -371,7 +401,7 @@ class ContactEstimator:
             values[ACROSS] * axes.across + values[ALONG] * axes.along,
             values[MOMENT] * axes.bending, math.sqrt(max(float(spread[ACROSS, ACROSS]), 0.0)),
             math.sqrt(max(float(spread[MOMENT, MOMENT]), 0.0)), place, unsure,
-            place * axes.along, pressing, likely)
+            place * axes.along, pressing, covariance[:, :ALONG, :ALONG], likely)
 
 
 # Which link is touched, and with what torque about its joint, from efforts alone.

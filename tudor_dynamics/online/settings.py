@@ -242,9 +242,14 @@ STANDING_MEMORY = 0.5
 OFFSET_MEMORY = 3.0
 """Time over which a standing arm takes a residual for an offset [s]; docs/explanation/contact.md.
 source: none known."""
-PLACE_CERTAIN = 0.5
-"""Part of a place's prior deviation; one that is less certain is not reported.
-source: none known."""
+PLACE_CERTAIN = 0.8
+"""Part of a place's prior deviation; one that is less certain is not reported; measured by
+papers/contact.py."""
+OTHER_SHARE = 0.1
+"""Probability from which another place that explains a contact is reported. source: none known."""
+TOUCH_SHARE = 0.05
+"""Part of its largest force below which a touch has not begun, or has ended: half and 0.2 leave
+twice the error of the mean force, measured by papers/contact.py."""
 TORQUE_DETECTED, TORQUE_ENDED = 5.0, 3.0
 """Standard deviations of free motion from which, and until which, a joint detects a contact by
 efforts alone; docs/explanation/contact.md: 5. source: none known."""
