@@ -27,8 +27,9 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.online.contact import contact_estimator, ContactEstimate, ContactEstimator
-from tudor_dynamics.online.contact_levers import RigidFront
+from tudor_dynamics.online.contact import (
+    contact_estimator, ContactEstimate, ContactEstimator, ContactRecord, touch)
+from tudor_dynamics.online.contact_levers import RigidFront, Span
 from tudor_dynamics.typing import FloatArray
 
 RMSE = 0.2
@@ -138,3 +139,57 @@ def test_a_rigid_model_has_force_and_place_of_a_push_at_rest() -> None:
     assert summary['link'] == 'link3' and summary['certain'] > 0.9
     assert abs(summary['force']) == pytest.approx(3.0, rel=0.05)
     assert summary['place'] == pytest.approx(0.33, abs=0.01)
+
+
+def test_an_event_that_outlasts_its_push_has_the_force_of_the_push() -> None:
+    """From the beginning of the touch to its end, whatever was recorded around it."""
+    estimator, found = pushed(-3.0, 0.33)
+    record = estimator.record()
+    for item in found[60:]:  # 0.4 s before, 2 s of touch, 2 s after
+        if item:
+            record.add(item)
+    summary = record.summary()
+    assert summary['force'] == pytest.approx(-3.0, rel=0.05)
+    assert summary['largest_force'] == pytest.approx(-3.0, rel=0.1)
+    assert summary['seconds'] == pytest.approx(2.0, abs=0.1)
+    assert abs(summary['place'] - 0.33) < 2.0 * summary['place_deviation'] < 0.05
+
+
+def test_a_touch_is_what_its_peak_stands_in() -> None:
+    """Rises belong to it; what rings on the other side of zero, or comes again, does not."""
+    course = np.array([0.0, 0.1, -1.0, -4.0, -5.0, -3.0, -0.5, 0.8, -2.0, 0.0])
+    assert np.arange(10)[touch(course)].tolist() == [2, 3, 4, 5, 6]
+    assert np.arange(3)[touch(np.ones(3))].tolist() == [0, 1, 2]
+
+
+SPANS = (Span('j', 0.05, 0.24), Span('j', 0.24, 0.39))
+
+
+def places_of(likely: float, samples: int, together: float) -> dict[str, Any]:
+    """Sum up equal samples of a force at 150 mm or at 300 mm, with a doubt of 20 mm."""
+    record = ContactRecord(SPANS, ('link', 'link'), together)
+    values = np.array([[2.0, 0.3, 0.0], [2.0, 0.6, 0.0]])
+    spread = np.tile(np.diag([0.0, 0.04**2]), (2, 1, 1))
+    for k in range(samples):
+        record.add(ContactEstimate(
+            k, 'link', 'j', True, np.zeros(3), np.zeros(3), 0.1, 0.1, pressing=values,
+            spread=spread, likely=np.array([0.0, likely])))
+    return record.summary()
+
+
+def test_two_places_that_explain_a_contact_are_said() -> None:
+    """One that is hardly less likely is named, and the deviation reaches it."""
+    both = places_of(0.01, 100, 1.0)
+    assert both['place'] == pytest.approx(0.3) and both['or_place'] == pytest.approx(0.15)
+    assert 0.05 < both['place_deviation'] < 0.15
+    sure = places_of(1.0, 100, 1.0)
+    assert sure['place'] == pytest.approx(0.3) and sure['or_place'] is None
+
+
+def test_samples_that_ring_together_do_not_make_a_place_certain() -> None:
+    """A hundred equal samples are as uncertain as one; eight count as one for what is likely."""
+    one, many = places_of(50.0, 1, 1.0), places_of(50.0, 100, 1.0)
+    assert many['place_deviation'] == pytest.approx(one['place_deviation'])
+    assert many['place_deviation'] == pytest.approx(0.02, rel=0.01)
+    assert places_of(0.1, 100, 1.0)['or_place'] is None
+    assert places_of(0.1, 100, 8.0)['or_place'] == pytest.approx(0.15)

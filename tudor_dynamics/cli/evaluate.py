@@ -224,9 +224,10 @@ def _contact(found: dict[str, Any] | None) -> tuple[str, str]:
     """Give force and place of what touched the arm."""
     if not found:
         return '-', '-'
-    place, spread = found['place'], found['place_deviation']
+    place, spread, other = found['place'], found['place_deviation'], found['or_place']
     return (f'{found["force"]:.1f}',
-            'not known' if place is None else f'{1e3 * place:.0f} +- {1e3 * spread:.0f}')
+            'not known' if place is None else f'{1e3 * place:.0f} +- {1e3 * spread:.0f}'
+            + ('' if other is None else f' or {1e3 * other:.0f}'))
 
 
 def _push(watched: WatchedBag, place: int | None) -> str:

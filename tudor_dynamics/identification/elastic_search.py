@@ -308,8 +308,10 @@ which they differ by more than the latter, as a logarithm."""
 
 RIGID_SHARE = 0.1
 """Of a link's compliance: a gear that has less is tried as rigid, without play."""
+FAR_PLAY = 2.0
+"""From the described play, in deviations of the prior: such a play is tried as none."""
 LEARNED = 2.0 / 3.0
-"""Part of the recordings that rigid gears are identified from before they are judged by the
+"""Part of the recordings that simple gears are identified from before they are judged by the
 rest; the more general arm, which has seen all of them, may not be better there by 5 %."""
 GEAR_KINDS = ('gear', 'play', 'edge', 'tight', 'loose')
 
@@ -376,9 +378,9 @@ def identify(
     which = chosen([end.fit for end in done])
     known, end = finalists[which][0], done[which]
     runs += sum(item.runs for item in done)
-    simple = rigid_gears(arm, known, end.x)
+    simple, begun = simple_gears(arm, known, end.x)
     if simple.held != known.held:
-        ends = _without_gears(arm, records, known, end.x, simple, progress)
+        ends = _with_simple(arm, records, (known, end.x), (simple, begun), progress)
         runs += sum(item.runs for item in ends)
         if len(ends) > 1:
             known, end = simple, ends[-1]
@@ -386,39 +388,52 @@ def identify(
     return result_of(_problem(arm, records, known), end.x, starts, runs, untold)
 
 
-def rigid_gears(arm: Arm, known: Knowledge, x: FloatArray) -> Knowledge:
-    """Take gears for rigid, without play, that hardly give way beside their links: x (names,)."""
+def simple_gears(
+    arm: Arm, known: Knowledge, x: FloatArray,
+) -> tuple[Knowledge, FloatArray]:
+    """
+    Say which gears may be simpler than described, and where a search with them begins.
+
+    A gear that hardly gives way beside its link is rigid; one whose play is far from what was
+    described has none. What they have no longer is held: x (names,); returns (fewer names,).
+    """
     mechanism, values = reduced_mechanism(arm), dict(zip(known.names, np.exp(x), strict=True))
     held: dict[str, float] = {}
     for joint in mechanism.beams:
-        if not {f'gear({joint})', f'bending({joint})'} <= {*values}:
+        gear, play, edge, tight, loose = (f'{kind}({joint})' for kind in GEAR_KINDS)
+        if not {gear, play, f'bending({joint})'} <= {*values}:
             continue
+        doubt = float(np.log(values[play] / known.start[play])) / known.width[play]
+        if doubt > FAR_PLAY:  # what yields within it is a spring, softer by the edge
+            values[gear] *= 1.0 - 1.0 / np.hypot(1.0, values[edge])
         length = float(mechanism.body_float[mechanism.body_of[joint], at.LENGTH])
         link = 3.0 * values[f'bending({joint})'] / length
-        if link < RIGID_SHARE * values[f'gear({joint})']:
-            stiff = {f'gear({joint})': RIGID_GEAR * link, f'play({joint})': 0.0}
-            held |= stiff | {name: float(values[name]) for kind in ('edge', 'tight', 'loose')
-                             if (name := f'{kind}({joint})') in values}
-    return known.holding(held)
+        rigid = link < RIGID_SHARE * values[gear]
+        if rigid or abs(doubt) > FAR_PLAY:
+            held[play] = 0.0
+            held |= {name: float(values[name]) for name in (edge, loose) if name in values}
+        if rigid:
+            held[gear] = RIGID_GEAR * link
+            held |= {tight: float(values[tight])} if tight in values else {}
+    simple = known.holding(held)
+    return simple, np.log([values[name] for name in simple.names])
 
 
-def _without_gears(
-    arm: Arm, records: Sequence[Record], known: Knowledge, x: FloatArray, simple: Knowledge,
-    progress: Progress,
+def _with_simple(
+    arm: Arm, records: Sequence[Record], found: tuple[Knowledge, FloatArray],
+    simple: tuple[Knowledge, FloatArray], progress: Progress,
 ) -> list[_End]:
-    """Search with rigid gears, in all records only where a part that is left out allows it."""
-    begun = np.array([value for name, value in zip(known.names, x, strict=True)
-                      if name in simple.start])
+    """Search with simple gears, in all records only where a part that is left out allows it."""
     parts, rest = [], []
     for record in records:
         some = record.head(LEARNED * float(record.dt[1:].sum()))
         parts.append(some)
         rest.append(replace(record, skip=max(record.skip, len(some.q))))
-    ends = [_descended(_Descent('rigid gears', arm, parts, simple, begun, FIRST), progress)]
-    before, = _problem(arm, rest, known).fits([x])
-    after, = _problem(arm, rest, simple).fits([ends[0].x])
+    ends = [_descended(_Descent('simple gears', arm, parts, *simple, FIRST), progress)]
+    before, = _problem(arm, rest, found[0]).fits([found[1]])
+    after, = _problem(arm, rest, simple[0]).fits([ends[0].x])
     if 100.0 - after <= AS_GOOD * (100.0 - before):
-        ends.append(_descended(_Descent('rigid gears', arm, records, simple, ends[0].x, LAST),
+        ends.append(_descended(_Descent('simple gears', arm, records, simple[0], ends[0].x, LAST),
                                progress))
     return ends
 
