@@ -24,7 +24,8 @@ import pytest
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.elastic_problem import (
     fit_percent, Identified, Problem, Record, Straight)
-from tudor_dynamics.identification.elastic_search import identify, knowledge_of
+from tudor_dynamics.identification.elastic_search import (
+    identify, knowledge_of, simple_gears, taken_over)
 from tudor_dynamics.typing import FloatArray
 
 ARM = blade_arm()
@@ -115,6 +116,41 @@ def test_an_unknown_payload_is_found() -> None:
     assert payload.shown
     assert payload.value == pytest.approx(0.3, rel=0.05)
     assert abs(payload.value - 0.3) < 3.0 * payload.standard_error
+
+
+def test_a_rigid_gear_is_found() -> None:
+    """Described as elastic with play: both go, the link keeps its stiffness, unseen motion too."""
+    arm, truth = lone_arm(), {**LONE_TRUTH, 'gear(j1)': 4000.0, 'play(j1)': 0.0}
+    records = []
+    for seed in (3, 4):
+        q = travel(12.0, RATE, seed)[:, :1]
+        strain, _ = recorded(arm, {**truth, 'payload': 0.2}, q, RATE, NOISE, seed)
+        records.append(Record(q, even(len(q), RATE), strain[:, :1], payload=0.2))
+    found = identify(arm, records, warm={**LONE_TRUTH, 'gear(j1)': 3000.0})
+    values = {p.name: p for p in found.physical}
+    assert values['play(j1)'].value == 0.0 and not values['play(j1)'].shown
+    assert values['gear(j1)'].value > 2000.0 and np.isnan(values['gear(j1)'].standard_error)
+    assert values['bending(j1)'].value == pytest.approx(15.0, rel=0.05)
+    again = taken_over(arm, records, found)
+    assert {p.name: p.value for p in again.physical}['play(j1)'] == 0.0
+
+
+def test_which_gears_may_be_simple() -> None:
+    """By how much they give way, and by how far their play is from what was described."""
+    arm = lone_arm()
+    known = knowledge_of(arm, payload=False).without('lag')
+
+    def held(**changes: float) -> tuple[dict[str, float], dict[str, float]]:
+        values = {**known.start, **{f'{name}(j1)': v for name, v in changes.items()}}
+        simple, begun = simple_gears(arm, known, np.log([values[n] for n in known.names]))
+        return simple.held, dict(zip(simple.names, np.exp(begun).tolist(), strict=True))
+
+    assert held() == ({}, pytest.approx(known.start))
+    rigid, rest = held(gear=5000.0)
+    assert rigid['play(j1)'] == 0.0 and rigid['gear(j1)'] > 2000.0 and 'gear(j1)' not in rest
+    wide, rest = held(gear=3000.0, play=0.3, edge=0.4)
+    assert wide['play(j1)'] == 0.0 and 'gear(j1)' not in wide
+    assert rest['gear(j1)'] == pytest.approx(3000.0 * (1.0 - 1.0 / np.hypot(1.0, 0.4)))
 
 
 def test_two_payloads_at_once() -> None:
