@@ -26,7 +26,7 @@ rest       pushes beyond the second gauge while the arm stands: place and force
 motion     pushes anywhere while it moves, 200 g, not damped: link, place, force, delay of events
 
 A place counts as within its deviation where the error is at most twice it. Bags and the model are
-kept in --work. MuJoCo comes from PyPI (`pip install mujoco==4.0.0`).
+kept in --work.
 
     python bench/other_plant.py --work DIR [--gears rigid] [--only fit payload rest motion]
 """

@@ -292,6 +292,8 @@ ENOUGH = 100.0
 """Length of what the first stages are done on [s]."""
 FIRST = (SearchPhase(2.0, COARSE, 6, 1e-3), SearchPhase(1.0, COARSE, 6, 1e-3))
 """On part of the records: from where the scan ends, errors must be forgotten soon."""
+JUDGED = (FIRST[1], SearchPhase(0.7, INNER_STEP, 7, 1e-3))
+"""Of gears as described and simple ones, before both are judged."""
 LAST = (SearchPhase(0.7, INNER_STEP, 7, 1e-3), SearchPhase(0.7, INNER_STEP, 7, 1e-4))
 """On all of them. What draws the arm belongs to the parameters it began with: so it is renewed.
 A last phase in which nothing draws, as the model will be used, explains the training bags better
@@ -311,8 +313,8 @@ RIGID_SHARE = 0.1
 FAR_PLAY = 2.0
 """From the described play, in deviations of the prior: such a play is tried as none."""
 LEARNED = 2.0 / 3.0
-"""Part of the recordings that simple gears are identified from before they are judged by the
-rest; the more general arm, which has seen all of them, may not be better there by 5 %."""
+"""Part of the recordings that simple gears are identified from, and the others again, before both
+are judged by the rest, where simple ones may be worse by `AS_GOOD`."""
 GEAR_KINDS = ('gear', 'play', 'edge', 'tight', 'loose')
 
 
@@ -382,7 +384,7 @@ def identify(
     if simple.held != known.held:
         ends = _with_simple(arm, records, (known, end.x), (simple, begun), progress)
         runs += sum(item.runs for item in ends)
-        if len(ends) > 1:
+        if len(ends) > 2:
             known, end = simple, ends[-1]
             untold = tuple(name for name in untold if name not in simple.held)
     return result_of(_problem(arm, records, known), end.x, starts, runs, untold)
@@ -413,7 +415,7 @@ def simple_gears(
             held[play] = 0.0
             held |= {name: float(values[name]) for name in (edge, loose) if name in values}
         if rigid:
-            held[gear] = RIGID_GEAR * link
+            held[gear] = float(max(values[gear], RIGID_GEAR * link))
             held |= {tight: float(values[tight])} if tight in values else {}
     simple = known.holding(held)
     return simple, np.log([values[name] for name in simple.names])
@@ -429,12 +431,13 @@ def _with_simple(
         some = record.head(LEARNED * float(record.dt[1:].sum()))
         parts.append(some)
         rest.append(replace(record, skip=max(record.skip, len(some.q))))
-    ends = [_descended(_Descent('simple gears', arm, parts, *simple, FIRST), progress)]
-    before, = _problem(arm, rest, found[0]).fits([found[1]])
-    after, = _problem(arm, rest, simple[0]).fits([ends[0].x])
-    if 100.0 - after <= AS_GOOD * (100.0 - before):
-        ends.append(_descended(_Descent('simple gears', arm, records, simple[0], ends[0].x, LAST),
-                               progress))
+    ends = shared_out(_descended, [_Descent(name, arm, parts, *begun, JUDGED) for name, begun in (
+        ('gears as described', found), ('simple gears', simple))], progress)
+    errors = [100.0 - _problem(arm, rest, known).fits([end.x])[0]
+              for (known, _), end in zip((found, simple), ends, strict=True)]
+    if errors[1] <= AS_GOOD * errors[0]:
+        ends.append(_descended(_Descent(
+            'simple gears', arm, records, simple[0], ends[1].x, LAST), progress))
     return ends
 
 

@@ -32,10 +32,10 @@ from tudor_dynamics.online.contact_levers import (
     ACROSS, ALONG, gauge_gain, link_axes, MOMENT, PRESSING, RigidFront, Span, spans_of,
     strain_deviation, torque_scale, validation_rmse)
 from tudor_dynamics.online.settings import (
-    CONTACT_STEP, DEVIATION_STEP, ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET, EVENT_CERTAIN,
-    EVIDENCE_MEMORY, FORCE_MEMORY, FREE_EVIDENCE_MEMORY, HELD_FORCE_MEMORY, INNOVATION_BOUND,
-    LARGEST_FORCE, MOVING_DEVIATIONS, OFFSET_MEMORY, OTHER_SHARE, PLACE_CERTAIN, RIGID_DETECTED,
-    RIGID_ENDED, RIGID_OFFSET, RINGING_FLOOR, RINGING_MEMORY, RINGING_SAMPLES, STANDING_DEVIATION,
+    CONTACT_STEP, DEVIATION_STEP, ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET, EVIDENCE_MEMORY,
+    FORCE_MEMORY, FREE_EVIDENCE_MEMORY, HELD_FORCE_MEMORY, INNOVATION_BOUND, LARGEST_FORCE,
+    MOVING_DEVIATIONS, OFFSET_MEMORY, OTHER_SHARE, PLACE_CERTAIN, RIGID_DETECTED, RIGID_ENDED,
+    RIGID_OFFSET, RINGING_FLOOR, RINGING_MEMORY, RINGING_SAMPLES, STANDING_DEVIATION,
     STANDING_MEMORY, STANDING_SPEED, STANDING_VARIANCE, TORQUE_DETECTED, TORQUE_ENDED, TOUCH_SHARE)
 from tudor_dynamics.typing import FloatArray
 
@@ -115,8 +115,9 @@ class ContactRecord:
             during = touch(course)
         kept, best = self._seen[during], int(np.argmax(share))
         places = [self._place(k, kept) for k in own]
-        place, spread, known = place_among(
-            [self.spans[k] for k in own], share, places, EVENT_CERTAIN)
+        place, spread, known = place_among([self.spans[k] for k in own], share, places)
+        if not known:  # two places that are each certain are said
+            known = place_among([self.spans[k] for k in own], np.eye(len(own))[best], places)[2]
         others = [places[n][0] for n in np.argsort(-share).tolist()
                   if n != best and share[n] > OTHER_SHARE]
         return {'link': link, 'certain': round(float(sum(weights[k] for k in own)), 4),
@@ -163,7 +164,6 @@ def most_likely(likely: FloatArray, names: Sequence[str]) -> tuple[str, list[int
 
 def place_among(
     spans: Sequence[Span], share: FloatArray, places: Sequence[tuple[float, float]],
-    certain: float = PLACE_CERTAIN,
 ) -> tuple[float, float, bool]:
     """Give the likeliest place on several spans of a link [m], its deviation, and if it is one."""
     means, deviations = np.array(places).T
@@ -171,7 +171,7 @@ def place_among(
     deviation = math.sqrt(float(share @ (deviations**2 + (means - place)**2)))
     reach = max(span.outer for span in spans) - min(span.inner for span in spans)
     prior = reach / math.sqrt(12.0)  # of a place of which only the link is known
-    return place, deviation, prior == 0.0 or deviation <= certain * prior
+    return place, deviation, prior == 0.0 or deviation <= PLACE_CERTAIN * prior
 
 
 def significance(pressing: FloatArray, covariance: FloatArray) -> float:

@@ -242,9 +242,9 @@ STANDING_MEMORY = 0.5
 OFFSET_MEMORY = 3.0
 """Time over which a standing arm takes a residual for an offset [s]; docs/explanation/contact.md.
 source: none known."""
-PLACE_CERTAIN, EVENT_CERTAIN = 0.5, 0.7
-"""Part of a place's prior deviation; one that is less certain is not reported, of a sample and of
-an event, by which 89 % of pushes in motion have a place; papers/contact.py."""
+PLACE_CERTAIN = 0.5
+"""Part of a place's prior deviation; one that is less certain is not reported: of pushes in motion
+a fifth, measured by papers/contact.py."""
 OTHER_SHARE = 0.1
 """Probability from which another place that explains a contact is reported. source: none known."""
 TOUCH_SHARE = 0.05
