@@ -31,6 +31,7 @@ os.environ.setdefault('MPLBACKEND', 'Agg')
 os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 # ROS logs below the home directory otherwise, and there may be none.
+os.environ.setdefault('ROS_HOME', str(Path(tempfile.gettempdir()) / f'tudor_home_{os.getuid()}'))
 os.environ.setdefault('ROS_LOG_DIR', str(Path(tempfile.gettempdir()) / f'tudor_log_{os.getuid()}'))
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
     os.environ.setdefault(_name, '1')

@@ -20,10 +20,12 @@ from collections import Counter
 from functools import partial
 from typing import Any
 
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.nodes.common.black_box import BlackBox
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
@@ -37,6 +39,7 @@ class MonitorNode(DetectNode):
 
     def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
+        self._box = BlackBox(self)
         self.monitor: Monitor | None = None
         self._joints: NamedReader | None = None
         self._motion = self.listened.add(self.publish_on(JointTrajectory, JOINT_MOTION))
@@ -114,6 +117,19 @@ class MonitorNode(DetectNode):
         for output in self._carried.get(topic, ()):
             self.measured(output, topic, message)
         self.meter.end(begun)
+
+    def subscribe(self, kind: Any, topic: str, callback: Any, **options: Any) -> Subscription:
+        """Keep the messages, too."""
+        kept = self._box.keeping(kind, topic, callback) if options.get('raw') else callback
+        return super().subscribe(kind, topic, kept, **options)
+
+    def keep(self, record: dict[str, Any]) -> None:
+        """Let a bag of the event be written."""
+        self._box.event(record)
+
+    def close(self) -> None:
+        """Write the bag of an event that has just come."""
+        self._box.close()
 
     def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
         """Take a whole measurement into account, also in the model."""

@@ -287,3 +287,14 @@ LEAST_LEVER = 1e-6
 """Part of the largest squared lever below which a joint cannot move the ends, and stays."""
 HELD_WITHIN = 0.01
 """How far a joint that is held may be from there [rad or m]. source: none known."""
+
+# Black box.
+
+RING_TIME = 30.0
+"""Messages are kept for so long [s]: filters, thresholds and loads forget their beginning."""
+RING_BYTES = 64 << 20
+"""Messages that are kept at most [bytes]: 30 s of 1 kHz on four topics are 20 MB."""
+RECORDED = 20
+"""Bags of events in a folder, after which the oldest goes. source: none known."""
+RECORDED_AFTER = 3.0
+"""A bag goes on for so long after the event [s]: a touch has ended then, a load has not."""

@@ -19,25 +19,27 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+import json
 import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PointStamped, WrenchStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Header
+from std_msgs.msg import Bool, Header, String
 
 from tudor_dynamics.compiled import largest_size
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
-    CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, CONTACT_POINT, CONTACT_WRENCH, FIELD, RESET,
-    RESIDUALS, THRESHOLDS)
+    CALIBRATE, COLLISION, COLLISION_EVENT, COLLISION_RECORD, CONTACT, CONTACT_POINT,
+    CONTACT_WRENCH, FIELD, RESET, RESIDUALS, THRESHOLDS)
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublishers, NamedReader, set_vector, time_message,
     wrench_stamped)
 from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
+from tudor_dynamics.online.black_box import record_of
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.coverage import Coverage, CoverageLevel, SensorHealth
 from tudor_dynamics.online.detector import CollisionEvent, DetectorSettings, Level, Rates
@@ -56,6 +58,7 @@ class CollisionOutput:
         self.flags = {Level.COLLISION: node.publish_on(Bool, COLLISION, latch=True),
                       Level.CONTACT: node.publish_on(Bool, CONTACT, latch=True)}
         self._events = node.publish_on(Header, COLLISION_EVENT)
+        self._records = node.publish_on(String, COLLISION_RECORD, latch=True)
         self._published: dict[Level, bool] = {}
         self._last: CollisionEvent | None = None
         self.level(Level.FREE)
@@ -68,9 +71,14 @@ class CollisionOutput:
                 self._published[of] = state
                 publisher.publish(Bool(data=state))
 
-    def event(self, event: CollisionEvent) -> None:
+    def event(self, event: CollisionEvent, record: dict[str, Any]) -> None:
         """Publish a collision."""
         self._last = event
+        self._records.publish(String(data=json.dumps(record)))
+        name = max(event.ratios, key=lambda channel: event.ratios[channel])
+        self._node.get_logger().warning(
+            f'collision at {event.link} by {event.method}, {record["time"]}: {name} '
+            f'{event.residuals[name]:.4g}, {event.ratios[name]:.2f} times its threshold')
         header = Header(frame_id=event.link)
         header.stamp = time_message(event.onset)
         self._events.publish(header)
@@ -299,7 +307,11 @@ class DetectNode(ModelNode):
         for method, excess in found.excesses:
             self._thresholds[method].publish(excess.residual.motion.stamp, excess.threshold)
         for event in found.events:
-            self.collision_output.event(event)
+            record = record_of(event, next(
+                excess for method, excess in found.excesses if method == event.method
+                and excess.residual.motion.stamp == event.stamp))
+            self.collision_output.event(event, record)
+            self.keep(record)
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
             self.contact_output.publish(self.watch, estimate)
@@ -309,6 +321,9 @@ class DetectNode(ModelNode):
             self.get_logger().info(f'no collision but a load: {load.mass:.3f} kg now')
         if found.residuals:
             self.port.publish(found.residuals[-1][1].motion.stamp, len(found.loads))
+
+    def keep(self, record: dict[str, Any]) -> None:
+        """Take note of an event."""
 
     def _reset(self) -> str:
         """Restart, with the load as well: nothing touches the arm now."""

@@ -34,6 +34,7 @@ THRESHOLDS = {'effort': 'effort_thresholds', 'strain': 'strain_thresholds',
 COLLISION = 'collision'
 CONTACT = 'contact'
 COLLISION_EVENT = 'collision_event'
+COLLISION_RECORD = 'collision_record'
 PAYLOAD_TOPIC = 'payload'
 CONTACT_WRENCH = 'contact_wrench'
 CONTACT_POINT = 'contact_point'
@@ -142,6 +143,9 @@ DETECT = (
           dynamic=True),
     Param('stuck_time', 1.0, 'time without any change while the arm moves, after which a channel '
           'counts as dead', 's', 0.01, 600.0, dynamic=True))
+EVENT_BAGS = Param(
+    'event_bags', '', 'folder for a bag of the last 30 s at each collision; empty for '
+    'tudor_dynamics/events in ROS_HOME or ~/.ros, off for none')
 AHEAD = (
     Param('unit', 'model', 'efforts as the model has them, as currents, or as torques at the '
           'joints', choices=UNITS),
@@ -260,9 +264,9 @@ NODES: dict[str, tuple[Param, ...]] = {
     'joint_state_filter': (*FILTER, *COMMON),
     'dynamics_predictor': (*PREDICT, LOAD_FROM, OBSERVER, *COMMON),
     'collision_detector': (*PREDICT, PAYLOAD_SOURCE, *GRIPPER, *DETECT, *COMMON),
-    'monitor': (*PREDICT, PAYLOAD_SOURCE, *GRIPPER, OBSERVER, GAP, *DETECT, *COMMON),
+    'monitor': (*PREDICT, PAYLOAD_SOURCE, *GRIPPER, OBSERVER, GAP, *DETECT, EVENT_BAGS, *COMMON),
     'monitors': (*MANY, ROBOT),
-    'payload_estimator': (*PREDICT, *GRIPPER, OBSERVER, GAP, *DETECT, *COMMON),
+    'payload_estimator': (*PREDICT, *GRIPPER, OBSERVER, GAP, *DETECT, EVENT_BAGS, *COMMON),
     'feedforward': (*PREDICT, LOAD_FROM, *AHEAD, ROBOT),
     'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),
     'force_controller': (*FORCE, *COMMON),

@@ -1,0 +1,114 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages and events that are kept: bounds, order, and what is removed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.errors import BagError
+from tudor_dynamics.online.black_box import EVENTS, MessageRing, record_of, write_events
+from tudor_dynamics.online.detector import CollisionEvent, Excess
+from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.online.settings import RECORDED, RING_BYTES, RING_TIME
+from tudor_dynamics.online.streams import Motion
+
+KIND = 'std_msgs/msg/String'
+RECORD = {'onset': 5, 'link': 'link3'}
+
+
+def ring(count: int = 3, size: int = 8) -> MessageRing:
+    """Fill a ring with a message each millisecond."""
+    made = MessageRing()
+    for k in range(count):
+        made.add(10**9 + k * 10**6, '/a' if k % 2 else '/b', KIND, bytes([k % 256]) * size)
+    return made
+
+
+def test_messages_of_one_instant_keep_their_order() -> None:
+    """Also of several topics: log times increase."""
+    made = MessageRing()
+    for k, topic in enumerate(('/b', '/a', '/b', '/a')):
+        made.add(7, topic, KIND, bytes([k]))
+    times = sorted((time, data[0]) for item in made.series()
+                   for time, data in zip(item.log_time.tolist(), item.data, strict=True))
+    assert [place for _, place in times] == [0, 1, 2, 3]
+
+
+def test_old_messages_go() -> None:
+    """What is older than 30 s, or too much, is forgotten from the oldest on."""
+    made = ring(3)
+    made.add(10**9 + round(RING_TIME * 1e9) + 1_000_000, '/a', KIND, b'')
+    assert sum(len(item.data) for item in made.series()) == 3
+    made = ring(5, RING_BYTES // 4)
+    kept = [data[0] for item in made.series() for data in item.data]
+    assert sorted(kept) == [1, 2, 3, 4]
+
+
+def test_a_clock_set_back_begins_again() -> None:
+    """What was kept has times that mean nothing any more."""
+    made = ring(3)
+    made.add(10**9 - round(RING_TIME * 1e9) - 1, '/a', KIND, b'x')
+    assert [len(item.data) for item in made.series()] == [1]
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    """The bag has the messages, and the records."""
+    bag = open_bag(write_events(tmp_path / 'new', ring().series(), [RECORD, RECORD]))
+    assert {name: info.count for name, info in bag.topics.items()} == {'/a': 1, '/b': 2}
+    assert json.loads(bag.custom[EVENTS]) == [RECORD, RECORD]
+
+
+def test_a_record_has_what_was_known() -> None:
+    """Each channel by its name, with what was measured and expected; JSON as it stands."""
+    motion = Motion(7, 1.0, 0.01, np.array([0.1, 0.2, 0.3]))
+    value, threshold = np.array([3.0, -1.0]), np.array([2.0, 4.0])
+    excess = Excess(Residual(motion, value + 1.0, np.ones(2), value), value, value, value, value,
+                    threshold)
+    record = record_of(CollisionEvent(
+        5, 7, 'strain', 'link3', {'hub': 3.0, 'mid': -1.0}, {'hub': 1.5, 'mid': 0.25}), excess)
+    assert json.loads(json.dumps(record)) == record
+    assert (record['onset'], record['stamp'], record['link']) == (5, 7, 'link3')
+    assert record['measured'] == {'hub': 4.0, 'mid': 0.0}
+    assert record['expected'] == {'hub': 1.0, 'mid': 1.0}
+    assert record['residual'] == {'hub': 3.0, 'mid': -1.0}
+    assert record['threshold'] == {'hub': 2.0, 'mid': 4.0}
+    assert record['ratio'] == {'hub': 1.5, 'mid': 0.25} and record['motion'] == [0.1, 0.2, 0.3]
+
+
+def test_the_oldest_goes_and_foreign_folders_stay(tmp_path: Path) -> None:
+    """Of 22 bags 20 are left; what has no record of an event is not ours."""
+    (tmp_path / 'event_notes').mkdir()
+    other = tmp_path / 'event_0_other'
+    write_events(tmp_path / 'elsewhere', ring().series(), [RECORD]).rename(other)
+    (other / 'metadata.yaml').write_text(
+        (other / 'metadata.yaml').read_text().replace('tudor_events', 'own'))
+    paths = [write_events(tmp_path, ring().series(), [RECORD]) for _ in range(RECORDED + 2)]
+    assert [path.exists() for path in paths] == [False] * 2 + [True] * RECORDED
+    assert other.is_dir() and (tmp_path / 'event_notes').is_dir()
+
+
+def test_a_full_disk(small_disk: Path) -> None:
+    """One line says why, and no part of a bag is left."""
+    rng = np.random.default_rng(0)
+    made = MessageRing()
+    made.add(10**9, '/a', KIND, rng.bytes(2_000_000))
+    with pytest.raises(BagError, match='cannot be written'):
+        write_events(small_disk, made.series(), [RECORD])
+    assert not [path for path in small_disk.rglob('*') if path.is_file()]
