@@ -44,10 +44,9 @@ from tudor_dynamics.typing import FloatArray
 UNLIMITED = 1e8
 """From here on a limit is none: continuous joints of a URDF have 1e9 [rad, rad/s or N m]."""
 PLANNED_SPEED = 2.0 / 3.0
-"""Part of the speed limit that is planned where the description does not say; source: none
-known."""
+"""Part of the speed limit that is planned where the description does not say."""
 PLANNED_ACCELERATION = 1.0 / 3.0
-"""The same of the acceleration, of which the damper needs more; source: none known."""
+"""The same of the acceleration, of which the damper needs more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +178,7 @@ MAX_MESH_BYTES = 50_000_000
 MAX_SRDF_BYTES = 20_000_000
 MESHES = ('.stl', '.dae', '.obj')
 POSES, ALWAYS = 200, 0.9
-"""Random poses, and the part of them at which a pair overlaps that is left out; source: none
-known."""
+"""Random poses, and the part of them at which a pair overlaps that is left out."""
 RADIUS = 0.05
 """Of capsules in place of links without shapes [m]."""
 THICK = 20.0

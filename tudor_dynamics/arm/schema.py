@@ -101,8 +101,8 @@ StrainUnit = Annotated[Literal['um/m', 'm/m', 'mV/V', 'V', 'N m'], BeforeValidat
 
 
 LARGEST_CONDITION = 1e6
-"""Of a coupling matrix: beyond it, motions of single joints cannot be distinguished by the motors;
-source: none known."""
+"""Of a coupling matrix: beyond it, motions of single joints cannot be distinguished by the
+motors."""
 
 
 class KinematicsSpec(Spec):

@@ -32,7 +32,7 @@ from tudor_dynamics.files import Damaged, MAX_PIECE, open_regular
 FREE_STEPS = 20_000_000
 STEPS_PER_BYTE = 16
 """Steps of SQLite's machine that reading may take: a row takes some thirty, and is more than two
-bytes long; source: none known."""
+bytes long."""
 _SLICE = 100_000
 
 

@@ -33,7 +33,7 @@ COMMANDED_SPEED = 0.93
 # rounded and joints that stick and slip [s]: 0.24 deg at 120 deg/s (bench/recorded_limits.py).
 POSITION_MARGIN = 0.002
 # Part of the acceleration limit with which the arm stops before a position limit: the rest is for
-# what drive and load make of a command; source: none known, held by bench/motion_sequences.py.
+# what drive and load make of a command; held by bench/motion_sequences.py.
 BRAKING_SHARE = 0.6
 # Time of the approach over the lag: a place that is approached by v = way / T through a lag is not
 # overshot from T = e lag on (second-order system, critical damping).
@@ -46,9 +46,9 @@ INTEGRAL_SHARE = 0.2
 
 # -- Damper (docs/explanation/damping.md)
 
-# Part of the planned speed at which a reference counts as moving in full; source: none known.
+# Part of the planned speed at which a reference counts as moving in full.
 MOVING_REFERENCE = 0.1
-# Fastest plausible change of strain [1/s]: 2000 um/m at 16 Hz; source: none known.
+# Fastest plausible change of strain [1/s]: 2000 um/m at 16 Hz.
 PLAUSIBLE_RATE = 0.2
 # Largest plausible strain: beyond the yield point of spring steel.
 PLAUSIBLE_STRAIN = 5e-3
@@ -60,7 +60,7 @@ STALE_GAUGE_TIME = 0.05
 # In which a gauge's share fades in or out [s]; measured with DEAD_GAUGE_TIME: below half a degree
 # together.
 FADE_TIME = 0.1
-# For which a gauge must have been well before its share comes back [s]; source: none known.
+# For which a gauge must have been well before its share comes back [s].
 RECOVERY_TIME = 0.5
 
 # -- Test of the damper's sign
@@ -70,11 +70,9 @@ RECOVERY_TIME = 0.5
 SIGN_STEP = math.radians(3.0)
 # Parts of the damper's gain; the next one where the last was unclear.
 SIGN_SHARES = (0.25, 0.5, 1.0)
-# With the right sign the decay lasts at most this part of the time without the damper; source:
-# none known.
+# With the right sign the decay lasts at most this part of the time without the damper.
 SIGN_DECAY = 0.9
-# A response whose last half second is so many times larger than its first one grows; source: none
-# known.
+# A response whose last half second is so many times larger than its first one grows.
 SIGN_GROWTH = 1.5
 # Slow motion of the joint does not count as ringing [Hz]: well below the first mode, measured as
 # 1.7 to 3.3 Hz (bench/damping_study.py).
@@ -93,8 +91,7 @@ FROZEN_SAMPLES = 3.0
 JUMP_SPEED, JUMP_TIME = 3.0, 0.02
 # Less has jumped where one sample has more than this part of what nobody commanded.
 JUMP_SHARE = 0.8
-# Farther beyond a position limit than the speed limit goes in this time is no pose [s]; source:
-# none known.
+# Farther beyond a position limit than the speed limit goes in this time is no pose [s].
 RANGE_TIME = 0.2
 # Excess that is no fault at rest, as what the speed limit makes of this time [s]: 0.84 deg at
 # 120 deg/s. Where 400 g swing undamped, free motion has 0.8 to 1.1 times what is allowed in all
@@ -179,24 +176,21 @@ RINGING_WINDOW = 0.4
 # Time after the reference came to rest that is not judged [s]; links settle in 0.5 s, measured by
 # bench/damping_study.py.
 RINGING_SETTLING = 0.6
-# Part of the speed limit below which an oscillation is of no concern: 4.5 deg/s at 120 deg/s;
-# source: none known.
+# Part of the speed limit below which an oscillation is of no concern: 4.5 deg/s at 120 deg/s.
 RINGING_LOUD = 0.04
-# Windows in a row without decay; source: none known.
+# Windows in a row without decay.
 RINGING_LASTS = 4
-# An oscillation decays if it is smaller than this part of itself two windows before; source: none
-# known.
+# An oscillation decays if it is smaller than this part of itself two windows before.
 RINGING_DECAY = 0.85
-# An oscillation that is so much larger than a window before, twice in a row, grows; source: none
-# known.
+# An oscillation that is so much larger than a window before, twice in a row, grows.
 RINGING_GROWTH = 1.3
-# Part of the speed limit that nothing but an oscillation adds to a reference for long; source:
-# none known, held by bench/motion_sequences.py.
+# Part of the speed limit that nothing but an oscillation adds to a reference for long; held by
+# bench/motion_sequences.py.
 WILD_COMMAND = 0.5
-# Part of a window in which commands are cut, or wild, that no damping needs; source: none known,
-# held by bench/motion_sequences.py.
+# Part of a window in which commands are cut, or wild, that no damping needs; held by
+# bench/motion_sequences.py.
 WILD_SHARE = 0.3
-# Such windows in a row; source: none known.
+# Such windows in a row.
 WILD_WINDOWS = 2
 
 # -- Taking over an arm that somebody else has moved
@@ -204,29 +198,27 @@ WILD_WINDOWS = 2
 # Time for which an arm is observed first, in addition to the delay of the loop [s]: drives without
 # commands brake after as long (docs/explanation/safety.md).
 TAKEOVER_TIME = 0.1
-# Part of the planned acceleration from which on an arm brakes; source: none known, held by
-# bench/motion_sequences.py.
+# Part of the planned acceleration from which on an arm brakes; held by bench/motion_sequences.py.
 TAKEOVER_BRAKING = 0.1
 
 # -- Following of a reference (docs/explanation/safety.md)
 
-# A reference is near the arm within what the planned speed goes in this time [s]: 4.9 deg; source:
-# none known.
+# A reference is near the arm within what the planned speed goes in this time [s]: 4.9 deg.
 NEAR_TIME = 0.07
-# Following error at which the arm stops, as such a time [s]: 21 deg; source: none known, no false
-# stop in bench/soak.py.
+# Following error at which the arm stops, as such a time [s]: 21 deg; no false stop in
+# bench/soak.py.
 FOLLOWING_TIME = 0.3
-# Part of the planned speed below which a reference rests; source: none known.
+# Part of the planned speed below which a reference rests.
 RESTING_SPEED = 0.05
 # A reference is not extrapolated for longer than this, whatever the timeout [s]: 9 deg at the
-# planned speed of the reference arm; source: none known, the timeout by default.
+# planned speed of the reference arm; the timeout by default.
 LONGEST_EXTRAPOLATED = 0.1
-# Without positions for so long standstill is commanded, whatever the timeout [s]; source: none
-# known, longer than machines without real time hold up a process as a rule.
+# Without positions for so long standstill is commanded, whatever the timeout [s]; longer than
+# machines without real time hold up a process as a rule.
 LONGEST_BLIND = 0.25
-# A sample so much later than usual counts as none, at the speed limit [s]: 12 deg at 120 deg/s;
-# source: none known, a quarter of the 0.4 s with which an arm went 48 deg past its goal. Slower
-# joints go as far in a longer time, up to the second number.
+# A sample so much later than usual counts as none, at the speed limit [s]: 12 deg at 120 deg/s; a
+# quarter of the 0.4 s with which an arm went 48 deg past its goal. Slower joints go as far in a
+# longer time, up to the second number.
 LATE_AT_SPEED, LONGEST_LATE = 0.1, 0.2
 # Commands that answer samples which come by fits and starts jerk, and drives follow them worse: by
 # this memory, and from this lateness on, twice as much is allowed [s] (bench/busy_machine.py).
@@ -252,14 +244,13 @@ ASLEEP_TIME = 0.1
 DELAY_LONGEST = 0.25
 # Between two delays that are tried [s]; a parabola goes between them.
 DELAY_STEP = 0.002
-# Time of motion after which an error counts 1/e [s]; source: none known.
+# Time of motion after which an error counts 1/e [s].
 DELAY_MEMORY = 2.0
-# Time of motion needed before a delay is estimated [s]; source: none known.
+# Time of motion needed before a delay is estimated [s].
 DELAY_MOTION = 0.2
-# At the best delay, commands leave at most this part of the motion's energy unexplained; source:
-# none known.
+# At the best delay, commands leave at most this part of the motion's energy unexplained.
 DELAY_CLEAR = 0.35
-# Part of the speed limit above which a joint moves; source: none known.
+# Part of the speed limit above which a joint moves.
 DELAY_MOVING = 0.02
 
 # -- What the delay leaves of gains
@@ -275,9 +266,9 @@ DELAY_PHASE = 0.25
 # Parts of the damper's gains that the loop stands at most: twice them is 26 deg past a goal with
 # 400 g at 100 Hz and 20 ms (test/mechanics/test_lying.py).
 LARGEST_SHARE = 1.25
-# In which the damper's share comes up or goes away [s]; source: none known.
+# In which the damper's share comes up or goes away [s].
 SHARE_RAMP_TIME = 0.5
-# Delay of the loop that is assumed until it was measured [s]; source: none known.
+# Delay of the loop that is assumed until it was measured [s].
 UNKNOWN_DELAY = 0.03
 # The same where the way to a limit is judged [s]: the longest for which drives go on without
 # commands.
@@ -288,63 +279,59 @@ PERIOD_QUICK = 10.0
 
 # -- Gains that follow a schedule (damping and overshoot: test/mechanics/test_adaptive_damping.py)
 
-# In which scheduled gains take the place of fixed ones, or the other way round [s]; source: none
-# known.
+# In which scheduled gains take the place of fixed ones, or the other way round [s].
 SCHEDULE_BLEND_TIME = 1.0
-# Time constant with which the payload in use follows the one that was reported [s]; source: none
-# known, the motion that it leaves is measured in test/mechanics/test_adaptive_damping.py.
+# Time constant with which the payload in use follows the one that was reported [s]; the motion
+# that it leaves is measured in test/mechanics/test_adaptive_damping.py.
 PAYLOAD_TIME = 0.3
 # The mean's corner is so much higher while the payload in use changes by much [Hz]; as
 # PAYLOAD_TIME, measured there.
 MEAN_HURRY = 0.5
-# Part of the schedule's range of payloads that is much; source: none known.
+# Part of the schedule's range of payloads that is much.
 PAYLOAD_MUCH = 0.1
-# A payload may be so far beyond the grid: a part of its range, and a mass [kg]; source: none
-# known.
+# A payload may be so far beyond the grid: a part of its range, and a mass [kg].
 PAYLOAD_MARGIN, PAYLOAD_MARGIN_MASS = 0.1, 0.02
-# Time constant of the reference's acceleration [s]; source: none known.
+# Time constant of the reference's acceleration [s].
 ACCELERATION_TIME = 0.02
 
 # -- References
 
-# Part of the planned speed at which a joint complies at most; source: none known.
+# Part of the planned speed at which a joint complies at most.
 COMPLY_SPEED = 0.5
-# Time in which a retreat comes to speed [s]; source: none known.
+# Time in which a retreat comes to speed [s].
 RETREAT_RAMP = 0.15
 # Length of random targets before others begin [s].
 TARGETS_SECONDS = 600.0
 # A pause is not made up for beyond this [s]: the timeout of the controller.
 LARGEST_PERIOD = 0.1
-# A resting reference that the arm is not near for so long begins again at the arm [s]; source:
-# none known.
+# A resting reference that the arm is not near for so long begins again at the arm [s].
 LOST_TIME = 0.5
-# A reset during a collision is believed if it is asked for again within this [s]; source: none
-# known, long enough to read the refusal and to repeat the command.
+# A reset during a collision is believed if it is asked for again within this [s]; long enough to
+# read the refusal and to repeat the command.
 RESET_AGAIN = 15.0
 
 # -- Force at the tip (docs/explanation/force_control.md; `python -m papers force` has the steps)
 
-# Time over which readings without contact are followed [s]; source: none known.
+# Time over which readings without contact are followed [s].
 FORCE_FOLLOWED = 0.5
 # So long before contact is detected it may have begun [s]: at 0.02 m/s on 100 N/m, the softest
 # floor measured by `python -m papers force`, 0.4 N take 0.2 s.
 FORCE_BACK = 0.3
-# A reading that does not change for so long is that of a dead gauge [s]; source: none known.
+# A reading that does not change for so long is that of a dead gauge [s].
 FORCE_STUCK = 0.3
-# Standard deviations, of noise and of force, that gauges may differ by from one force; source:
-# none known.
+# Standard deviations, of noise and of force, that gauges may differ by from one force.
 FORCE_APART = 8.0
-# Part of its share of the force that a gauge may be off by; source: none known.
+# Part of its share of the force that a gauge may be off by.
 FORCE_SHARE = 0.6
-# Time constant of the force that is fed back [s]; source: none known.
+# Time constant of the force that is fed back [s].
 FORCE_SMOOTH = 0.02
-# Part of the wanted force below which contact counts as lost; source: none known.
+# Part of the wanted force below which contact counts as lost.
 FORCE_SOFT = 0.15
 
 # -- Test of how joints answer (held by test/control/test_joint_answers.py)
 
 # Nudge there and back [rad, m], with the time of each way, and of standing after it [s]: 1 deg/s,
-# below what a joint that has not answered yet is commanded; source: none known.
+# below what a joint that has not answered yet is commanded.
 NUDGE, NUDGE_SLIDE = math.radians(0.5), 1e-3
 NUDGE_TIME, NUDGE_DWELL = 0.5, 0.3
 # Standing before it [s]; a nudge that was unclear is repeated twice as large, up to this one.
@@ -366,7 +353,7 @@ KNOWN_SCALES = {180.0 / math.pi: 'degrees and radians', 1000.0: 'mm and m',
                 30.0 / math.pi: 'revolutions per minute, or a decimal place',
                 4.0: 'the edges of encoder lines', 2.0: 'the edges of encoder lines'}
 SCALE_NEAR = 0.75
-# Another joint that moves by more than this part moves, too; source: none known.
+# Another joint that moves by more than this part moves, too.
 MOVES_TOO = 0.2
 # Some other joint is judged, too, if it is so much of a nudge off its commands.
 STRAYED = 0.5
@@ -383,7 +370,7 @@ LEAST_WAY, LEAST_SAMPLES = 0.05, 5
 # Delay from which on an answer is late: multiples of the full delay, but not below this [s]: a
 # loop at 100 Hz has 30 ms, with 20 ms on the way 45.
 LATE_SHARE, LATE = 2.5, 0.05
-# Joints so far beyond a position limit stand where they cannot [rad or m]; source: none known.
+# Joints so far beyond a position limit stand where they cannot [rad or m].
 BEYOND = 0.01
 # A time without positions, longer than this, is left out [s].
 ANSWER_GAP = 0.08

@@ -54,13 +54,13 @@ from tudor_dynamics.typing import FloatArray
 POSES = 500
 """Poses at which weight is looked at."""
 SLOW = 0.1
-"""Of its largest speed, below which a joint counts as at rest; source: none known."""
+"""Of its largest speed, below which a joint counts as at rest."""
 FEWEST_PARTS = 4
-"""Parts of the data for a standard error; source: none known."""
+"""Parts of the data for a standard error."""
 FEWEST_RINGS = 3
-"""Ring-downs for one; source: none known."""
+"""Ring-downs for one."""
 WEIGHTLESS = 0.02
-"""Of what an output measures, below which weight is nothing to compare by; source: none known."""
+"""Of what an output measures, below which weight is nothing to compare by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,13 +225,13 @@ def _figures(parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, Float
 # differs by less than a tenth is nothing that anybody would mend, however certain it is.
 
 RELEVANT = 0.1
-"""Part of a quantity that a difference must be; source: none known."""
+"""Part of a quantity that a difference must be."""
 OUTLIER_SIGMAS = 5.0
 """Standard errors that it must be: many numbers of many arms are looked at, and errors from few
 parts are themselves uncertain. With it at most two of a hundred fleets of like arms name anybody
 (test/fleet/test_unlike.py)."""
 FEWEST_OTHERS = 3
-"""Arms that an arm is compared with; source: none known."""
+"""Arms that an arm is compared with."""
 FEWEST_DATES = 3
 """Dates that make a drift."""
 FEW = 4.0

@@ -53,7 +53,7 @@ MERGE = 0.1
 TOPIC = 'applied_wrench'
 """Where forces that were applied on purpose are recorded."""
 LARGEST_TOLERANCE = 1.0
-"""A push that is marked by eye is not farther off [s]; source: none known."""
+"""A push that is marked by eye is not farther off [s]."""
 LONGEST = 1e9
 """Later no bag has a push [s]: stamps count nanoseconds in 64 bits."""
 MAX_TABLE = 10_000_000

@@ -93,7 +93,7 @@ def light(model: AnalyticalModel) -> AnalyticalModel:
 
 
 FROM = 33
-"""Bags from which a fit is streamed without being asked to; source: none known."""
+"""Bags from which a fit is streamed without being asked to."""
 SAMPLE = 8
 """Bags that stay in memory, for choices, thresholds and figures; what they take is in
 bench/many_bags.py."""

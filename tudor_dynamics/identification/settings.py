@@ -27,74 +27,66 @@ import numpy as np
 
 # -- What a fit may be used for (uses.py)
 
-# Poses of a bag at which the friction of joints is looked at; source: none known.
+# Poses of a bag at which the friction of joints is looked at.
 STICTION_POSES = 200
-PHYSICS_POSES = 200  # poses at which inertias and weights are looked at; source: none known
-# Share of poses at which an inertia may be negative, where parameters are uncertain; source: none
-# known.
+PHYSICS_POSES = 200  # poses at which inertias and weights are looked at
+# Share of poses at which an inertia may be negative, where parameters are uncertain.
 NEGATIVE_SHARE = 0.02
-# Factor between the identified weight and the described one from which on it is marked; source:
-# none known.
+# Factor between the identified weight and the described one from which on it is marked.
 WEIGHT_OFF = 1.5
-# Share of the largest weight below which the weight of a joint is not compared; source: none
-# known.
+# Share of the largest weight below which the weight of a joint is not compared.
 WEIGHTY = 0.1
 # Part of what an output is at rest from which on it changes with the pose: rounding.
 WEIGHTLESS = 1e-9
 # Rate for which a collision detector is judged [1/h]: that which `bench/false_alarms.py` proves on
 # 40 min of free motion.
 FALSE_ALARMS = 1.0
-# Factor between thresholds of a short recording and those of hours from which on that is said;
-# source: none known.
+# Factor between thresholds of a short recording and those of hours from which on that is said.
 WIDE = 1.2
-NOTICED = 0.1  # time within which a push is to be noticed [s]; source: none known
-TIP_POSES = 50  # poses of a bag at which forces at the tip are looked at; source: none known
+NOTICED = 0.1  # time within which a push is to be noticed [s]
+TIP_POSES = 50  # poses of a bag at which forces at the tip are looked at
 LEVER = 0.01  # levers below are none: a force at the tip does not move this joint [m]
 # Good and usable: force at the tip that is noticed [N], the smallest quasi-static limit of a body
 # region of ISO/TS 15066:2016, Table A.2 (face), and that of neck and upper arms.
 TIP_FORCE = (65.0, 150.0)
 # Good and usable: relative error of a joint's effort, which feed-forward leaves to the controller;
-# beyond a half it is not fed; source: none known.
+# beyond a half it is not fed.
 LEFT_TO_CONTROL = (0.3, 0.5)
 # Findings by which units, and so newtons and kilograms, are in doubt.
 UNITS = ('effort_unit', 'dh_in_millimetres', 'dh_in_degrees', 'gauge_in_millimetres',
          'joint_scale')
-# Good and usable: error of a mean over `MEAN` over the range of what weight makes; source: none
-# known.
+# Good and usable: error of a mean over `MEAN` over the range of what weight makes.
 WEIGHT_SHARE = (0.05, 0.2)
-MEAN = 1.0  # time over which a payload is averaged [s]; source: none known
+MEAN = 1.0  # time over which a payload is averaged [s]
 
 # -- What to do next, in points of fit that a step would bring (next_steps.py)
 
-FINDING_GAIN = 100.0  # of a finding of the doctor: first of all; source: none known
-THRESHOLDS_GAIN = 50.0  # of collision thresholds where there are none; source: none known
-UNTESTED_GAIN = 8.0  # of a test by another bag; source: none known
-DOUBT_GAIN = 6.0  # of thresholds that are half as wide; source: none known
-UNEXCITED_GAIN = 5.0  # of motion that shows what no bag has shown; source: none known
-MILD_GAIN = 1.0  # of a finding that costs little; source: none known
-SMALLEST_GAIN = 0.5  # points of fit below which no step is advised; source: none known
-# Factor between the errors at rest and in motion from which on friction that holds is said;
-# source: none known.
+FINDING_GAIN = 100.0  # of a finding of the doctor: first of all
+THRESHOLDS_GAIN = 50.0  # of collision thresholds where there are none
+UNTESTED_GAIN = 8.0  # of a test by another bag
+DOUBT_GAIN = 6.0  # of thresholds that are half as wide
+UNEXCITED_GAIN = 5.0  # of motion that shows what no bag has shown
+MILD_GAIN = 1.0  # of a finding that costs little
+SMALLEST_GAIN = 0.5  # points of fit below which no step is advised
+# Factor between the errors at rest and in motion from which on friction that holds is said.
 STANDING = 2.0
 
 # -- Whether a model is still what it was (next_steps.py)
 
-# Time whose mean squared error counts as one observation: errors are correlated [s]; source: none
-# known.
+# Time whose mean squared error counts as one observation: errors are correlated [s].
 CORRELATED = 5.0
-# Growth of the error below which nothing is said, however certain it is; source: none known.
+# Growth of the error below which nothing is said, however certain it is.
 GROWTH = 1.3
-# The same for the relative error: livelier motion has larger errors, not larger relative ones;
-# source: none known.
+# The same for the relative error: livelier motion has larger errors, not larger relative ones.
 RELATIVE_GROWTH = 1.15
 # Standard errors by which the error must have grown; 200 of 200 motions of the same arm are below
 # (measured by test/identification/test_comparison.py).
 SIGMAS = 3.0
-# Relative standard error of a mean squared error where nothing is known of it; source: none known.
+# Relative standard error of a mean squared error where nothing is known of it.
 UNKNOWN_SPREAD = 0.5
-LEAST_SPREAD = 0.1  # it is no less: two motions are not alike; source: none known
+LEAST_SPREAD = 0.1  # it is no less: two motions are not alike
 # Part of the time without which the error has to be as before, to be no change of the model but
-# something short, such as a push; source: none known.
+# something short, such as a push.
 SHORT = 0.2
 # Relative difference up to which the promise of a plan counts as kept: 80 to 100 % of the
 # parameters of the reference arm are within (bench/excitation.py, docs/explanation/excitation.md).
@@ -102,24 +94,23 @@ PROMISE_KEPT = 0.3
 
 # -- The first description of an arm (drafting)
 
-# Of each bag, evenly spread: gravity needs poses, not samples; source: none known.
+# Of each bag, evenly spread: gravity needs poses, not samples.
 SAMPLES_TO_DRAFT = 400
-# Over which positions are smoothed to differentiate them [s]; source: none known.
+# Over which positions are smoothed to differentiate them [s].
 DERIVATIVE_WINDOW = 0.15
-# Speed over which the sign of the friction is smoothed [rad/s or m/s]; source: none known.
+# Speed over which the sign of the friction is smoothed [rad/s or m/s].
 SLOW = 0.05
 # Another direction of gravity counts where it leaves less than one over this of the efforts'
-# variance; source: none known.
+# variance.
 BETTER = 2.0
-# No gravity at all counts where a direction explains hardly more; source: none known.
+# No gravity at all counts where a direction explains hardly more.
 SIMPLER = 1.05
 # Share of the efforts' variance of joints that an upright arm's gravity does not load, from which
-# on it follows their position, as a gravity of another direction does; source: none known.
+# on it follows their position, as a gravity of another direction does.
 FOLLOWED = 0.05
-# Part of the largest gravity moment from which on a joint carries something; source: none known.
+# Part of the largest gravity moment from which on a joint carries something.
 CARRIES = 0.02
-# Share of an effort without friction that gravity explains, to be evidence of its unit; source:
-# none known.
+# Share of an effort without friction that gravity explains, to be evidence of its unit.
 EXPLAINED = 0.5
 # Effort over gravity moment where efforts are torques: masses of a URDF are often rough; 1.02 was
 # measured on a UR10 (docs/howto/own_arm.md).
@@ -127,24 +118,21 @@ TORQUES = (0.5, 2.0)
 # Below `TORQUES` and above this, efforts are currents of drives with a gear [A/(N m)]; those of a
 # UR10e are 0.09 to 0.12 by its published constants (bench/first_hour.py).
 CURRENTS = 0.005
-LARGEST_CURRENT = 100.0  # efforts beyond this are no currents of an arm [A]; source: none known
-# Largest effort over the limit of the URDF, where efforts are what the limit means; source: none
-# known.
+LARGEST_CURRENT = 100.0  # efforts beyond this are no currents of an arm [A]
+# Largest effort over the limit of the URDF, where efforts are what the limit means.
 PLAUSIBLE = (0.02, 1.5)
-MICROSTRAIN = 5.0  # readings with a larger range are um/m; source: none known
-# Readings with a smaller range are m/m; between the two, units of bridges; source: none known.
+MICROSTRAIN = 5.0  # readings with a larger range are um/m
+# Readings with a smaller range are m/m; between the two, units of bridges.
 STRAIN = 0.01
-# A gauge sits after the outermost joint whose moment leaves at most so many times the least;
-# source: none known.
+# A gauge sits after the outermost joint whose moment leaves at most so many times the least.
 OUTERMOST = 1.5
-# Variance of a reading that no gravity moment explains: then none of them shows its place; source:
-# none known.
+# Variance of a reading that no gravity moment explains: then none of them shows its place.
 NOT_FOLLOWED = 0.3
 
 # -- Decimated recordings (doctor/case.py)
 CUTOFF = 8.0  # corner of the zero-phase filter of motion and outputs [Hz] (bench/doctor)
 LEAST_SECONDS = 3.0  # shorter stretches are not judged [s] (bench/doctor)
-LEAST_SAMPLES = 64  # nor stretches of fewer samples; source: none known
+LEAST_SAMPLES = 64  # nor stretches of fewer samples
 MARGIN = 0.25  # left out at both ends: filter edges, room for lags [s] (bench/doctor)
 MOST_SAMPLES = 600  # samples kept of a bag, for the seconds a bag that the bench prints
 LEAST_STEP = 0.03  # no two samples kept are nearer [s] (bench/doctor)
@@ -182,7 +170,7 @@ USUAL_LAG = {'effort': 0.015, 'strain': 0.015, 'velocity': 0.03}
 # Sum of log ratios by which a lag has to reduce the residual (bench/doctor).
 LAG_GAIN = {'effort': 0.1, 'strain': 0.1, 'velocity': 0.5}
 LAG_SHARE = 0.6  # relative residual with a lag above which something else is wrong (bench/doctor)
-STILL = 0.05  # part of the largest speed below which a joint shows no lag; source: none known
+STILL = 0.05  # part of the largest speed below which a joint shows no lag
 
 # -- Remedies that are tried on parts left out (doctor/trials.py). Chosen on the two-blade arm,
 #    UR10, Airbot and EMPS, those of ringing with a look at the Panda's beams: no proof there.
@@ -213,7 +201,7 @@ FOLLOWS = 0.7  # slope of measured over expected output while a channel lives (b
 # No joint of an arm has more; source: data sheets of the largest industrial arms.
 LARGEST_EFFORT = {'A': 150.0, 'N m': 3000.0, 'N': 20000.0}
 BEYOND_LIMIT = 10.0  # as many times the effort limit of the URDF is another unit (bench/doctor)
-UNLIMITED = 1e6  # limits of a URDF from here on are none [N m or N]; source: none known
+UNLIMITED = 1e6  # limits of a URDF from here on are none [N m or N]
 FEW_TIMES = 3.3  # masses of a URDF are wrong by less (bench/doctor)
 THOUSANDTH = 30.0  # factors beyond are those between a unit and its thousandth (bench/doctor)
 
@@ -253,7 +241,7 @@ EVEN_STAMPS = 0.5  # part by which the distance of stamps may differ where jumps
 JUMPED, LEAST_JUMP = 6.0, 2e-3  # times what 99.5 % differ from the motion around; [rad or m]
 WRAPPED = 0.05  # part by which a jump differs from a turn
 HELD_BEFORE = 0.1  # a run before a jump that is a hold [s]
-NOISY = 2e-3  # ten times the noise of bad encoders [rad or m]; source: none known
+NOISY = 2e-3  # ten times the noise of bad encoders [rad or m]
 STALE, STALE_WINDOW = 0.4, 0.1  # part of the samples in fast motion; [s]
 STALE_LEAST = 2e-3  # fast motion is more in that time [rad or m]
 FAR_FROM_ZERO, ALTERNATING = 0.2, 0.05  # of the spread of a channel; part of the samples
@@ -270,5 +258,5 @@ THOUSANDTH_OF_BAGS = 100.0  # factors beyond are those of thousandths (bench/doc
 LEAST_PAYLOAD = 0.02  # payloads that differ by less count as the same [kg] (bench/doctor)
 PAYLOAD_OFF = 0.3  # part of the largest payload that a stated one may be off (bench/doctor)
 DIFFERENT = 0.15  # relative error from which on two bags differ in load (bench/doctor)
-COMPARED = 400  # samples of a recording that are looked for in another one; source: none known
+COMPARED = 400  # samples of a recording that are looked for in another one
 SAME_SHARE = 0.9  # part of the samples that a copy has in common with its original (bench/doctor)

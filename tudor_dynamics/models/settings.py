@@ -22,31 +22,31 @@ import numpy as np
 
 # -- Least squares (analytical.py, estimation.py)
 # Passes of weights of the samples; a fit that needs more of them warns.
-WEIGHT_PASSES = 20  # source: none known
+WEIGHT_PASSES = 20
 # Turns of loads and parameters, and the relative change at which they have settled.
-LOAD_PASSES, LOAD_CHANGE = 10, 1e-3  # source: none known
+LOAD_PASSES, LOAD_CHANGE = 10, 1e-3
 # Residuals beyond it, in standard deviations, count less.
 HUBER_CONSTANT = 1.345  # 95 % efficiency at the normal distribution (Huber, Robust Statistics)
 # Condition numbers of the scaled columns: above, triangular factors take over; above, a direction
 # is not shown by the motion.
 LARGEST_GRAM_CONDITION, UNEXCITED_CONDITION = 1e6, 1e10  # test/models/test_estimators.py
 # The prior is left out where it would move a direction by less than this part.
-NEGLIGIBLE = 1e-3  # source: none known
+NEGLIGIBLE = 1e-3
 # Norm of a column beyond those before it, over the largest, from which on it is one of its own.
-RELATIVE_TOLERANCE = 1e-8  # source: none known
+RELATIVE_TOLERANCE = 1e-8
 
 # -- Torque constants (estimation.py)
 # Standard deviation of the logarithm of a constant about the mean of all, before any data: joints
 # of one arm have drives of one kind. It decides for wrists whose bodies hardly show.
-PRIOR_WIDTH = 0.5  # source: none known
+PRIOR_WIDTH = 0.5
 # Samples that count as one: residuals of a motion are no white noise (2.5 s at 20 Hz).
-CORRELATED = 50.0  # source: none known
+CORRELATED = 50.0
 # Turns of constants and weights of the channels.
-CONSTANT_PASSES = 3  # source: none known
+CONSTANT_PASSES = 3
 # Part of a column's own information that is added to it: parameters may be hard to distinguish.
-RIDGE = 1e-9  # source: none known
+RIDGE = 1e-9
 # Of the logarithm of a constant, for differences.
-CONSTANT_STEP = 1e-3  # source: none known
+CONSTANT_STEP = 1e-3
 
 # -- Friction (friction.py)
 # Displacements over which friction is tried to give way [rad or m], evenly on a logarithmic scale.
@@ -54,85 +54,85 @@ DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)  # 0.3 to 10 mrad: docs/explanation/v
 
 # -- Bodies and drives that can exist (consistent.py); bench/consistent.py measures what they do
 # Mass of a body that is described without any, as a part of all.
-LEAST_SHARE = 1e-4  # source: none known
+LEAST_SHARE = 1e-4
 # Radius of gyration added to bodies that are described as points, lines or plates [m].
-LEAST_RADIUS = 0.01  # source: none known
+LEAST_RADIUS = 0.01
 # Mass per length where no mass is described at all [kg/m].
 ROD = 4.0  # that of lightweight arms
 # Length of the last body where nothing is known of it [m].
-TOOL = 0.1  # source: none known
+TOOL = 0.1
 # Standard deviation of the logarithm of half a mass, described or guessed.
-WIDTH_DESCRIBED, WIDTH_ROD = 0.5, 1.0  # source: none known; docs/explanation/export.md
+WIDTH_DESCRIBED, WIDTH_ROD = 0.5, 1.0  # docs/explanation/export.md
 # The same of a size; of a centre of mass and of a product of inertia as a part of the size.
-WIDTH_SHAPE = 0.5  # source: none known; docs/explanation/export.md
+WIDTH_SHAPE = 0.5  # docs/explanation/export.md
 # Speeds at which friction is looked at, in each direction.
-GRID = 12  # source: none known
+GRID = 12
 # Part of its largest effect from which on a term is asked to make up for others: of Coulomb
 # friction at the smallest speed there is three quarters.
-ACTS = 0.3  # source: none known
+ACTS = 0.3
 # What is raised for one direction takes an eighth of it from the other at the smallest speed.
-ENERGY_PASSES = 30  # source: none known
+ENERGY_PASSES = 30
 # Largest speed of a motion over its root mean square: 1.4 for a sine, 3 for moves with rests.
-PEAK = 2.5  # source: none known
+PEAK = 2.5
 # Width of what drives may contribute to an output, in units of the output's size: no knowledge,
 # but a bound on what nothing shows.
-WIDTH_DRIVE = 3.0  # source: none known
+WIDTH_DRIVE = 3.0
 # Standard deviation of the logarithm of all torque constants together: no knowledge.
-WIDTH_CONSTANT = 3.0  # source: none known
+WIDTH_CONSTANT = 3.0
 # Part of their weight that the data have in each search, and how strictly friction has to take
 # energy: with all of both from the beginning, the way to the solution is a winding valley.
-SEARCHES = ((1e-4, 1e2), (1e-2, 1e3), (1e-1, 1e3), (1.0, 1e3), (1.0, 1e4))  # source: none known
+SEARCHES = ((1e-4, 1e2), (1e-2, 1e3), (1e-1, 1e3), (1.0, 1e3), (1.0, 1e4))
 # Relative change of the sum of squares at which a search ends, and its evaluations at most.
-ENOUGH, EVALUATIONS = 1e-9, 300  # source: none known
+ENOUGH, EVALUATIONS = 1e-9, 300
 
 # -- Words for what a parameter comes from (comparison.py)
 # Standard error over that before any data, up to which a parameter comes from the data, or both.
-FROM_DATA, FROM_BOTH = 0.3, 0.8  # source: none known
+FROM_DATA, FROM_BOTH = 0.3, 0.8
 
 # -- Elastic models (elastic/)
 # Longest inner step [s].
 INNER_STEP = 2.5e-3  # 1 % of phase at 15 Hz
 # Rate at which the observer forgets what it does not know the cause of [1/s].
-BANDWIDTH = 8.0  # source: none known
+BANDWIDTH = 8.0
 # The edge of a play is rounded over this part of it, where nothing better is known.
-EDGE = 0.1  # source: none known
+EDGE = 0.1
 # Lag of amplifiers of gauges at most [s]: slower ones show no oscillation.
-LONGEST_LAG = 0.2  # source: none known
+LONGEST_LAG = 0.2
 # A gear of unknown stiffness is this often as stiff as the link after it.
-RIGID_GEAR = 30.0  # source: none known
+RIGID_GEAR = 30.0
 
 # -- Gains by an elastic model (tuning.py); docs/explanation/damping.md
 # Of a drive, for differences [rad].
-DRIVE_NUDGE = 1e-4  # source: none known
+DRIVE_NUDGE = 1e-4
 # Below it the approximation of a delay is as good as none [s].
-LEAST_DELAY = 1e-4  # source: none known
+LEAST_DELAY = 1e-4
 # Poles above it are those of delays and drives [Hz].
-HIGHEST = 40.0  # source: none known
+HIGHEST = 40.0
 # Poles below this part of the first frequency belong to means and position loops.
-SLOW = 0.3  # source: none known
+SLOW = 0.3
 # Between nodes along a joint, where there are not too many [rad].
-SPACING = math.radians(15.0)  # source: none known
+SPACING = math.radians(15.0)
 # Most poses of a grid.
-POSES = 1500  # source: none known
+POSES = 1500
 # Position gain over the first angular frequency: the position loop must not fight the damper.
-STIFFNESS = 0.13  # source: none known
+STIFFNESS = 0.13
 # Corner of the DC blocker [Hz]: the load is known, what remains changes slowly.
-MEAN = 0.15  # source: none known
+MEAN = 0.15
 # Of the described gains, for a first look.
-FACTORS = np.geomspace(0.1, 6.0, 22)  # source: none known
+FACTORS = np.geomspace(0.1, 6.0, 22)
 # Halvings of an interval in which a factor or a delay is sought.
-HALVINGS = 7  # source: none known
+HALVINGS = 7
 # Delay from which on gains excite, over the one that they are used with.
 ROOM = 2.0  # docs/explanation/damping.md: a factor that excites at twice the delay is none
 # Within which, and in which ratio, delays are looked at [s].
-SHORTEST_DELAY, LONGEST_DELAY, FINER = 2e-3, 0.2, 1.2  # source: none known
+SHORTEST_DELAY, LONGEST_DELAY, FINER = 2e-3, 0.2, 1.2
 # Delays at which a factor is looked at.
-LOOKS = 4  # source: none known
+LOOKS = 4
 # Between samples of a simulated move [s].
 MOVE_SAMPLE = 2.5e-3  # as the longest inner step
 # Of them, those after a move that are compared.
-EVERY = 3  # source: none known
+EVERY = 3
 # Time after the end of a move from which oscillations count [s].
-AFTER_MOVE = 0.02  # source: none known
+AFTER_MOVE = 0.02
 # An oscillation that gauges hardly show [m/m].
-NOTHING = 2e-6  # source: none known
+NOTHING = 2e-6

@@ -17,21 +17,91 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from functools import partial
+import os
+from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
+from tudor_dynamics.bags.storage import RawMessages
+from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.nodes.common.black_box import BlackBox
+from tudor_dynamics.nodes.common.base import TudorNode
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, MotionEncoder, NamedReader)
 from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.online.black_box import MessageRing, write_events
 from tudor_dynamics.online.monitor import Found, Monitor, warm_up, Watch
+from tudor_dynamics.online.settings import RECORDED_AFTER
+
+
+OFF = 'off'
+
+
+class BlackBox:
+    """Keeps messages of a node; writes them in a thread of its own."""
+
+    def __init__(self, node: TudorNode) -> None:
+        self._node, self._ring = node, MessageRing()
+        self._pending: list[dict[str, Any]] = []
+        self._due = 0
+        self._writer: Thread | None = None
+        self._timer = node.every(0.5, self._look)
+
+    def keeping(self, kind: Any, topic: str, take: Callable[[bytes], Any]) -> Any:
+        """Keep the messages of a topic before something takes them."""
+        if self._node.value('event_bags') == OFF:
+            return take
+        clock, ring = self._node.get_clock(), self._ring
+        name = self._node.resolve_topic_name(topic)
+        msgtype = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+        def keep(data: bytes) -> Any:
+            ring.add(clock.now().nanoseconds, name, msgtype, data)
+            return take(data)
+        return keep
+
+    def event(self, record: dict[str, Any]) -> None:
+        """Let a bag be written in 3 s; events until then go into the same."""
+        if self._node.value('event_bags') == OFF:
+            return
+        if not self._pending:
+            self._due = self._ring.last + round(RECORDED_AFTER * 1e9)
+        self._pending.append({**record, 'state': self._node.status()[2], 'settings': {
+            name: self._node.value(name) for name in self._node.params}})
+
+    def _look(self) -> None:
+        """Write what is due, also where messages have ended."""
+        busy = self._writer is not None and self._writer.is_alive()
+        now = self._node.get_clock().now().nanoseconds
+        if self._pending and not busy and max(now, self._ring.last) >= self._due:
+            records, self._pending = self._pending, []
+            self._writer = Thread(target=self._write, args=(self._ring.series(), records))
+            self._writer.start()
+
+    def _write(self, series: list[RawMessages], records: list[dict[str, Any]]) -> None:
+        home = os.environ.get('ROS_HOME') or '~/.ros'
+        folder = Path(self._node.value('event_bags') or f'{home}/tudor_dynamics/events')
+        try:
+            path = write_events(
+                folder.expanduser() / self._node.get_namespace().strip('/'), series, records)
+            self._node.get_logger().info(f'the last 30 s are in {path}')
+        except BagError as err:
+            self._node.get_logger().error(str(err))
+
+    def close(self) -> None:
+        """Write what is pending."""
+        if self._writer is not None:
+            self._writer.join()
+        if self._pending:
+            self._write(self._ring.series(), self._pending)
 
 
 class MonitorNode(DetectNode):

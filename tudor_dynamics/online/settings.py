@@ -15,8 +15,8 @@
 """
 Tuned numbers of detection and contact, with unit, meaning and where each was settled.
 
-``bench/sweep.py online`` shows what each of them changes; ``source: none known`` marks a number of
-which no bench, paper or measurement is left.
+``bench/sweep.py online`` shows what each of them changes. Of a number that names no bench, paper
+or measurement none is left.
 """
 
 from __future__ import annotations
@@ -26,10 +26,9 @@ import math
 # Live streams.
 
 CLOCK_JUMP = 1.0
-"""A stamp that is older by more is a clock that was set back, not a late message [s].
-source: none known."""
+"""A stamp that is older by more is a clock that was set back, not a late message [s]."""
 PERIOD_INTERVALS = 5
-"""Intervals that are needed before a period is estimated. source: none known."""
+"""Intervals that are needed before a period is estimated."""
 PERIOD_RENEWAL = 16
 """Intervals between two estimates of the period, each of which takes a microsecond:
 bench/monitor_cost.py."""
@@ -42,7 +41,7 @@ PAIRING_QUEUE = 400
 STRAIN_QUEUE = 16
 """Readings of strain that wait for their motion: those of one instant come in any order."""
 STRAIN_APART = 3.0
-"""Readings farther apart are not interpolated [steps of the motion]. source: none known."""
+"""Readings farther apart are not interpolated [steps of the motion]."""
 
 # Momentum observer.
 
@@ -58,7 +57,7 @@ MOMENTUM_LAGS = 5.0
 # Columns of a threshold.
 
 REVERSAL_SPEED = 0.02
-"""Slower is no direction of motion [rad/s or m/s]. source: none known."""
+"""Slower is no direction of motion [rad/s or m/s]."""
 REVERSAL_WINDOW = 0.15
 """Time for which a reversal counts: friction and play do not settle at once [s]; false alarms
 measured by bench/false_alarms.py."""
@@ -66,8 +65,7 @@ ACCELERATION_MEMORY = 0.5
 """Time constant with which an acceleration is forgotten: links ring on after it [s]; false alarms
 measured by bench/false_alarms.py."""
 STANDING = 2.0 * REVERSAL_SPEED
-"""Slower joints may stick; friction has its sign from there on [rad/s or m/s].
-source: none known."""
+"""Slower joints may stick; friction has its sign from there on [rad/s or m/s]."""
 
 # Onset statistic.
 
@@ -85,8 +83,7 @@ DRIFT = 1.0
 """Ratio to the onset's profile that adds nothing: four fifths of free motion stay below. The sum
 is that of the paper Page, Biometrika 41, 1954; bench/soft_hits.py."""
 LONGEST_STEP = 0.1
-"""A sample counts for no longer than this, however late the next one comes [s].
-source: none known."""
+"""A sample counts for no longer than this, however late the next one comes [s]."""
 FRICTION_UNCERTAIN = 0.5
 """Share of the friction that may hold a joint by which it may be larger for a while;
 bench/soft_hits.py, bench/false_alarms.py."""
@@ -106,14 +103,13 @@ BLOCK = 1.0
 """Time of which the largest ratio counts: longer than the ringing's memory of one event [s];
 false alarms measured by bench/false_alarms.py."""
 GROUP = 0.08
-"""Time of which the largest value counts for the profile [s]. source: none known."""
+"""Time of which the largest value counts for the profile [s]."""
 PROFILE_QUANTILE = 0.8
-"""Share of the groups that stay below the profile. source: none known."""
+"""Share of the groups that stay below the profile."""
 PROFILE_ROWS = 1500
-"""Rows of a quantile regression; more make it slow and hardly better. source: none known."""
+"""Rows of a quantile regression; more make it slow and hardly better."""
 PROFILE_FLOOR = 0.1
-"""Least size at rest, in medians: without it standstill would make any noise a collision.
-source: none known."""
+"""Least size at rest, in medians: without it standstill would make any noise a collision."""
 LEAST_BLOCKS = 8
 """Least free motion to estimate a tail [s]; docs/explanation/thresholds.md."""
 LARGEST_SHAPE = 0.5
@@ -125,7 +121,7 @@ by bench/false_alarms.py."""
 TAIL_PEAKS = 20
 """Peaks that make up a tail at least, where there are no more; the same bench."""
 LARGEST_TAIL_SHARE = 0.5
-"""More of the peaks are no tail. source: none known."""
+"""More of the peaks are no tail."""
 SHAPE_ERROR = 2.0 / math.sqrt(3.0)
 """Standard error of an exponential tail's shape by L-moments, times the root of the number of
 peaks: the paper Hosking and Wallis, Technometrics 29(3), 1987."""
@@ -133,8 +129,7 @@ SHAPE_ERRORS = 2.0
 """Standard errors of the shape by which a bound is doubted: 3 to 24 false alarms became 0 to 2 in
 40 minutes, measured by bench/false_alarms.py."""
 LEAST_SCALES = (0.1, 0.1, 0.02)
-"""Least scales: of residual and onset as ratios to their profiles, of the sum of onsets [s].
-source: none known."""
+"""Least scales: of residual and onset as ratios to their profiles, of the sum of onsets [s]."""
 MOST_MOTIONS = 5
 """Groups of motions that are left out in turn; more take as many times as long."""
 MOTIONS_APART = 1.1
@@ -154,19 +149,16 @@ measured by bench/detection_over_topics.py."""
 LEVEL_SPEED = 0.5
 """How fast the level follows, in its logarithm [1/s]: 0.4 a second upwards; the same bench."""
 WIDEST = 4.0
-"""Thresholds are not widened more than so many times: the detector would detect nothing.
-source: none known."""
+"""Thresholds are not widened more than so many times: the detector would detect nothing."""
 USUAL_SHARE = 0.9
 """Share of the time in free motion for which the level was lower than what counts as usual;
 bench/detection_over_topics.py."""
 WIDENING_WARNING = 1.5
-"""Widening that the user should know of. source: none known."""
+"""Widening that the user should know of."""
 OUTLIER = 6.0
-"""Ratios that are so many times the level are collisions, and do not move it.
-source: none known."""
+"""Ratios that are so many times the level are collisions, and do not move it."""
 LOWEST_LEVEL = 0.5
-"""The level does not fall further below that of free motion: an arm at rest would forget it.
-source: none known."""
+"""The level does not fall further below that of free motion: an arm at rest would forget it."""
 
 # Events.
 
@@ -182,16 +174,16 @@ RINGING_FADE = 1.0
 # Coverage: which samples are judged. What is a warning is said in docs/reference/nodes.md.
 
 SENSOR_SPEED = 0.05
-"""A joint that is faster moves: its sensors have to change [rad/s or m/s]. source: none known."""
+"""A joint that is faster moves: its sensors have to change [rad/s or m/s]."""
 COVERAGE_TIME = 1.0
 """Time of which shares are reported [s]."""
 COVERAGE_PERIOD = 0.1
 """Time between two looks at the counts [s]; their cost: bench/monitor_cost.py."""
 UNJUDGED_WARNING, UNJUDGED_ERROR = 0.01, 0.2
-"""Shares not judged: a warning and an error; docs/reference/nodes.md. source: none known."""
+"""Shares not judged: a warning and an error; docs/reference/nodes.md."""
 STAMPS_APART = 0.02
 """Stamps of two topics that are further apart than this, and than `PERIODS_APART`, are reported
-[s]; docs/reference/nodes.md. source: none known."""
+[s]; docs/reference/nodes.md."""
 PERIODS_APART = 2.5
 """The same in periods of either topic; the same."""
 
@@ -214,45 +206,44 @@ RINGING_SAMPLES, RINGING_MEMORY = 8.0, 10.0
 as samples of 0.01 s are not independent, and is learned over this time [s]: places are closer by a
 quarter, measured by papers/contact.py."""
 RINGING_FLOOR = 0.15
-"""Part of the deviation of a sample that no direction falls below. source: none known."""
+"""Part of the deviation of a sample that no direction falls below."""
 EVIDENCE_MEMORY = 0.6
 """Time over which it is forgotten which span was the likely one [s]; papers/contact.py."""
 FREE_EVIDENCE_MEMORY = 0.03
-"""The same while no contact is detected [s]. source: none known."""
+"""The same while no contact is detected [s]."""
 RIGID_DETECTED, RIGID_ENDED, RIGID_OFFSET = 49.0, 16.0, 9.0
 """With a rigid model: squared standard deviations from which, and until which, a contact is
-detected, and below which a residual is taken for an offset; docs/explanation/contact.md: 7 and 4.
-source: none known."""
+detected, and below which a residual is taken for an offset; docs/explanation/contact.md: 7 and
+4."""
 ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET = 8.0, 3.0, 4.0
 """The same with an elastic model, whose deviations are widened for what rings: 2.8 and 1.7, by the
 share of pushes felt while they last, measured by papers/contact.py."""
 INNOVATION_BOUND = 1.5
-"""Standard deviations up to which an innovation counts by its square (Huber).
-source: none known."""
+"""Standard deviations up to which an innovation counts by its square (Huber)."""
 LARGEST_FORCE = 1e3
 """More is no contact, but a followed arm that readings have driven beyond all reason [N]."""
 STANDING_SPEED = 0.03
-"""Speed below which an arm stands [rad/s or m/s]. source: none known."""
+"""Speed below which an arm stands [rad/s or m/s]."""
 STANDING_DEVIATION = 0.2
-"""Part of the usual deviation that a standing arm keeps at least. source: none known."""
+"""Part of the usual deviation that a standing arm keeps at least."""
 STANDING_VARIANCE = 0.1
-"""Part of the usual variance below which an arm is known to stand. source: none known."""
+"""Part of the usual variance below which an arm is known to stand."""
 STANDING_MEMORY = 0.5
-"""Time over which the noise of a standing arm is learned [s]. source: none known."""
+"""Time over which the noise of a standing arm is learned [s]."""
 OFFSET_MEMORY = 3.0
-"""Time over which a standing arm takes a residual for an offset [s]; docs/explanation/contact.md.
-source: none known."""
+"""Time over which a standing arm takes a residual for an offset [s];
+docs/explanation/contact.md."""
 PLACE_CERTAIN = 0.5
 """Part of a place's prior deviation; one that is less certain is not reported: of pushes in motion
 a fifth, measured by papers/contact.py."""
 OTHER_SHARE = 0.1
-"""Probability from which another place that explains a contact is reported. source: none known."""
+"""Probability from which another place that explains a contact is reported."""
 TOUCH_SHARE = 0.05
 """Part of its largest force below which a touch has not begun, or has ended: half and 0.2 leave
 twice the error of the mean force, measured by papers/contact.py."""
 TORQUE_DETECTED, TORQUE_ENDED = 5.0, 3.0
 """Standard deviations of free motion from which, and until which, a joint detects a contact by
-efforts alone; docs/explanation/contact.md: 5. source: none known."""
+efforts alone; docs/explanation/contact.md: 5."""
 
 # The elastic arm that contacts are estimated with.
 
@@ -265,7 +256,7 @@ FOLLOWING_RATE = 3.0
 """Rate at which the followed arm is drawn to the real one [1/s]: 8 takes part of a contact for
 vibration, 1 does not follow through play, 2 to 4 are the same, measured by papers/contact.py."""
 VIBRATION_RATE = 2.0
-"""Rate at which a vibration that nobody explains is forgotten [1/s]. source: none known."""
+"""Rate at which a vibration that nobody explains is forgotten [1/s]."""
 
 # Readings of a resting arm.
 
@@ -286,7 +277,7 @@ NEWTON_SETTLED = 1e-6
 LEAST_LEVER = 1e-6
 """Part of the largest squared lever below which a joint cannot move the ends, and stays."""
 HELD_WITHIN = 0.01
-"""How far a joint that is held may be from there [rad or m]. source: none known."""
+"""How far a joint that is held may be from there [rad or m]."""
 
 # Black box.
 
@@ -295,6 +286,6 @@ RING_TIME = 30.0
 RING_BYTES = 64 << 20
 """Messages that are kept at most [bytes]: 30 s of 1 kHz on four topics are 20 MB."""
 RECORDED = 20
-"""Bags of events in a folder, after which the oldest goes. source: none known."""
+"""Bags of events in a folder, after which the oldest goes."""
 RECORDED_AFTER = 3.0
 """A bag goes on for so long after the event [s]: a touch has ended then, a load has not."""

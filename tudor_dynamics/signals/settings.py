@@ -22,7 +22,7 @@ from __future__ import annotations
 
 # -- Stamps of recordings (doctor)
 
-# Less, relative to the sample time, changes no derivative that matters; source: none known.
+# Less, relative to the sample time, changes no derivative that matters.
 LEAST_JITTER = 0.02
 # A stamp farther from its even place, in sample times, belongs to another one: below half of one.
 LARGEST_OFFSET = 0.45
@@ -32,7 +32,7 @@ LARGEST_IN_ORDER = 0.9
 # Even stamps are right where they reduce the roughness to less than this part (no false alarm with
 # the faults of bench/doctor.py).
 CLEAR = 0.8
-# Stamps below which a stretch is not compared with even ones; source: none known.
+# Stamps below which a stretch is not compared with even ones.
 FEWEST_STAMPS = 200
 
 # -- Warm-up, and ring-down of a link
@@ -51,7 +51,7 @@ MOST_SAMPLES = 600
 # -- Planned motion
 
 # Largest jerk over the largest acceleration [1/s]: only pulses shorter than 2 pi / JERK times the
-# part of the acceleration that they reach, 0.16 s at half of it, get smaller; source: none known.
+# part of the acceleration that they reach, 0.16 s at half of it, get smaller.
 JERK = 20.0
 # Rest before the first target of an excitation [s]: controllers and filters settle.
 REST = 1.5
@@ -63,13 +63,13 @@ MOST_POINTS = 1_000_000
 # Intervals of each joint's acceleration: a linear programme of 0.05 s for two joints (measured,
 # docs/explanation/shaping.md).
 KNOTS = 30
-# Steps between two knots, for integrals; source: none known.
+# Steps between two knots, for integrals.
 FINE = 16
 # Part by which the first frequency may be another: what a payload of 400 g does that is 100 g off
 # (measured, docs/explanation/shaping.md).
 SPREAD = 0.07
 # Weight of the oscillation at such frequencies against the largest jerk, each over what it is
-# without shaping; source: none known, its result is measured by bench/shaping_seeds.py.
+# without shaping; its result is measured by bench/shaping_seeds.py.
 ROBUST = 0.3
 # Part of the limits of speed and acceleration that is planned, for rounding.
 ROUNDING = 1.0 - 1e-6
@@ -80,12 +80,12 @@ LONGER = 0.5
 TRIES = 8
 # Most linear programmes in turn: planning takes 1.2 s at most (bench/shaping_seeds.py).
 STEPS = 10
-# Change of acceleration by which differences are taken, of its limit; source: none known.
+# Change of acceleration by which differences are taken, of its limit.
 NUDGE = 0.01
 # Change of acceleration, of its limit, in which a simulation is taken for linear at first, and at
-# least; source: none known, the result is measured by bench/shaping_seeds.py.
+# least; the result is measured by bench/shaping_seeds.py.
 FARTHEST, SMALLEST = 0.3, 1e-3
 # Parts of that, tried side by side; half of the way to each as well.
 RADII = (1.0, 0.4, 0.12, 0.03)
-# A step that leaves more of the oscillation than this part is the last one; source: none known.
+# A step that leaves more of the oscillation than this part is the last one.
 LITTLE = 0.985
