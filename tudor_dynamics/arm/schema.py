@@ -163,8 +163,7 @@ class EffortSpec(SourceSpec):
     unit: EffortUnit = 'N m'
     """What the driver publishes: motor current, torque, or force of a prismatic joint."""
     torque_constant: Annotated[Positive | None, read_by('ME')] = None
-    """Joint torque per ampere, gear and efficiency included; unknown by default
-    [N m/A or N/A]."""
+    """Joint torque per ampere, gear and efficiency included; unknown by default [N m/A or N/A]."""
 
     @model_validator(mode='after')
     def _constant_needs_current(self) -> EffortSpec:
@@ -599,8 +598,7 @@ class InertiaPart(Spec):
     center: Vector3 = (0.0, 0.0, 0.0)
     """Centre of mass, in the axes of the frame that the part is fixed to [m]."""
     inertia: tuple[Finite, Finite, Finite, Finite, Finite, Finite] | NonNegative = 0.0
-    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, or one number for a cube
-    [kg m^2]."""
+    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, or one number for a cube [kg m^2]."""
 
     @model_validator(mode='after')
     def _physical(self) -> InertiaPart:

@@ -18,8 +18,6 @@ Tuned numbers of reading bags, with unit, meaning and where each is from.
 ``bench/sweep.py bags`` shows what each of them changes.
 """
 
-from __future__ import annotations
-
 import math
 
 # Gaps, clocks and samples

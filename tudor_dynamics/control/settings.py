@@ -20,8 +20,6 @@ a test measures was measured on the reference arm of `config/tudor.yaml`; where 
 first and a bench only shows that it does, the comment says "held by".
 """
 
-from __future__ import annotations
-
 import math
 
 # -- Motion envelope

@@ -21,8 +21,6 @@ reference arm, UR10e, TX40, Quanser (docs/explanation/doctor.md): 97.9 % of faul
 is found in 66 recordings without faults.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # -- What a fit may be used for (uses.py)

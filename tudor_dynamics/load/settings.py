@@ -19,8 +19,6 @@ Tuned numbers of loads, with unit, meaning and source.
 of docs/explanation/load.md have it: ``python -m papers outlook --only payload``.
 """
 
-from __future__ import annotations
-
 # -- From the unit of an output to kilograms (rows.py)
 # Part of an effort that the masses of the description explain before they are believed.
 BELIEVED = 0.6

@@ -18,8 +18,6 @@ Tuned numbers of the simulated mechanics: what each means, its unit, and where i
 Kernels use some of them: `tudor_dynamics.compiled` has this file in its checksum.
 """
 
-from __future__ import annotations
-
 # -- Beams and the integrator
 
 # Elastic rotation up to which a beam bends as it should: a cantilever by 4 % too much [rad]

@@ -14,8 +14,6 @@
 
 """Tuned numbers of models, their estimation and what is tuned by them: unit, meaning, source."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -18,8 +18,6 @@ Tuned numbers of the nodes, with unit, meaning and where each was settled.
 Of a number that names no bench or measurement none is left.
 """
 
-from __future__ import annotations
-
 # Queues.
 
 DEPTH = 10

@@ -88,10 +88,9 @@ def write_events(
     folder: Path, series: list[RawMessages], records: list[dict[str, Any]],
 ) -> Path:
     """
-    Write a bag of events into a folder, and remove the oldest of those that are too many.
+    Write a bag of events into a folder, whole or not at all, or say why not by a BagError.
 
-    It is whole or not there. Only bags that hold such records are removed. A BagError says why
-    nothing could be written.
+    Of bags that hold such records the oldest goes, where there are too many.
     """
     # by the clock on the wall: simulated time begins at 0 in every run
     path = folder / datetime.now().strftime('event_%Y%m%d_%H%M%S_%f')

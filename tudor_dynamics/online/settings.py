@@ -19,8 +19,6 @@ Tuned numbers of detection and contact, with unit, meaning and where each was se
 or measurement none is left.
 """
 
-from __future__ import annotations
-
 import math
 
 # Live streams.

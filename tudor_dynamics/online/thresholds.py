@@ -301,8 +301,7 @@ class MethodThresholds:
     # many; bundles that are older have none.
     tails: tuple[Tail, ...]
     seconds: float  # duration of free motion that this was learned from [s]
-    # (channels,): usual level of the onset statistics there, see `follow`; infinite where
-    # unknown.
+    # (channels,): usual level of the onset statistics there, see `follow`; infinite where unknown.
     usual: FloatArray
     reach: FloatArray  # (joints,): largest speeds there [rad/s or m/s]; infinite where unknown
     # (channels,): friction that may hold each joint while it stands, in the unit of its effort:

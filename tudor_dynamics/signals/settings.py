@@ -18,8 +18,6 @@ Tuned numbers of filters, motions and preprocessing: meaning, unit, and where ea
 Kernels use some of them: `tudor_dynamics.compiled` has this file in its checksum.
 """
 
-from __future__ import annotations
-
 # -- Stamps of recordings (doctor)
 
 # Less, relative to the sample time, changes no derivative that matters.

@@ -84,8 +84,7 @@ class CollisionOutput:
         self._events.publish(header)
         values = {'method': event.method, 'link': event.link, 'onset [ns]': str(event.onset),
                   'certain after [ms]': f'{(event.stamp - event.onset) * 1e-6:.1f}',
-                  **{f'residual {k}': f'{v:.6g}' for k, v in event.residuals.items()},
-                  **{f'ratio {k}': f'{v:.3f}' for k, v in event.ratios.items()}}
+                  **{f'residual {k}': f'{v:.6g}' for k, v in event.residuals.items()}}
         node = self._node
         node.publish_diagnostics(DiagnosticStatus(
             level=WARN, name=f'{node.get_name()}: collision', hardware_id=node.hardware(),
