@@ -94,16 +94,21 @@ def paper_error(system: RigidLinkSystem, plant: Plant) -> tuple[float, float]:
 
 
 def main() -> int:
-    """Print a table."""
+    """Print two tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seconds', type=float, default=1.5)
     args = parser.parse_args()
-    print('P L^2 / EI  largest rotation [rad]  deflection / exact - 1')
+    print('| $P L^2/EI$ | largest elastic rotation [rad] | deflection too large by |')
+    print('|---|---|---|')
     for load in (0.25, 0.6, 1.0, 2.0):
         deflection, turned = cantilever(load)
-        print(f'{load:10g}  {turned:22.2f}  {100.0 * (deflection / elastica(load) - 1.0):20.1f} %')
-    print('stiffness  largest rotation [rad]  energy drift / exchanged      joint acceleration')
-    print('                                   simulator  paper              apart, relative')
+        excess = 100.0 * (deflection / elastica(load) - 1.0)
+        print(f'| {load:g} | {turned:.2f} | {excess:.1f} % |')
+    print()
+    print('| stiffness | largest elastic rotation [rad] '
+          "| energy made by the paper's form, of what is exchanged "
+          '| drift of the simulator | joint accelerations apart, relative |')
+    print('|---|---|---|---|---|')
     dt = 5e-4
     for stiffness in (0.25, 1.0, 4.0, 16.0, 64.0):
         mechanism = mechanism_of(stiffness)
@@ -123,8 +128,8 @@ def main() -> int:
                 largest = max(largest, abs(made))
                 apart += (ddq - plant.state.ddq[0]) ** 2
                 scale += plant.state.ddq[0] ** 2
-        print(f'{stiffness:9g}  {turned:22.2e}  {drift / kinetic:9.2e}  {largest / kinetic:9.2e}  '
-              f'{np.sqrt(apart / scale):22.2e}', flush=True)
+        print(f'| {stiffness:g} | {turned:.1e} | {largest / kinetic:.1e} | '
+              f'{drift / kinetic:.1e} | {np.sqrt(apart / scale):.1e} |', flush=True)
     return 0
 
 

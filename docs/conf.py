@@ -15,10 +15,15 @@
 """Sphinx: guides, reference and library as one site; ``make docs`` builds it."""
 
 from pathlib import Path
+import sys
 from types import GenericAlias
 from typing import Any
 
 import tudor_dynamics
+
+sys.path.insert(0, str(Path(__file__).parent / '_extensions'))
+
+import code_pages  # noqa: E402, I100
 
 project = 'tudor_dynamics'
 author = 'tudor_dynamics contributors'
@@ -26,7 +31,7 @@ copyright = '2026, tudor_dynamics contributors'  # noqa: A001
 release = tudor_dynamics.__version__
 # MathJax comes from disk, by a package that ships it: the pages are read without a network.
 extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.mathjax', 'numpydoc',
-              'myst_parser', 'sphinx-mathjax-offline']
+              'myst_parser', 'sphinx-mathjax-offline', 'figures']
 templates_path = ['_templates']
 exclude_patterns = ['_templates', 'reference/generated/library.txt']
 html_theme = 'furo'
@@ -51,6 +56,8 @@ library = Path(__file__).parent / 'reference' / 'generated' / 'library.txt'
 library.parent.mkdir(exist_ok=True)
 library.write_text('.. autosummary::\n   :nosignatures:\n\n' + ''.join(
     f'   ~{home}.{name}\n' for home, names in tudor_dynamics._HOMES.items() for name in names))
+
+code_pages.write(library.parent)
 
 
 def skip_alias(_: Any, what: str, name: str, item: object, skip: bool, options: Any) -> bool:

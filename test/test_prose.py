@@ -27,13 +27,19 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
 EASY = sorted([*(DOCS / 'tutorials').glob('*.md'), *(DOCS / 'howto').glob('*.md')])
 PAGES = sorted([ROOT / 'README.md', DOCS / 'index.md', *EASY, *(DOCS / 'explanation').glob('*.md'),
-                DOCS / 'reference' / 'index.md', DOCS / 'reference' / 'trajectories.md'])
+                DOCS / 'gallery.md', DOCS / 'reference' / 'index.md',
+                DOCS / 'reference' / 'nodes.md', DOCS / 'reference' / 'trajectories.md'])
 """Pages in the words of the glossary; a page that is written again joins them."""
 PHRASES = (r'\bwhat came\b', r'\bis none\b', r'\bno matter\b', r'\bworth\b',
            r'\bbehind (?:a|an|it|the (?:move|push|start|filter|gap|end)|this|each)\b',
            r'\bcomes? to rest\b', r'\bbeyond reason\b', r'\ball but \d')
 """Phrases that the glossary replaces; single words stand in ``tools/words.txt``."""
 LONGEST = 400
+ALL_GUIDES = 25000
+BY_HAND = 4000
+"""Words of the guides, and of ``nodes.md`` beside what a script writes."""
+OUTPUT = re.compile(r'^```text.*?^```$', re.MULTILINE | re.DOTALL)
+WRITTEN = re.compile(r'<!-- written by .*?<!-- end -->', re.DOTALL)
 EASIEST = 55.0
 
 
@@ -63,6 +69,11 @@ def syllables(word: str) -> int:
     return max(groups - (word.endswith('e') and not word.endswith('le')), 1)
 
 
+def count(text: str) -> int:
+    """Count words, those of tables, formulas and code included; marks are none."""
+    return len(re.findall(r'\S*\w\S*', text))
+
+
 def flesch(text: str) -> float:
     """Give Flesch's reading ease: 206.8 - 1.015 words a sentence - 84.6 syllables a word."""
     found = sentences(text)
@@ -89,6 +100,17 @@ def test_guides_are_short_and_read_easily(page: Path) -> None:
 
 
 @pytest.mark.linter
+def test_all_guides_together_are_short() -> None:
+    """Tutorials without what commands print, how-to, explanation, architecture; then nodes."""
+    pages = [*EASY, *(DOCS / 'explanation').glob('*.md'), DOCS / 'architecture.md']
+    words = {page.stem: count(OUTPUT.sub('', text) if page.parent.name == 'tutorials' else text)
+             for page in pages for text in [page.read_text(encoding='utf-8')]}
+    assert sum(words.values()) <= ALL_GUIDES, words
+    nodes = (DOCS / 'reference' / 'nodes.md').read_text(encoding='utf-8')
+    assert count(WRITTEN.sub('', nodes)) <= BY_HAND
+
+
+@pytest.mark.linter
 @pytest.mark.parametrize('page', PAGES, ids=[page.stem for page in PAGES])
 def test_words_of_the_glossary(page: Path) -> None:
     """No phrase that the glossary replaces."""
@@ -98,10 +120,15 @@ def test_words_of_the_glossary(page: Path) -> None:
 
 
 @pytest.mark.linter
-def test_spelling() -> None:
-    """The spelling of codespell, with the words of ``tools/words.txt``."""
+def test_spelling(tmp_path: Path) -> None:
+    """The spelling of codespell, with the words of ``tools/words.txt``; of what people wrote."""
     pytest.importorskip('codespell_lib')
+    copies = []
+    for page in [*PAGES, DOCS / 'architecture.md']:
+        copies.append(tmp_path / '_'.join(page.relative_to(ROOT).parts))
+        copies[-1].write_text(WRITTEN.sub('', OUTPUT.sub('', page.read_text(encoding='utf-8'))),
+                              encoding='utf-8')
     done = subprocess.run(
         [sys.executable, '-m', 'codespell_lib', '-D', '-', '-D', str(ROOT / 'tools/words.txt'),
-         *map(str, PAGES), str(DOCS / 'architecture.md')], capture_output=True, text=True)
+         *map(str, copies)], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -16,10 +16,13 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from rclpy.publisher import Publisher
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 
 from ros_world import node_class, World
@@ -34,11 +37,26 @@ MODELS = {'joint_state_filter', 'dynamics_predictor', 'collision_detector', 'mon
           'feedforward'}
 
 
+@pytest.fixture(scope='module')
+def tool(root: Path) -> ModuleType:
+    """Load the script that writes the tables."""
+    spec = importlib.util.spec_from_file_location('nodes', root / 'tools/nodes_reference.py')
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_is_what_the_script_writes(tool: ModuleType) -> None:
+    """Parameters and figures of the diagnostics are those that the nodes declare."""
+    assert tool.page() == tool.PAGE.read_text(encoding='utf-8'), 'python tools/nodes_reference.py'
+
+
 def section(root: Path, node: str, part: str) -> list[list[str]]:
     """Rows of a table, cell by cell."""
     text = (root / 'docs/reference/nodes.md').read_text()
     body = text.split(f'\n## {node}\n')[1].split('\n## ')[0]
-    table = body.split(f'### {part}\n')[1].split('\n### ')[0]
+    table = body.partition(f'### {part}\n')[2].split('\n### ')[0]
     rows = [[cell.strip().strip('`') for cell in line.strip('|').split('|')]
             for line in table.splitlines() if line.startswith('|')]
     return rows[2:]
@@ -46,12 +64,9 @@ def section(root: Path, node: str, part: str) -> list[list[str]]:
 
 @pytest.mark.parametrize('name', sorted(NODES))
 def test_tables(name: str, world: World, root: Path, model: Path) -> None:
-    """Parameters with defaults, units and whether they change; topics with their types."""
+    """Parameters of the code; topics with their types, services and figures of a running node."""
     rows = section(root, name, 'Parameters')
     assert [row[0] for row in rows] == [param.name for param in NODES[name]]
-    for row, param in zip(rows, NODES[name], strict=True):
-        assert row[2] == param.unit and row[4] == ('yes' if param.dynamic else 'no')
-        assert param.text in row[5]
     values = {}
     if name in ARMS:
         values['arm'] = str(root / 'config/tudor.yaml')
@@ -74,6 +89,20 @@ def test_tables(name: str, world: World, root: Path, model: Path) -> None:
         has = {item.topic_name: type_of(item) for item in own
                if item.topic_name not in SHARED[part]}
         assert has == wanted, part
+    offered = {item.srv_name.replace(f'/{name}', '~') for item in node.services
+               if type_of_service(item) == 'std_srvs/Trigger'}
+    listed = {row[0] for row in section(root, name, 'Services')}
+    assert listed - offered <= {'~/expect_payload'} and offered <= listed
+    shown = [row[0].rsplit(' ', 1)[0] if row[0].split()[-1].isupper() else row[0]
+             for row in section(root, name, 'Diagnostics')]
+    for key in node.status()[2]:
+        assert any(key.startswith(item) for item in shown), key
+
+
+def type_of_service(item: Service) -> str:
+    """Name the type of a service."""
+    package, _, _ = item.srv_type.__module__.partition('.')
+    return f'{package}/{item.srv_type.__name__}'
 
 
 def type_of(item: Publisher | Subscription) -> str:

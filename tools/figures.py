@@ -1,0 +1,87 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Say how old the figures of the documents are, or measure some again.
+
+    python tools/figures.py             every file of docs/figures: commit, date, changes since
+    python tools/figures.py NAME ...    run their commands, and write what they print
+
+A command has to print a Markdown table with the head that the file has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+import subprocess
+import sys
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / 'docs' / '_extensions'))
+
+from figures import Figures, FOLDER, read  # noqa: E402, I100
+
+
+def cells(line: str) -> list[str]:
+    """Split a row of a Markdown table."""
+    return [cell.strip() for cell in line.strip().strip('|').split('|')]
+
+
+def rows_below(head: list[str], output: str) -> list[list[str]]:
+    """Give the rows of the table with a head; empty where there is none."""
+    lines = output.splitlines()
+    for at, line in enumerate(lines):
+        if line.startswith('|') and cells(line) == head:
+            rows = []
+            for row in lines[at + 2:]:
+                if not row.startswith('|'):
+                    break
+                rows.append(cells(row))
+            return rows
+    return []
+
+
+def measure(figures: Figures) -> Figures:
+    """Run the command; give its figures, of the commit that is checked out."""
+    done = subprocess.run(figures.command, shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True,
+                          check=False)
+    rows = rows_below(figures.head, done.stdout)
+    if not rows:
+        sys.exit(f'exit code {done.returncode}, and no table with the head '
+                 f'{figures.head} in what was printed:\n{done.stdout[-2000:]}')
+    changed = subprocess.run(['git', 'status', '--porcelain', '--', *figures.paths], cwd=ROOT,
+                             stdout=subprocess.PIPE, text=True, check=True).stdout
+    if changed:
+        sys.exit(f'figures belong to a commit; first commit these:\n{changed}')
+    commit = subprocess.run(['git', 'rev-parse', '--short', 'HEAD'], cwd=ROOT,
+                            stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
+    return replace(figures, rows=rows, commit=commit, date=date.today().isoformat())
+
+
+def main() -> None:
+    """List the files, or measure those named."""
+    names = sys.argv[1:]
+    for name in names:
+        (FOLDER / f'{name}.json').write_text(measure(read(name)).text(), encoding='utf-8')
+    for file in [] if names else sorted(FOLDER.glob('*.json')):
+        figures = read(file.stem)
+        changes = figures.changes()
+        print(f'{file.stem:24s} {figures.date} {figures.commit:8s} '
+              f'{"?" if changes is None else changes:>4} changes  {figures.command}')
+
+
+if __name__ == '__main__':
+    main()
