@@ -76,7 +76,7 @@ def compiled(root: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 @pytest.mark.parametrize(('name', 'seconds'), [
-    ('fit', 1.5), ('fit', 3.0), ('stream', 2.5), ('record', 2.0), ('excite', 2.0)])
+    ('fit', 0.7), ('fit', 1.5), ('stream', 2.5), ('record', 2.0), ('excite', 2.0)])
 def test_ends_at_once(name: str, seconds: float, root: Path, tmp_path: Path) -> None:
     """Exit code 130, as a shell has it, and one line."""
     words = COMMANDS[name].format(out=tmp_path / 'out').split()
