@@ -31,7 +31,7 @@ copyright = '2026, tudor_dynamics contributors'  # noqa: A001
 release = tudor_dynamics.__version__
 # MathJax comes from disk, by a package that ships it: the pages are read without a network.
 extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.mathjax', 'numpydoc',
-              'myst_parser', 'sphinx-mathjax-offline', 'figures']
+              'myst_parser', 'sphinx-mathjax-offline', 'figure_data']
 templates_path = ['_templates']
 exclude_patterns = ['_templates', 'reference/generated/library.txt']
 html_theme = 'furo'
@@ -44,6 +44,9 @@ myst_heading_anchors = 4
 highlight_language = 'text'
 
 autosummary_generate = True
+# The tree of pages at the side is made for each page again: with every member in it that takes a
+# third of the build.
+toc_object_entries = False
 autodoc_typehints = 'signature'
 autodoc_member_order = 'bysource'
 autodoc_default_options = {'members': True, 'show-inheritance': True}

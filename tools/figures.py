@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import date
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -32,7 +33,7 @@ import sys
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'docs' / '_extensions'))
 
-from figures import Figures, FOLDER, read  # noqa: E402, I100
+from figure_data import Figures, FOLDER, read  # noqa: E402, I100
 
 
 def cells(line: str) -> list[str]:
@@ -56,8 +57,9 @@ def rows_below(head: list[str], output: str) -> list[list[str]]:
 
 def measure(figures: Figures) -> Figures:
     """Run the command; give its figures, of the commit that is checked out."""
+    path = f'{Path(sys.executable).parent}:{os.environ["PATH"]}'  # `python` is this one
     done = subprocess.run(figures.command, shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True,
-                          check=False)
+                          check=False, env={**os.environ, 'PATH': path, 'PYTHONPATH': str(ROOT)})
     rows = rows_below(figures.head, done.stdout)
     if not rows:
         sys.exit(f'exit code {done.returncode}, and no table with the head '

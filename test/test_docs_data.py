@@ -1,0 +1,100 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Figures of the documents as data, and pages of the reference that are written from the code."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+import re
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+from tudor_dynamics.cli.main import SUBCOMMANDS
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = sorted((ROOT / 'docs' / 'figures').glob('*.json'))
+
+
+def load(name: str, folder: str) -> ModuleType:
+    """Load a module of the documents; skip the test where Sphinx is absent."""
+    pytest.importorskip('sphinx')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / folder))
+        patch.delitem(sys.modules, name, raising=False)
+        return importlib.import_module(name)
+
+
+def test_each_table_is_whole_and_on_a_page() -> None:
+    """Every file has rows of one width, code that exists, and a page; every page has its file."""
+    read = load('figure_data', 'docs/_extensions').read
+    pages = '\n'.join(page.read_text(encoding='utf-8') for page in (ROOT / 'docs').rglob('*.md'))
+    assert sorted(re.findall(r'^```\{figures\} (\w+)', pages, re.MULTILINE)) == [
+        file.stem for file in DATA]
+    for file in DATA:
+        figures = read(file.stem)
+        assert figures.rows and {len(row) for row in figures.rows} == {len(figures.head)}, file
+        assert all((ROOT / path).exists() for path in figures.paths), file
+        scripts = re.findall(r'python (bench/\S+\.py)', figures.command)
+        assert all((ROOT / script).exists() for script in scripts), file
+        assert file.read_text(encoding='utf-8') == figures.text(), file
+
+
+def test_a_change_of_the_code_makes_figures_old(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Commits to the code count, others do not; an unknown commit has no age."""
+    module = load('figure_data', 'docs/_extensions')
+    monkeypatch.setattr(module, 'ROOT', tmp_path)
+
+    def git(*words: str) -> str:
+        return subprocess.run(['git', '-c', 'user.name=x', '-c', 'user.email=x@x', *words],
+                              cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+
+    def commit(name: str, text: str) -> str:
+        (tmp_path / name).write_text(text)
+        git('add', '-A')
+        git('commit', '-q', '-m', text)
+        return git('rev-parse', '--short', 'HEAD').strip()
+
+    git('init', '-q')
+    figures = module.Figures('python x', commit('code', 'one'), '', ['code'], ['a'], [['1']])
+    commit('page', 'two')
+    assert figures.changes() == 0
+    commit('code', 'three')
+    assert figures.changes() == 1
+    assert module.Figures('python x', '0' * 7, '', ['code'], ['a'], [['1']]).changes() is None
+
+
+def test_figures_are_read_from_what_a_bench_prints() -> None:
+    """The table with the head, among others; nothing where it is absent."""
+    rows_below = load('figures', 'tools').rows_below
+    printed = 'x\n| a |\n|---|\n| 1 |\n\n| a | b |\n|---|---|\n| 2 | 3 |\n| 4 | 5 |\nend\n'
+    assert rows_below(['a', 'b'], printed) == [['2', '3'], ['4', '5']]
+    assert rows_below(['c'], printed) == []
+
+
+def test_every_command_and_error_has_its_place() -> None:
+    """Each subcommand with its options; each error that the package raises on purpose."""
+    module = load('code_pages', 'docs/_extensions')
+    text = module.commands()
+    assert re.findall(r'^## tudor (\S+)', text, re.MULTILINE) == list(SUBCOMMANDS)
+    assert '`--collisions`' in text
+    assert all(line.count(' | ') >= 1 for line in text.splitlines() if line.startswith('| '))
+    assert '`BagError`' in module.error_page() and '`UsageError`' in module.error_page()
