@@ -26,7 +26,7 @@ from __future__ import annotations
 from pathlib import Path
 import tempfile
 
-from reference_fits import CONFIG, data_directory, fit, row, tudor
+from reference_fits import CONFIG, data_directory, fit, import_merit, row, tudor
 
 KINDS = ('analytical', 'elm', 'elastic')
 FLOORS = {'free': 97.0, 'undamped': 94.0, 'merit': 84.0}
@@ -86,7 +86,7 @@ def main():
                   [f'{bag}@0-50%'], [f'{bag}@50-100%'])
         if (data / 'merit_exp1.csv').exists():
             bag = Path(folder) / 'merit_bag'
-            tudor('import-merit', data / 'merit_exp1.csv', '--out', bag)
+            import_merit(data / 'merit_exp1.csv', bag)
             judge('the real arm, MERIt exp1: halves', FLOORS['merit'], out, 'tudor.yaml',
                   [f'{bag}@0-50%'], [f'{bag}@50-100%'])
 

@@ -28,7 +28,7 @@ from __future__ import annotations
 from pathlib import Path
 import tempfile
 
-from reference_fits import CONFIG, data_directory, fit, row, tudor
+from reference_fits import CONFIG, data_directory, fit, import_merit, row
 import yaml
 
 WRIST = {'pairs': [{'motor': 'joint_6', 'joint': 'joint_5', 'ratio': 1.0}]}
@@ -88,7 +88,7 @@ def ratios(content):
 def merit(csv, out):
     """Fit the first half of a record of the real two-blade arm, test on the second."""
     bag = Path(out).parent / 'merit_bag'
-    tudor('import-merit', csv, '--out', bag)
+    import_merit(csv, bag)
     found = fit(out, 'tudor.yaml', [f'{bag}@0-50%'], [f'{bag}@50-100%'])
     channels = [found['strain']['analytical']['channels'][name]
                 for name in ('link2_hub', 'link3_hub')]

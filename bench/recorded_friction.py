@@ -23,13 +23,18 @@ and a cosine of the motor's angle. Deviations by leaving out one of ten parts at
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+import sys
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.cli.import_merit import COLUMNS, read_merit
 from tudor_dynamics.typing import FloatArray
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from papers.merit import COLUMNS, read_merit  # noqa: E402, I100
 
 MOVING = 0.05
 """Speed from which a sample counts [rad/s]."""

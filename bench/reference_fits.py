@@ -46,6 +46,12 @@ def tudor(*words, allowed=(0, 1)):
     return json.loads(done.stdout) if '--json' in words else None
 
 
+def import_merit(csv, bag):
+    """Make a bag of a public recording of the real arm."""
+    subprocess.run([sys.executable, '-m', 'papers', 'import-merit', str(csv), '--out', str(bag)],
+                   cwd=CONFIG.parent, check=True)
+
+
 def fit(out, arm, training, test, *options):
     """Fit to training bags, then evaluate on test bags by the saved model."""
     said = tudor('fit', *training, '--test', *test, '--arm', CONFIG / arm, '--out', out,
@@ -120,7 +126,7 @@ def ur10(bags, out):
 def merit(csv, out):
     """Fit the first half of a record of the real arm, test on the second."""
     bag = Path(out).parent / 'merit_bag'
-    tudor('import-merit', csv, '--out', bag)
+    import_merit(csv, bag)
     found = fit(out, 'tudor.yaml', [f'{bag}@0-50%'], [f'{bag}@50-100%'])
     row('TUDOR arm, MERIt exp1, undamped', 'strain analytical fit, four gauges',
         found['strain']['analytical']['fit'], 78.0)

@@ -29,6 +29,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+import sys
 import tempfile
 import warnings
 
@@ -58,8 +59,9 @@ def cases(data: Path | None, folder: Path):
              ('two-blade arm, not damped', two, [f'{bags}/arm_000g_undamped_1@0-50%'],
               f'{bags}/arm_000g_undamped_1@50-100%')]
     if (data / 'merit_exp1.csv').exists():
-        from tudor_dynamics.cli.main import main as tudor
-        tudor(['import-merit', str(data / 'merit_exp1.csv'), '--out', str(folder / 'merit')])
+        sys.path.insert(0, str(ROOT))
+        from papers.merit import main as import_merit
+        import_merit([str(data / 'merit_exp1.csv'), '--out', str(folder / 'merit')])
         found.append(('MERIt', ROOT / 'config/tudor.yaml', [f'{folder}/merit@0-50%'],
                       f'{folder}/merit@50-100%'))
     if (bags / 'ur10e_unloaded').exists():

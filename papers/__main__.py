@@ -27,7 +27,7 @@ import sys
 import time
 from typing import Any
 
-from papers import lshape
+from papers import lshape, merit
 from papers.campaign import Campaign, ELASTIC, KINDS, Plan, ResultCache
 from papers.figures import gallery, write_figures
 from papers.fits import Fits
@@ -47,6 +47,7 @@ examples:
   python -m papers lshape --elements 4 --dt 0.0001 --animate l.gif --out out
   python -m papers lshape --reference lshape_reference.npz --out out
   python -m papers outlook --only payload --out out
+  python -m papers import-merit FILE.csv --out BAG
 
 table1: Table I of Malzahn et al.: strain and current of the damped arm, five payloads with ten
 stimuli of 80 s each, every kind of model, and one model for all payloads beside them; terminal,
@@ -61,6 +62,7 @@ middle of the second link (9). With --reference, a run of an independent computa
 and compared too.
 outlook: what the first paper names as its outlook, computed on the simulated reference arm, part
 by part; outlook.html with figures and with what must be reached, the numbers in outlook.json.
+import-merit: a bag of a CSV file of the public recordings of the TUDOR arm; see its own --help.
 force: short for outlook --only force, steps of a held force on floors of 100 to 20 000 N/m.
 
 exit codes: 0 done, 2 wrong input
@@ -118,8 +120,11 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one experiment, or all of them; gives the exit code."""
-    args = build_parser().parse_args(argv)
+    words = list(sys.argv[1:] if argv is None else argv)
     try:
+        if words[:1] == ['import-merit']:
+            return merit.main(words[1:])
+        args = build_parser().parse_args(words)
         for experiment in [args.experiment] if args.experiment else EXPERIMENTS[:-1]:
             chosen = _settled(argparse.Namespace(**vars(args)), experiment,
                               strict=args.experiment is not None)

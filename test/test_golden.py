@@ -93,7 +93,7 @@ def test_a_case_recorded_twice_is_equal(root: Path, tmp_path: Path) -> None:
     places = [tmp_path / name for name in ('a', 'b')]
     for place in places:
         assert golden.main(['record', str(place), '--root', str(root), '--only',
-                            'import-merit/mcap', 'errors/command']) == 0
+                            'init/dh', 'errors/command']) == 0
     assert golden.main(['compare', *map(str, places)]) == 0
     values = golden.load_case(places[0], 'errors/command')
     assert values['exit code'] == 2 and 'nonsense' in values['stderr:text']

@@ -31,7 +31,7 @@ import shlex
 import numpy as np
 
 COMMANDS = ('init', 'fit', 'evaluate', 'fleet', 'payload', 'info', 'export', 'feedforward',
-            'compare', 'excite', 'record', 'simulate', 'tune', 'import-merit')
+            'compare', 'excite', 'record', 'simulate', 'tune')
 T1, T2, TEST = 'bags/two_blade_train_1', 'bags/two_blade_train_2', 'bags/two_blade_test'
 PUSHES, BLADES, TUDOR = 'bags/two_blade_pushes', 'config/two_blade_arm.yaml', 'config/tudor.yaml'
 DAMPED, UNDAMPED = 'bags/tudor_damped/stimulus_01', 'bags/tudor_undamped/stimulus_01'
@@ -151,9 +151,6 @@ tune/model = tune inputs/damped.yaml --model fit/elastic/model --payloads 0.2 \
 fleet/models = fleet inputs/fleet.yaml --out OUT/fleet --jobs 1 --json
 fleet/text = fleet inputs/fleet.yaml --out OUT/fleet --jobs 1 --no-models
 
-import-merit/mcap+ = import-merit inputs/merit.csv --out OUT/bag
-import-merit/sqlite = import-merit inputs/merit.csv --out OUT/bag --storage sqlite3
-
 errors/none+ = {''}
 errors/command+ = nonsense
 errors/bag+ = info no_such_bag
@@ -176,7 +173,6 @@ errors/limits = excite {BLADES} --out OUT/plan
 errors/damper = tune config/emps.yaml --out OUT/schedule.yaml
 errors/expression = simulate config/l_shape.yaml --torque 'open(1)' --out OUT
 errors/links = simulate config/emps.yaml --modes 2
-errors/merit = import-merit inputs/path.csv --out OUT/bag
 errors/fleet = fleet {BLADES} --out OUT
 errors/masses = export fit/masses/model --to urdf --out OUT/arm.urdf
 errors/format = export fit/rigid/model --to arm --out OUT/arm.yaml
@@ -249,8 +245,6 @@ def write_inputs(folder: Path) -> None:
     """Write the small files that cases read."""
     folder.mkdir()
     t = np.arange(300) * 0.01
-    waves = np.column_stack([np.sin((1 + 0.1 * i) * t) for i in range(16)])
-    np.savetxt(folder / 'merit.csv', np.column_stack([t, waves]), delimiter=',', fmt='%.17g')
     path = np.column_stack([t, 0.3 + 0.4 * np.sin(2 * t), 0.2 * np.cos(3 * t) - 0.5])
     np.savetxt(folder / 'path.csv', path[::10], delimiter=',', fmt='%.17g', comments='',
                header='t,joint2,joint3')

@@ -28,9 +28,11 @@ from tudor_dynamics._version import __version__ as __version__  # noqa: F401
 if TYPE_CHECKING:
     from tudor_dynamics.arm.description import Arm, arm_from_dict, load_arm
     from tudor_dynamics.arm.limits import planned_limits
+    from tudor_dynamics.bags.messages import joint_signals
     from tudor_dynamics.bags.reader import read_recording
     from tudor_dynamics.bags.recording import Recording
     from tudor_dynamics.bags.trajectory import Trajectory
+    from tudor_dynamics.bags.writer import write_bag
     from tudor_dynamics.control.schedule import Schedule
     from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
     from tudor_dynamics.errors import TudorError
@@ -65,19 +67,21 @@ __all__ = [
     'Plant', 'Push', 'Recording', 'Rig', 'Schedule', 'ShapedPlanner', 'Shaping',
     'SimulatedRun', 'StimulusSpec', 'Trajectory', 'TudorError', 'TunedArm', 'Wish',
     'arm_from_dict', 'build_mechanism', 'carried', 'design', 'detect', 'draw_schedule', 'fit',
-    'fixed_ratios', 'follow_load', 'follow_targets', 'load_arm', 'load_bundle', 'modes',
-    'motion_limits', 'on_cluster', 'planned_limits', 'predict', 'prepare', 'random_loads',
-    'random_pushes', 'read_recording', 'record_stimuli', 'save_bundle', 'score', 'simulate',
-    'stimulus_motion', 'with_payload',
+    'fixed_ratios', 'follow_load', 'follow_targets', 'joint_signals', 'load_arm', 'load_bundle',
+    'modes', 'motion_limits', 'on_cluster', 'planned_limits', 'predict', 'prepare',
+    'random_loads', 'random_pushes', 'read_recording', 'record_stimuli', 'save_bundle', 'score',
+    'simulate', 'stimulus_motion', 'with_payload', 'write_bag',
 ]
 
 # The same as above, for the interpreter; test/test_library.py compares them.
 _HOMES = {
     'tudor_dynamics.arm.description': ('Arm', 'arm_from_dict', 'load_arm'),
     'tudor_dynamics.arm.limits': ('planned_limits',),
+    'tudor_dynamics.bags.messages': ('joint_signals',),
     'tudor_dynamics.bags.reader': ('read_recording',),
     'tudor_dynamics.bags.recording': ('Recording',),
     'tudor_dynamics.bags.trajectory': ('Trajectory',),
+    'tudor_dynamics.bags.writer': ('write_bag',),
     'tudor_dynamics.control.schedule': ('Schedule',),
     'tudor_dynamics.control.shaped_motion': ('ShapedPlanner', 'Shaping'),
     'tudor_dynamics.errors': ('TudorError',),

@@ -27,7 +27,7 @@ import signal
 from tempfile import TemporaryDirectory
 import threading
 import time
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -52,10 +52,6 @@ QUIET = 'ignore:resource_tracker:UserWarning'
 
 class Workers(Protocol):
     """Other machines, which do pieces of work in place of processes of this one."""
-
-    @property
-    def send(self) -> Callable[..., list[Any]] | None:
-        """Work on bags that are sent with it; None where the machines see the same paths."""
 
     def width(self) -> int:
         """Give the number of pieces that they do at a time, now."""

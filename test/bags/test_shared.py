@@ -19,6 +19,7 @@ from pathlib import Path
 import warnings
 
 import numpy as np
+from papers.merit import main as import_merit
 import pytest
 
 from tudor_dynamics.arm.description import arm_from_dict
@@ -135,6 +136,6 @@ def test_every_odd_bag_is_described(name, capsys):
 def test_real_merit_recording_is_imported(tmp_path):
     """8000 samples at 100 Hz, both models possible."""
     out = tmp_path / 'merit'
-    assert main(['import-merit', str(DATA / 'merit_exp1.csv'), '--out', str(out)]) == 0
+    assert import_merit([str(DATA / 'merit_exp1.csv'), '--out', str(out)]) == 0
     report = describe(out)
     assert report.samples == 8000 and report.effort_model and report.strain_model

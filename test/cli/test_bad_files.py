@@ -136,10 +136,9 @@ CASES: dict[str, tuple[Make, str]] = {
     'computed messages': (lambda p: ['info', computed(p / 'a.db3')], 'compute what they hold'),
     'pipe for a bag': (lambda p: ['info', pipe(p / 'a.mcap')], 'not a bag'),
     'device for a bag': (lambda p: ['info', '/dev/zero'], 'not a bag'),
-    'pipe for a table': (
-        lambda p: ['import-merit', pipe(p / 'a.csv'), '--out', p / 'x'], 'no regular file'),
     'device for a table': (
-        lambda p: ['import-merit', '/dev/zero', '--out', p / 'x'], 'no regular file'),
+        lambda p: ['simulate', 'config/single_flexible_link.yaml', '--json', '--motion',
+                   '/dev/zero'], 'no regular file'),
     'pipe for an arm': (lambda p: simulate(pipe(p / 'a.yaml')), 'no regular file'),
     'device for an arm': (lambda p: simulate(Path('/dev/zero')), 'no regular file'),
     'references': (lambda p: simulate(written(p / 'a.yaml', references('[1]', '[{}]'))),

@@ -22,6 +22,7 @@ from pathlib import Path
 import shutil
 
 import numpy as np
+from papers.merit import main as import_merit
 import pytest
 
 from tudor_dynamics.cli.main import main
@@ -298,8 +299,7 @@ def test_real_arm_rings(
     root: Path, shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
     """The undamped TUDOR arm: strain fit of 78 %, and the report says how it rings."""
-    assert main(['import-merit', str(shared_data / 'merit_exp1.csv'), '--out',
-                 str(tmp_path / 'bag')]) == 0
+    assert import_merit([str(shared_data / 'merit_exp1.csv'), '--out', str(tmp_path / 'bag')]) == 0
     run_json(capsys, 'fit', f'{tmp_path}/bag@0-50%', '--test', f'{tmp_path}/bag@50-100%', '--arm',
              root / 'config/tudor.yaml', '--out', tmp_path / 'm', '--json')
     found = run_json(capsys, 'evaluate', '--model', tmp_path / 'm', f'{tmp_path}/bag@50-100%',

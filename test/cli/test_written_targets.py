@@ -23,7 +23,6 @@ import re
 import stat
 
 from bag_making import make_bag, plain_arm
-import numpy as np
 import pytest
 from sample_arms import random_states
 from tudor_dynamics.arm.schema import PreprocessingSpec
@@ -48,7 +47,6 @@ COMMANDS = {
     'excite': 'excite config/two_blade_arm.yaml --floor 0 --out {pipe}',
     'fleet': 'fleet {plan} --out {pipe}',
     'init': 'init {bag} --overwrite --out {pipe}.yaml',
-    'import-merit': 'import-merit {merit} --out {pipe}',
     'record': 'record --arm config/tudor.yaml --seconds 3 --out {pipe}',
     'simulate': f'simulate {LINK} --torque 0 --seconds 0.01 --out {{pipe}}',
     'simulate --animate': f'simulate {LINK} --torque 0 --seconds 0.1 --animate {{pipe}}.gif',
@@ -78,8 +76,7 @@ def test_every_command(
     monkeypatch.setattr('tudor_dynamics.models.tuning.POSES', 3)
     places = {'model': model, 'bag': make_bag(tmp_path / 'bag'), 'table': tmp_path / 't.csv',
               'free': tmp_path / 'free', 'folder': tmp_path / 'folder', 'pipe': tmp_path / 'pipe',
-              'merit': tmp_path / 'merit.csv', 'plan': tmp_path / 'plan.yaml'}
-    np.savetxt(places['merit'], np.arange(300)[:, None] * np.full(17, 0.01), delimiter=',')
+              'plan': tmp_path / 'plan.yaml'}
     arms = [{'name': name, 'bags': {'2026-01-10': str(places['bag'])}} for name in 'ab']
     places['plan'].write_text(json.dumps(
         {'name': 'two', 'arm': str(root / 'config' / 'two_blade_arm.yaml'), 'arms': arms}))
@@ -134,7 +131,6 @@ def test_nobody_else_writes(root: Path) -> None:
         r'open\([^)]*\'[wax]b?\'')
     known = {
         'bags/writer.py': 2,  # a bag as it grows in its scratch folder; refused where one is
-        'fleet/cluster.py': 1,  # bags on a worker, in a scratch folder
         'cli/main.py': 1,  # what to report of a defect, a new temporary file
         'files.py': 7,
     }

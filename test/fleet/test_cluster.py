@@ -191,12 +191,6 @@ def test_no_cluster(
     assert words in capsys.readouterr().err and not (tmp_path / 'out').exists()
 
 
-def test_bags_are_sent_to_a_cluster_only() -> None:
-    """One line says what is missing."""
-    with pytest.raises(UsageError, match='give --cluster'), on_cluster(None, send=True):
-        pass
-
-
 def test_figures_are_those_of_this_machine(
     machines: Machines, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -215,11 +209,5 @@ def test_figures_are_those_of_this_machine(
     assert len(bags) == 5 and len(models) >= 4
     for file in [*bags, *(file for file in models if file.suffix != '.html')]:
         assert file.read_bytes() == Path('there', *file.parts[1:]).read_bytes(), file
-    os.symlink('here/bags', 'bags')
-    assert main(['fit', 'bags', '--stream', '--arm', str(root / 'config/tudor.yaml'), '--out',
-                 'sent/model', '--force', '--json', *there, '--send-bags']) == 0
-    for file in sorted(Path('sent').glob('model/**/*.*')):
-        if file.suffix != '.html':
-            assert file.read_bytes() == Path('here', *file.parts[1:]).read_bytes(), file
     said = capsys.readouterr().out
     assert json.loads(said[said.rindex('\n{'):])['unused'] == []

@@ -36,18 +36,14 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.errors import BagError, FitError, TudorWarning, UsageError
-from tudor_dynamics.fleet.cluster import Cluster, packed, unpacked
+from tudor_dynamics.errors import FitError, TudorWarning, UsageError
 from tudor_dynamics.identification import passes
-from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, cut, SurveyedBag, Unused)
+from tudor_dynamics.identification.dataset import BagChoice, cut
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
-from tudor_dynamics.identification.passes import (
-    _gather, Folder, Memory, Spool, Task, Trial)
+from tudor_dynamics.identification.passes import Folder, Memory, Spool
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.parallel import given_to
 
 PARTS = ('@0-50%', '@50-100%')
 
@@ -108,53 +104,6 @@ def assert_same(one: ModelBundle, other: ModelBundle) -> None:
 def test_one_by_one_is_as_all_at_once(parts: list[str], root: Path, tmp_path: Path) -> None:
     """Coefficients, validation, thresholds and choices are those of the ordinary fit."""
     assert_same(fitted(parts, root, tmp_path / 'sums', jobs=2), fitted(parts, root, None))
-
-
-class Post(Cluster):
-    """A cluster of this process, which sends bags."""
-
-    def __init__(self) -> None:
-        super().__init__(None, send=True)
-
-    def width(self) -> int:
-        """Do one piece at a time."""
-        return 1
-
-    def run(self, work: object, pieces: object, progress: object) -> list:
-        """Do the work here."""
-        return [work(piece, lambda _: None) for piece in pieces]  # type: ignore[operator]
-
-
-def test_bags_that_are_sent(
-    parts: list[str], usual: tuple[ModelBundle, Path], root: Path, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Each is read where it was unpacked, the figures are the same; a bad one keeps its name."""
-    bundle, _ = usual
-    bad = tmp_path / 'bad.mcap'
-    bad.write_bytes(b'no bag')
-    places: list[Path] = []
-    read = Task.read
-
-    def noted(task: Task, seen: SurveyedBag) -> BagData:
-        places.append(task.place(seen))
-        return read(task, seen)
-
-    monkeypatch.setattr(Task, 'read', noted)
-    with given_to(Post()):
-        assert_same(quickly(parts, root, tmp_path / 'other'), bundle)
-    sent = [place for place in places if root not in place.parents]
-    assert len(sent) == 2 * len(parts) and not any(place.exists() for place in sent)
-    trial = Trial(Task(bundle.arm, (bundle.preprocessing,), ('effort',), FitSettings(), tmp_path,
-                       Folder(tmp_path / 'sums')),
-                  (SurveyedBag(BagChoice('bad.mcap'), 'none'),), {}, {})
-    parcel = packed(_gather, trial)
-    bad.unlink()
-    (unused,), files = unpacked(parcel, lambda _: None)
-    assert isinstance(unused, Unused) and not files
-    assert unused.bag == 'bad.mcap' and 'tudor_' not in unused.why and 'bad.mcap' in unused.why
-    with pytest.raises(BagError, match='bad.mcap: cannot be read.*until the fit is done'):
-        packed(_gather, trial)
 
 
 def test_memory_keeps_as_much_as_a_folder(

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from papers.merit import main as import_merit
 import pytest
 
 from ros_world import feed, series, World
@@ -105,7 +106,7 @@ def test_reference_recording(world: World, shared_data: Path, root: Path, tmp_pa
 def test_real_arm(world: World, shared_data: Path, root: Path, tmp_path: Path) -> None:
     """The recording of the real arm, with velocities, imported."""
     bag, out = tmp_path / 'bag', tmp_path / 'm'
-    assert main(['import-merit', str(shared_data / 'merit_exp1.csv'), '--out', str(bag)]) == 0
+    assert import_merit([str(shared_data / 'merit_exp1.csv'), '--out', str(bag)]) == 0
     assert main(['fit', f'{bag}@0-50%', '--test', f'{bag}@50-100%', '--models', 'analytical',
                  '--arm', str(root / 'config/tudor.yaml'), '--out', str(out), '--force']) == 0
     reference = tmp_path / 'r.npz'

@@ -106,9 +106,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     many.add_argument('--strict', action='store_true',
                       help='refuse bags that cannot be used, in place of leaving them out')
     add_running(many)
-    many.add_argument('--send-bags', action='store_true',
-                      help='send bags to the workers of --cluster, which do not see the same '
-                           'paths; twice each, once to learn and once to judge')
     change = parser.add_argument_group('a model that is there, in place of --arm')
     change.add_argument('--to', metavar='MODEL', help='bundle whose bags are to change')
     change.add_argument('--add', nargs='+', default=[], metavar='BAG', action='extend',
@@ -196,7 +193,7 @@ def run(args: argparse.Namespace) -> int:
         streaming = Streaming(sums, args.jobs, strict=args.strict)
         total = 4 * len(training) + 2 * len(test)
     with (steps(total + 4 * len(settings.kinds) + 4) as step,
-          on_cluster(args.cluster, send=args.send_bags)):
+          on_cluster(args.cluster)):
         fit = fit_choices(arm, training, test, preprocessing, settings, payloads,
                           ignore_payload=args.ignore_payload, plan=plan, out=out,
                           overwrite=args.overwrite, streaming=streaming, progress=step)

@@ -57,7 +57,6 @@ SUBCOMMANDS = {
     'record': 'let the simulated arm move in closed loop and record bags',
     'simulate': 'drive a mechanism of rigid and flexible links, or list its vibrations',
     'tune': 'compute gains of damper and position loop by payload and pose, from an elastic model',
-    'import-merit': 'make a bag of a CSV file of the public TUDOR recordings (MERIt)',
 }
 
 OK, NOT_GOOD_ENOUGH, WRONG_INPUT, DEFECT = 0, 1, 2, 70

@@ -16,29 +16,23 @@
 Pieces of work on other machines, by Dask; what runs them makes no difference to results.
 
 A worker that dies takes no piece with it: the scheduler gives it to another one. One that comes
-later takes its share. Names of files in a piece mean the same on all machines, or bags travel with
-the work on them.
+later takes its share. Names of files in a piece mean the same on all machines.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
 from itertools import islice
-from pathlib import Path
 import re
-from tempfile import TemporaryDirectory
 from typing import Any
 import warnings
 
-from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
+from tudor_dynamics.errors import ProcessError, TudorWarning, UsageError
 from tudor_dynamics.files import PACKAGE, source_digest
-from tudor_dynamics.identification.dataset import Unused
-from tudor_dynamics.identification.passes import Answer, Memory, Trial, Work
 from tudor_dynamics.parallel import Count, given_to, Piece, Result
 
 ADDRESS = re.compile(r'(tcp|tls|ws|wss)://(\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):\d{1,5}')
@@ -51,7 +45,7 @@ LIBRARIES = ('numpy', 'scipy', 'numba', 'pin')
 
 
 @contextmanager
-def on_cluster(address: str | None, *, send: bool = False) -> Iterator[None]:
+def on_cluster(address: str | None) -> Iterator[None]:
     """
     Let the pieces of work that are begun meanwhile go to a cluster.
 
@@ -59,8 +53,6 @@ def on_cluster(address: str | None, *, send: bool = False) -> Iterator[None]:
     ----------
     address : str or None
         Of a Dask scheduler, such as ``tcp://10.0.0.1:8786``; None for this machine alone.
-    send : bool, default=False
-        Send bags with the work on them, to workers that do not see the same paths.
 
     Raises
     ------
@@ -69,9 +61,6 @@ def on_cluster(address: str | None, *, send: bool = False) -> Iterator[None]:
 
     """
     if address is None:
-        if send:
-            raise UsageError('--send-bags is for the workers of a cluster', remedy='give '
-                             '--cluster as well')
         yield
         return
     if not ADDRESS.fullmatch(address):
@@ -87,7 +76,7 @@ def on_cluster(address: str | None, *, send: bool = False) -> Iterator[None]:
     except (OSError, ValueError) as err:
         raise UsageError(f'--cluster {address}: no scheduler answers ({err})', remedy='start one '
                          'with `dask scheduler`, and give the address that it prints') from None
-    cluster = Cluster(client, send=send)
+    cluster = Cluster(client)
     try:
         if not cluster.width():
             warnings.warn(f'--cluster {address} has no workers yet, and waits for some',
@@ -101,9 +90,8 @@ def on_cluster(address: str | None, *, send: bool = False) -> Iterator[None]:
 class Cluster:
     """The workers of a scheduler."""
 
-    def __init__(self, client: Any, *, send: bool) -> None:
+    def __init__(self, client: Any) -> None:
         self.client = client
-        self.send = self._send if send else None
 
     def width(self) -> int:
         """Give the number of pieces that they do at a time, now."""
@@ -142,12 +130,6 @@ class Cluster:
         finally:
             self.client.cancel([future for future in running if not future.done()])
 
-    def _send(
-        self, work: Work, trials: Sequence[Trial], progress: Callable[[int], None],
-    ) -> list[Answer]:
-        """Send each bag with the work on it, as its turn comes."""
-        return self.run(unpacked, (packed(work, trial) for trial in trials), progress)
-
 
 @lru_cache
 def versions() -> dict[str, str]:
@@ -169,40 +151,3 @@ def _piece(
                            'on all machines, and start the workers again')
     steps: list[int] = []
     return work(piece, steps.append), sum(steps)
-
-
-@dataclass(frozen=True, eq=False)
-class Parcel:
-    """A bag, and what is to be done on it."""
-
-    work: Work  # does it; a function of a module
-    trial: Trial  # what is asked of the only bag in it
-    name: str  # name of the bag's directory or file
-    files: Mapping[str, bytes]  # its files; under no name if the bag is a file itself
-
-
-def packed(work: Work, trial: Trial) -> Parcel:
-    """Pack a bag."""
-    seen, = trial.bags
-    path = trial.task.place(seen)
-    try:
-        files = ({file.name: file.read_bytes() for file in sorted(path.iterdir())
-                  if file.is_file()} if path.is_dir() else {'': path.read_bytes()})
-    except OSError as err:
-        raise BagError(f'cannot be read ({err.strerror})', place=str(seen.choice),
-                       remedy='leave the bags where they are until the fit is done') from None
-    return Parcel(work, trial, path.name, files)
-
-
-def unpacked(parcel: Parcel, count: Count) -> Answer:
-    """Unpack a bag, and do the work on it."""
-    seen, = parcel.trial.bags
-    with TemporaryDirectory(prefix='tudor_') as scratch:
-        bag, kept = Path(scratch) / 'sent' / Path(parcel.name).name, Memory()
-        (bag.parent if '' in parcel.files else bag).mkdir(parents=True)
-        for name, content in parcel.files.items():
-            (bag / Path(name).name if name else bag).write_bytes(content)
-        task = replace(parcel.trial.task, store=kept, sent={seen.choice.path: bag})
-        found = parcel.work(replace(parcel.trial, task=task), count)
-    return [replace(item, why=item.why.replace(str(bag), seen.choice.path))
-            if isinstance(item, Unused) else item for item in found], kept

@@ -130,8 +130,8 @@ def _rings(piece: Asked, count: Count) -> Rings:
     with quiet():
         for seen in bags:
             try:
-                found += rings(task.arm, load(
-                    replace(seen.choice, path=str(task.place(seen))), task.arm, task.specs[0]))
+                there = replace(seen.choice, path=str(task.base / seen.choice.path))
+                found += rings(task.arm, load(there, task.arm, task.specs[0]))
             except TudorError:
                 continue  # named when its parts were gone through
     count(1)

@@ -47,7 +47,7 @@ from tudor_dynamics.identification.validation import Tally, trace
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_io import dump_npz, load_npz
 from tudor_dynamics.models.estimation import Products
-from tudor_dynamics.parallel import Count, in_processes, in_threads, width, workers
+from tudor_dynamics.parallel import Count, in_processes, in_threads, width
 
 
 PARTS = ('arm', 'bags', 'signals', 'models', 'identification')
@@ -149,20 +149,15 @@ class Task:
     store: Store  # where sums are kept
     # Version of the package, by its sources.
     source: str = field(default_factory=lambda: source_digest(PARTS))
-    sent: Mapping[str, Path] = field(default_factory=dict)  # where bags stand, if elsewhere
 
     @property
     def with_payload(self) -> bool:
         """Say whether one model of all payloads is fitted."""
         return self.settings.payloads is not None
 
-    def place(self, seen: SurveyedBag) -> Path:
-        """Say where a bag stands."""
-        return self.sent.get(seen.choice.path, self.base / seen.choice.path)
-
     def read(self, seen: SurveyedBag) -> BagData:
         """Read a bag by the first filters, under the name that it was given by."""
-        there = replace(seen.choice, path=str(self.place(seen)))
+        there = replace(seen.choice, path=str(self.base / seen.choice.path))
         bag = load(there, self.arm, self.specs[0], learn=True, payload=seen.payload)
         return replace(bag, choice=replace(bag.choice, path=seen.choice.path))
 
@@ -356,7 +351,7 @@ def gather(
 ) -> Found:
     """Multiply out many bags, and keep what each came to."""
     trials = [Trial(task, tuple(bags), {}, {}) for task, bags in asked]
-    return _gone_through(_gather, trials, _sums, jobs, progress)
+    return _gone_through(_gather, trials, jobs, progress)
 
 
 def _sums(trial: Trial, seen: SurveyedBag) -> str:
@@ -393,22 +388,13 @@ def _by_each_filter(task: Task, seen: SurveyedBag) -> list[BagData]:
 
 def judge(trials: Sequence[Trial], jobs: int, progress: Progress) -> Found:
     """Let models predict many bags, and keep how they did."""
-    return _gone_through(_judge, trials, Trial.name, jobs, progress)
+    return _gone_through(_judge, trials, jobs, progress)
 
 
 def _gone_through(
-    work: Work, trials: Sequence[Trial], name: Callable[[Trial, SurveyedBag], str], jobs: int,
-    progress: Progress,
+    work: Work, trials: Sequence[Trial], jobs: int, progress: Progress,
 ) -> Found:
-    store, others = trials[0].task.store, workers()
-    if others is not None and others.send is not None:
-        single = [replace(trial, bags=(seen,)) for trial in trials for seen in trial.bags]
-        kept = [store.read(name(trial, trial.bags[0])) is not None for trial in single]
-        away = [trial for trial, known in zip(single, kept, strict=True) if not known]
-        before = len(single) - len(away)
-        answers = iter(others.send(work, away, lambda more: progress(before + more)))
-        return _joined([work(trial, lambda _: None) if known else _taken(store, next(answers))
-                        for trial, known in zip(single, kept, strict=True)])
+    store = trials[0].task.store
     pieces = [replace(trial, bags=tuple(part)) for trial in trials
               for part in _divided(trial.bags, width(jobs), len(trials))]
     if store.shared:

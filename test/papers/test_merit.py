@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tudor import-merit`` on synthetic files of the same shape."""
+"""``python -m papers import-merit`` on synthetic files of the same shape."""
 
 from pathlib import Path
 import sqlite3
 
 import numpy as np
+from papers.__main__ import main
+from papers.merit import COLUMNS
 import pytest
 
 from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.bags.reader import read_recording
-from tudor_dynamics.cli.import_merit import COLUMNS
-from tudor_dynamics.cli.main import main
 
 GAUGES = ('link2_hub', 'link2_mid', 'link3_hub', 'link3_mid')
 
@@ -74,11 +74,11 @@ def changed(row, column, value):
 
 
 @pytest.mark.parametrize(('rows', 'match'), [
-    (table()[:, :16], 'found the columns 16, expected t'),
-    (changed(7, 5, np.nan), 'data row 8 is not finite'),
-    (changed(20, 0, 0.05), 'time does not increase after data row 20'),
+    (table()[:, :16], 'found 300 rows of 16 columns; expected'),
+    (changed(7, 5, np.nan), 'a value is not finite in data row 8'),
+    (changed(20, 0, 0.05), 'time does not increase in data row 21'),
     (table() * 57.3, 'looks like degrees'),
-    (table()[:1], 'two rows are needed, found 1'),
+    (table()[:1], 'found 1 rows of 17 columns; expected two'),
 ])
 def test_wrong_tables_are_refused(tmp_path, capsys, rows, match):
     """Exit code 2, one line with the place, and no bag."""
@@ -90,10 +90,10 @@ def test_wrong_tables_are_refused(tmp_path, capsys, rows, match):
 
 
 @pytest.mark.parametrize(('content', 'match'), [
-    (b'', 'the table has no rows'),
+    (b'', 'found 0 rows'),
     (b'\xff\xfe\x00', 'utf'),
     (b'1,' * 16 + b'1\n' + b'x,' * 16 + b'1\n', "could not convert string 'x'"),
-    (b'1;2;3\n', 'expected columns t'),
+    (b'1;2;3\n', 'could not convert string'),
 ])
 def test_other_files_are_refused(tmp_path, capsys, content, match):
     """Empty, binary, words, semicolons."""
