@@ -33,7 +33,7 @@ release = tudor_dynamics.__version__
 extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.mathjax', 'numpydoc',
               'myst_parser', 'sphinx-mathjax-offline', 'figure_data']
 templates_path = ['_templates']
-exclude_patterns = ['_templates', 'reference/generated/library.txt']
+exclude_patterns = ['_templates', 'reference/generated/library.txt', 'reference/generated/nodes']
 html_theme = 'furo'
 html_title = f'tudor_dynamics {release}'
 html_copy_source = False

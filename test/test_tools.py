@@ -109,11 +109,12 @@ def test_size_of_a_module(tmp_path: Path, root: Path, monkeypatch: pytest.Monkey
     assert all(len(line) <= 80 for line in text.splitlines())
 
 
-def test_parameters_of_nodes_stand_in_the_reference(
+def test_the_reference_has_all_of_a_node(
     root: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The page has the tables that the tool writes; a table that misses a row is mended."""
+    """Topics, services, parameters with default and range, and diagnostics of each node."""
     nodes_reference = tool(root, 'nodes_reference', monkeypatch)
-    text = nodes_reference.PAGE.read_text(encoding='utf-8')
-    assert nodes_reference.page() == text
+    text = nodes_reference.page('monitor')
+    assert [line for line in text.splitlines() if line.startswith('#')] == [
+        '## Subscribed', '## Published', '## Services', '## Parameters', '## Diagnostics']
     assert "| `model` | `''` |" in text and '| s | 0 .. 60 |' in text

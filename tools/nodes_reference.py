@@ -13,26 +13,24 @@
 # limitations under the License.
 
 """
-Write the tables of ``docs/reference/nodes.md``: topics, services, parameters, diagnostics.
+Tables of the pages in ``docs/reference/nodes/``: topics, services, parameters, diagnostics.
 
-    python tools/nodes_reference.py
+    python tools/nodes_reference.py NODE    prints those of a node
 
-Parameters and diagnostics are what the nodes declare. Topics and services stand in `TOPICS` and
-`SERVICES`; ``test/nodes/common/test_documentation.py`` compares them with running nodes.
+``make docs`` writes them for all nodes; the pages include them. Parameters and diagnostics
+are what the nodes declare. Topics and services stand in `TOPICS` and `SERVICES`;
+``test/nodes/common/test_documentation.py`` compares them with running nodes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
-from pathlib import Path
-import re
+import sys
 
 from tudor_dynamics.nodes.common.base import TudorNode
 from tudor_dynamics.nodes.common.interfaces import NODES, Param
 
-PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'reference' / 'nodes.md'
-BEGIN, END = '<!-- written by tools/nodes_reference.py -->\n', '<!-- end -->\n'
 HEAD = ('| name | default | unit | range | while running | what it does |\n'
         '|---|---|---|---|---|---|\n')
 
@@ -159,10 +157,10 @@ MEANING = {
     'model': 'directory of the bundle', 'arm': 'name of the arm and checksum of its description',
     'payload [kg]': 'load in use', 'kind': 'model that predicts',
     'level': 'free, contact or collision', 'methods': 'those with thresholds',
-    'not judged [%]': 'see [what is not judged](#what-is-not-judged)',
+    'not judged [%]': 'see [what is not judged](../nodes.md#what-is-not-judged)',
     'not judged: CAUSE': 'the same by cause',
     'thresholds widened: METHOD': 'factor and channel, see '
-    '[thresholds](../explanation/thresholds.md#motion-outside-the-training-distribution)',
+    '[thresholds](../../explanation/thresholds.md#motion-outside-the-training-distribution)',
     'contact': 'what estimates it, or why nothing does', 'contact link': 'link that is touched',
     'contact force [N]': 'its size; `contact force deviation [N]` its standard deviation',
     'contact place [m]': 'along the link; `contact place deviation [m]` its standard deviation',
@@ -175,7 +173,7 @@ MEANING = {
     'CPU [%]': 'of the process since the last diagnosis, of one core', 'arms': 'those given',
     'watched': 'those with a monitor', 'failures ARM': 'of its monitor',
     'unit': 'of the efforts', 'positions': 'wanted, or of the motors',
-    'phase': 'of the lifecycle', 'state': 'see [safety](../explanation/safety.md#states)',
+    'phase': 'of the lifecycle', 'state': 'see [safety](../../explanation/safety.md#states)',
     'cause': 'why it is in this state', 'loop delay [ms]': 'from positions to commands and back',
     'age of stamps [ms]': 'against the clock of this machine',
     'damping in use': 'what the delay allows', 'position gain in use [1/s]': 'the same',
@@ -235,31 +233,23 @@ def tables(name: str) -> Iterator[str]:
     """Write the tables of a node."""
     for part, topics in zip(('Subscribed', 'Published'), TOPICS[name], strict=True):
         if topics:
-            yield f'### {part}\n\n| topic | type | content |\n|---|---|---|\n' + ''.join(
+            yield f'## {part}\n\n| topic | type | content |\n|---|---|---|\n' + ''.join(
                 f'| `{topic}` | {CONTENT[topic][0]} | {CONTENT[topic][1]} |\n'
                 for topic in topics)
     if name in SERVICES:
-        yield '### Services\n\n| std_srvs/Trigger | what it does |\n|---|---|\n' + ''.join(
+        yield '## Services\n\n| std_srvs/Trigger | what it does |\n|---|---|\n' + ''.join(
             f'| `{service}` | {SERVICE[service]} |\n' for service in SERVICES[name])
-    yield '### Parameters\n\n' + HEAD + ''.join(row(param) for param in NODES[name])
+    yield '## Parameters\n\n' + HEAD + ''.join(row(param) for param in NODES[name])
     keys = figures(node_class(name))
     if keys:
-        yield '### Diagnostics\n\n| figure | what it is |\n|---|---|\n' + ''.join(
+        yield '## Diagnostics\n\n| figure | what it is |\n|---|---|\n' + ''.join(
             f'| `{key}` | {MEANING[key]} |\n' for key in keys)
 
 
-def page() -> str:
-    """Give the page as it should be."""
-    text = PAGE.read_text(encoding='utf-8')
-    text = re.sub(f'\n{re.escape(BEGIN)}.*?{re.escape(END)}', '', text, flags=re.DOTALL)
-    for name in NODES:
-        written = BEGIN + '\n' + '\n'.join(tables(name)) + '\n' + END
-        text, found = re.subn(
-            rf'(^## {name}\n(?:(?!## ).*\n)*(?!## ).+\n)(?=\n## |\Z)',
-            lambda match, new=written: f'{match[1]}\n{new}', text, flags=re.MULTILINE)
-        assert found == 1, name
-    return text
+def page(name: str) -> str:
+    """Give all tables of a node."""
+    return '\n'.join(tables(name))
 
 
 if __name__ == '__main__':
-    PAGE.write_text(page(), encoding='utf-8')
+    print(page(sys.argv[1]), end='')

@@ -12,16 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pages of the reference that are written from the code: the commands, exit codes and errors."""
+"""Pages of the reference that are written from the code: commands, nodes, exit codes, errors."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 import re
+import sys
 
 from tudor_dynamics import errors
 from tudor_dynamics.cli.main import build_parser, SUBCOMMANDS
+from tudor_dynamics.nodes.common.interfaces import NODES
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
+
+import nodes_reference  # noqa: E402, I100
 
 EXIT_CODES = (
     ('0', 'done'), ('1', 'data or model are not good enough'),
@@ -96,7 +102,10 @@ def error_page() -> str:
 
 def write(folder: Path) -> None:
     """Write the pages."""
-    for name, text in (('commands', commands()), ('errors', error_page())):
+    (folder / 'nodes').mkdir(exist_ok=True)
+    pages = {'commands': commands(), 'errors': error_page(),
+             **{f'nodes/{name}': nodes_reference.page(name) for name in NODES}}
+    for name, text in pages.items():
         file = folder / f'{name}.md'
         if not file.exists() or file.read_text(encoding='utf-8') != text:
             file.write_text(text, encoding='utf-8')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""docs/reference/nodes.md says what the nodes declare."""
+"""The reference says what the nodes declare."""
 
 from __future__ import annotations
 
@@ -47,25 +47,32 @@ def tool(root: Path) -> ModuleType:
     return module
 
 
-def test_the_page_is_what_the_script_writes(tool: ModuleType) -> None:
-    """Parameters and figures of the diagnostics are those that the nodes declare."""
-    assert tool.page() == tool.PAGE.read_text(encoding='utf-8'), 'python tools/nodes_reference.py'
+def test_each_node_has_its_page(root: Path) -> None:
+    """Every node has a page that includes its tables, and a line in the overview."""
+    folder = root / 'docs/reference'
+    overview = (folder / 'nodes.md').read_text(encoding='utf-8')
+    for name in NODES:
+        text = (folder / f'nodes/{name}.md').read_text(encoding='utf-8')
+        assert text.startswith(f'# {name}: ')
+        assert text.endswith(f'```{{include}} ../generated/nodes/{name}.md\n```\n')
+        assert f'[`{name}`](nodes/{name}.md)' in overview
+    pages = {file.stem for file in (folder / 'nodes').glob('*.md')}
+    assert pages == {*NODES, 'arm_tests'}
 
 
-def section(root: Path, node: str, part: str) -> list[list[str]]:
+def section(tool: ModuleType, node: str, part: str) -> list[list[str]]:
     """Rows of a table, cell by cell."""
-    text = (root / 'docs/reference/nodes.md').read_text()
-    body = text.split(f'\n## {node}\n')[1].split('\n## ')[0]
-    table = body.partition(f'### {part}\n')[2].split('\n### ')[0]
+    table = f'\n{tool.page(node)}'.partition(f'\n## {part}\n')[2].split('\n## ')[0]
     rows = [[cell.strip().strip('`') for cell in line.strip('|').split('|')]
             for line in table.splitlines() if line.startswith('|')]
     return rows[2:]
 
 
 @pytest.mark.parametrize('name', sorted(NODES))
-def test_tables(name: str, world: World, root: Path, model: Path) -> None:
+def test_tables(name: str, world: World, root: Path, model: Path,
+                tool: ModuleType) -> None:
     """Parameters of the code; topics with their types, services and figures of a running node."""
-    rows = section(root, name, 'Parameters')
+    rows = section(tool, name, 'Parameters')
     assert [row[0] for row in rows] == [param.name for param in NODES[name]]
     values = {}
     if name in ARMS:
@@ -85,16 +92,16 @@ def test_tables(name: str, world: World, root: Path, model: Path) -> None:
     # another node of this name
     for part, own in (('Subscribed', node.subscriptions), ('Published', node.publishers)):
         wanted = {'/' + row[0].replace('~', name).lstrip('/'): row[1]
-                  for row in section(root, name, part)}
+                  for row in section(tool, name, part)}
         has = {item.topic_name: type_of(item) for item in own
                if item.topic_name not in SHARED[part]}
         assert has == wanted, part
     offered = {item.srv_name.replace(f'/{name}', '~') for item in node.services
                if type_of_service(item) == 'std_srvs/Trigger'}
-    listed = {row[0] for row in section(root, name, 'Services')}
+    listed = {row[0] for row in section(tool, name, 'Services')}
     assert listed - offered <= {'~/expect_payload'} and offered <= listed
     shown = [row[0].rsplit(' ', 1)[0] if row[0].split()[-1].isupper() else row[0]
-             for row in section(root, name, 'Diagnostics')]
+             for row in section(tool, name, 'Diagnostics')]
     for key in node.status()[2]:
         assert any(key.startswith(item) for item in shown), key
 
