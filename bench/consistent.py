@@ -39,7 +39,7 @@ from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.comparison import described_parameters_of, full_parameters
 from tudor_dynamics.models.consistent import (
-    full_of, parameters_of, prior_of, Problem, pseudo_inertia)
+    BodyProblem, full_of, parameters_of, prior_of, pseudo_inertia)
 
 SAMPLES = CONFIG.parent / 'bags'
 OTHERS = (
@@ -81,7 +81,7 @@ def relative_error(model, parameters, bags):
 def semidefinite(bundle, model, full):
     """Solve by clarabel at the constants that were found; full parameters and time [s]."""
     from scipy import sparse
-    problem = Problem(bundle.arm, model, prior_of(bundle.arm))
+    problem = BodyProblem(bundle.arm, model, prior_of(bundle.arm))
     rows = []
     for channel, matrix, target in problem.parts:
         factor = np.where(problem.scaled, 1.0 / full.solution.constants[channel], 1.0)

@@ -91,8 +91,6 @@ fit/elastic = fit {T1}@0-30% --test {TEST}@0-20% --arm {BLADES} --models elastic
   --out OUT/model --jobs 1 --json --force
 fit/planned = fit record/planned/bags/stimulus_01 --plan excite/tudor/plan --arm {TUDOR} \
   --out OUT/model --jobs 1 --json --force
-fit/changed+ = fit --to fit/rigid/model --add {PUSHES} --drop {T1} --out OUT/model --jobs 1 \
-  --json
 
 evaluate/json+ = evaluate {TEST} --model fit/rigid/model --save OUT/values.npz --json \
   --report OUT/page.html
@@ -168,7 +166,6 @@ errors/exists = fit {T1} --arm {BLADES} --out fit/rigid/model
 errors/model+ = evaluate {TEST} --model bags
 errors/not_this_arm = evaluate {TEST} --model fit/rigid/model --arm {TUDOR}
 errors/payload = evaluate {TEST} --model fit/rigid/model --payload 0.3
-errors/drop = fit --to fit/rigid/model --drop {DAMPED}
 errors/limits = excite {BLADES} --out OUT/plan
 errors/damper = tune config/emps.yaml --out OUT/schedule.yaml
 errors/expression = simulate config/l_shape.yaml --torque 'open(1)' --out OUT

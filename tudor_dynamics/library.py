@@ -24,16 +24,15 @@ import time
 from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
 import warnings
 
-import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.errors import check_type, ModelError, TudorWarning, UsageError
+from tudor_dynamics.errors import check_type, TudorWarning, UsageError
 from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, check_choices, choices, common_outputs, facts_of, filtered, load,
-    parse_choice, part, Paths, payload_range, refuse_copies, training_blocks, with_recorded_gauges)
+    BagChoice, BagData, check_choices, choices, common_outputs, filtered, load, parse_choice, part,
+    Paths, payload_range, refuse_copies, with_recorded_gauges)
 from tudor_dynamics.identification.detection import evaluate_collisions, find_truth, MethodResult
 from tudor_dynamics.identification.doctor.between import examine_bags
 from tudor_dynamics.identification.doctor.findings import Finding
@@ -45,16 +44,12 @@ from tudor_dynamics.identification.many_bags import ManyBags, Streaming, streams
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, compare_with_plan, Comparison)
 from tudor_dynamics.identification.passes import Spool
-from tudor_dynamics.identification.validation import (
-    cases_of, part_errors, validated, Validation)
+from tudor_dynamics.identification.validation import cases_of, validated, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
-from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.bundle import CausalModels, ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import check_target, save_bundle
-from tudor_dynamics.models.estimation import triangular
 from tudor_dynamics.online.monitor import MonitorSettings
-from tudor_dynamics.typing import FloatArray, Progress
+from tudor_dynamics.typing import Progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -296,128 +291,6 @@ def _by_path(payloads: Mapping[str, float], bags: Sequence[BagChoice]) -> dict[s
     return found
 
 
-# -- Bags added to a model, or taken from it, without going through the others again
-
-class Changed(NamedTuple):
-    """A bundle with other bags."""
-
-    # Its models are those of a fit to all its bags with the same choices. Validation and
-    # thresholds among its facts are still of the model before.
-    bundle: ModelBundle
-    left_out: dict[str, dict[str, FloatArray]]  # relative error by output, bag and channel
-
-
-def change_bags(
-    bundle: ModelBundle, add: Sequence[str] = (), drop: Sequence[str] = (),
-) -> Changed:
-    """Add bags to the models of a bundle, and take others away."""
-    names = _parts(bundle)
-    choices = [parse_choice(text) for text in add]
-    keys = [str(choice) for choice in choices]
-    missing = [name for name in drop if name not in names]
-    if missing:
-        raise UsageError(f'--drop {missing[0]}: the model was not fitted to it',
-                         remedy=f'name one of {", ".join(names)}')
-    again = [key for key in keys if key in names and key not in drop]
-    if again:
-        raise UsageError(f'--add {again[0]}: the model was fitted to it already',
-                         remedy='leave it out')
-    if not {*names} - {*drop} and not keys:
-        raise UsageError('no bag would be left to learn from', remedy='drop fewer bags')
-    facts = dict(bundle.facts)
-    training = [item for item in _training(facts) if item.get('bag') not in drop]
-    data = [load(choice, bundle.arm, bundle.preprocessing, learn=True) for choice in choices]
-    for bag in data:
-        copied = _copied(bag, training)
-        if copied is not None:
-            raise UsageError(f'--add {bag.choice}: the same samples as {copied}, which the model '
-                             'was fitted to', remedy='leave it out')
-    facts['training'] = [*training, *(facts_of(bag).as_dict() for bag in data)]
-    history = facts.get('changed')
-    facts['changed'] = [*(history if isinstance(history, list) else []),
-                        {'added': keys, 'dropped': list(drop)}]
-    models = _changed(bundle.models, data, drop)
-    causal = None
-    if bundle.causal is not None:
-        spec = bundle.causal.preprocessing
-        others = [load(choice, bundle.arm, spec, learn=True) for choice in choices]
-        causal = CausalModels(spec, _changed(bundle.causal.models, others, drop))
-    left_out = {output: _left_out(model) for output, kinds in models.items()
-                for model in kinds.values() if isinstance(model, AnalyticalModel)}
-    return Changed(replace(bundle, models=models, causal=causal, facts=facts), left_out)
-
-
-def _training(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Give what a bundle says of its training bags."""
-    listed = facts.get('training')
-    return [item for item in (listed if isinstance(listed, list) else ())
-            if isinstance(item, dict)]
-
-
-def _parts(bundle: ModelBundle) -> list[str]:
-    """Name the bags; refuse models that are no sum over them."""
-    sets = [bundle.models, *([] if bundle.causal is None else [bundle.causal.models])]
-    own = {item.get('bag') for item in _training(bundle.facts)}
-    names: list[str] | None = None
-    for output, kind, model in ((output, kind, model) for models in sets
-                                for output, kinds in models.items()
-                                for kind, model in kinds.items()):
-        if not isinstance(model, AnalyticalModel):
-            raise ModelError(f'the {kind} model of {output} is no sum over its bags',
-                             remedy='fit again, with all of them')
-        if not model.data_ or {*model.data_} != own:
-            raise ModelError(
-                f'the {kind} model of {output} has not kept what each of its bags came to (older '
-                "models, Huber's estimator, friction that grows with the load, and more than "
-                '100 MB of data keep none, or their sum alone)',
-                remedy='fit again, with all bags')
-        names = list(model.data_) if names is None else names
-    return names or []
-
-
-def _copied(bag: BagData, training: Sequence[Mapping[str, Any]]) -> str | None:
-    """Name the training bag, by whatever name, that has samples of a bag; None without one."""
-    names = (str(item.get('bag')) for item in training
-             if item.get('sha256') == bag.recording.checksum != '')
-    return next((name for name in names if bag.choice.overlaps(parse_choice(name))), None)
-
-
-def _changed(
-    models: Mapping[str, Mapping[str, Model]], data: Sequence[BagData], drop: Sequence[str],
-) -> dict[str, dict[str, Model]]:
-    """Fit models to the sums of what stays and what comes."""
-    return {output: {kind: _one(model, output, data, drop) for kind, model in kinds.items()}
-            for output, kinds in models.items()}
-
-
-def _one(
-    model: Model, output: str, data: Sequence[BagData], drop: Sequence[str],
-) -> AnalyticalModel:
-    assert isinstance(model, AnalyticalModel)
-    lacking = [str(bag.choice) for bag in data if not bag.has(output)]
-    if lacking:
-        raise UsageError(f'--add {lacking[0]}: it has no {output}, of which there is a model',
-                         remedy='add bags with all outputs of the model')
-    kept = {name: part for name, part in model.data_.items() if name not in drop}
-    factors = triangular(model.data_.values())
-    for bag in data:
-        blocks = training_blocks([bag], output, with_payload=model.payload_range is not None,
-                                 inputs=model.inputs)
-        kept[str(bag.choice)] = model.products(blocks, triangular=factors)
-    return model.like().fit_data(kept)
-
-
-def _left_out(model: AnalyticalModel) -> dict[str, FloatArray]:
-    """Leave each bag out once, and give the relative errors on it."""
-    found = {}
-    for name, own in model.data_.items():
-        others = {other: item for other, item in model.data_.items() if other != name}
-        if others:
-            squares, power, _ = part_errors(model.like().fit_data(others), own)
-            found[name] = np.sqrt(squares / np.maximum(power, 1e-300))
-    return found
-
-
 # -- Bags against models: what ``tudor evaluate`` and ``td.predict`` have in common
 
 T = TypeVar('T')
@@ -478,10 +351,23 @@ def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:
                  for kind, model in bundle.models[output].items()} for output in outputs})
 
 
+def _training(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Give what a bundle says of its training bags."""
+    listed = facts.get('training')
+    return [item for item in (listed if isinstance(listed, list) else ())
+            if isinstance(item, dict)]
+
+
+def _copied(bag: BagData, training: Sequence[Mapping[str, Any]]) -> bool:
+    """Say whether a training bag, by whatever name, has samples of a bag."""
+    return any(item.get('sha256') == bag.recording.checksum != ''
+               and bag.choice.overlaps(parse_choice(str(item.get('bag')))) for item in training)
+
+
 def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
     """Warn of bags that a model was trained on."""
     training = _training(bundle.facts)
-    seen = [str(bag.choice) for bag in data if _copied(bag, training) is not None]
+    seen = [str(bag.choice) for bag in data if _copied(bag, training)]
     if seen:
         msg = (f'{", ".join(seen)}: the model was trained on this; how well it does there is no '
                'test')

@@ -28,7 +28,7 @@ from sample_arms import gauge, LENGTH_2, multisine, planar_arm
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.load.offline import estimate_payload, Verdict
+from tudor_dynamics.load.offline import estimate_payload, Presence
 from tudor_dynamics.load.rows import Source
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
@@ -90,7 +90,7 @@ def test_truth_within_two_standard_deviations() -> None:
     inside, errors = 0, []
     for seed in range(40):
         told = estimate_payload(arm, known, [stretch(arm, motion(30.0, seed), 0.25, seed)])
-        assert told.verdict is Verdict.LOAD and told.source is Source.PAYLOADS
+        assert told.verdict is Presence.LOAD and told.source is Source.PAYLOADS
         errors.append(told.mass - 0.25)
         inside += abs(errors[-1]) < 2.0 * told.mass_std
     assert inside >= 32  # 37 of 40 in the mean of many seeds, less three of the count
@@ -102,7 +102,7 @@ def test_place_and_inertia_from_torques() -> None:
     arm, known = models(of_all=False)
     told = estimate_payload(arm, {'effort': known['effort']},
                             [stretch(arm, motion(60.0, 3), 0.3, 3, noise=0.02)])
-    assert told.verdict is Verdict.LOAD and told.source is Source.TORQUE and not told.at_tip
+    assert told.verdict is Presence.LOAD and told.source is Source.TORQUE and not told.at_tip
     assert told.mass == pytest.approx(0.3, abs=0.01)
     assert told.com[:2] == pytest.approx([LENGTH_2, 0.0], abs=0.02)
     assert np.isnan(told.com[2])  # along the axes of the joints
@@ -115,9 +115,9 @@ def test_nothing_is_told_from_no_information(of_all: bool) -> None:
     """An arm that moves with nothing carries no load; one that stands tells nothing."""
     arm, known = models(of_all)
     free = estimate_payload(arm, known, [stretch(arm, motion(30.0, 5), 0.0, 5)])
-    assert free.verdict is Verdict.NONE and abs(free.mass) < 2.0 * free.mass_std
+    assert free.verdict is Presence.NONE and abs(free.mass) < 2.0 * free.mass_std
     still = estimate_payload(arm, known, [stretch(arm, motion(30.0, 5, still=True), 0.3, 5)])
-    assert still.verdict is Verdict.UNKNOWN and 'no information' in still.sentence
+    assert still.verdict is Presence.UNKNOWN and 'no information' in still.sentence
 
 
 def test_a_model_of_one_load_tells_the_rest() -> None:
@@ -151,7 +151,7 @@ def test_without_a_scale() -> None:
         arm, {'strain': known['strain']},
         [stretch(arm, motion(30.0, 9), m, 9, noise=0.1)]) for m in (0.1, 0.2))
     assert small.source is Source.NOTHING and np.isnan(small.mass)
-    assert small.verdict is Verdict.LOAD and 'kilograms need' in small.sentence
+    assert small.verdict is Presence.LOAD and 'kilograms need' in small.sentence
     assert large.relative == pytest.approx(2.0 * small.relative, rel=0.1)
 
 

@@ -22,7 +22,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from sample_arms import arm_of
-from tudor_dynamics.models.consistent import energy_rows, Problem, raised, speed_grid
+from tudor_dynamics.models.consistent import BodyProblem, energy_rows, raised, speed_grid
 from tudor_dynamics.models.friction import friction_columns, friction_names
 
 SPEEDS = np.array([2.0, 0.5])
@@ -89,4 +89,4 @@ def test_drives_that_hardly_show_have_no_size():
     matrix[:, 10] = 2e3
     problem = SimpleNamespace(columns=range(13), first=10, parts=[(0, matrix, np.full(4, 6e10))])
     with np.errstate(all='raise'):
-        np.testing.assert_allclose(Problem._sizes(problem), [3e7, 1.0, 1.0])
+        np.testing.assert_allclose(BodyProblem._sizes(problem), [3e7, 1.0, 1.0])

@@ -255,7 +255,7 @@ def test_products_add_up(triangular: bool) -> None:
         if triangular:
             assert a.triangle is not None
             assert np.allclose(a.triangle.T @ a.triangle, b.gram, rtol=1e-10)
-    added = model.fit_data({'both': both}).coefficients()
+    added = model.fit_data([both]).coefficients()
     together = _linear(2).fit(motion, y).coefficients()
     assert np.allclose(added, together, rtol=1e-9)
 

@@ -46,8 +46,7 @@ def test_parts_survive_a_file_and_add_up(tmp_path, seconds):
                 tmp_path / 'model')
     again = load_bundle(tmp_path / 'model', with_data=True).models['effort']['analytical']
     assert isinstance(again, AnalyticalModel)
-    assert list(again.data_) == ['bag0', 'bag1', 'bag2']
-    refitted = AnalyticalModel(again.regressor, 4, base=again.base_).fit_data(again.data_)
+    refitted = AnalyticalModel(again.regressor, 4, base=again.base_).fit_data([again.data_])
     assert np.allclose(refitted.coefficients(), model.coefficients(), rtol=1e-10, atol=0.0)
 
 
@@ -71,16 +70,6 @@ def test_a_part_is_gone_through_once(tmp_path):
     assert not np.allclose(whole.coefficients(), fewer.coefficients(), rtol=1e-6)
     alone = AnalyticalModel(blank.regressor, 4, base=blank.base_).fit_parts(less, {})
     assert np.array_equal(fewer.coefficients(), alone.coefficients())
-
-
-def test_many_parts_are_kept_as_their_sum(tmp_path, monkeypatch):
-    arm = described_arm(tmp_path)
-    blank = fitted(arm, seconds=10.0)
-    model = AnalyticalModel(blank.regressor, 4, base=blank.base_).fit_parts(parts_of(arm), {})
-    monkeypatch.setattr(stored, 'LARGEST', 1000)
-    names, arrays = stored.pack({'': {'effort': {'analytical': model}}})
-    assert names == {'effort_analytical': ['3 bags']}
-    assert arrays['effort_analytical_0'].shape[0] == 1
 
 
 @pytest.mark.parametrize('change', [

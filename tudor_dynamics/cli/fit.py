@@ -17,10 +17,8 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-import time
 from typing import Any
 
 from pydantic import ValidationError
@@ -28,11 +26,9 @@ from pydantic import ValidationError
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS, PreprocessingSpec, validation_message
 from tudor_dynamics.cli.console import (
-    add_running, check_running, new_table, print_findings, print_json, print_table,
-    score_table, steps)
+    add_running, check_running, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.cli.excite import print_comparison
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.files import read_bounded
 from tudor_dynamics.fleet.cluster import on_cluster
 from tudor_dynamics.identification.dataset import found_choices, parse_payloads
 from tudor_dynamics.identification.excitation_plan import read_plan
@@ -43,8 +39,8 @@ from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
 from tudor_dynamics.identification.next_steps import Assessment
 from tudor_dynamics.identification.passes import Folder, SUFFIX
 from tudor_dynamics.identification.validation import Grade
-from tudor_dynamics.library import change_bags, fit_choices
-from tudor_dynamics.models.bundle_io import check_target, load_bundle, save_bundle
+from tudor_dynamics.library import fit_choices
+from tudor_dynamics.models.bundle_io import check_target
 from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units, STRAIN_FORMS
@@ -60,9 +56,6 @@ examples:
   tudor fit empty full --payload-of empty=0 full=0.4 --arm my_arm.yaml --out model
         one model of all payloads, its parameters affine in the mass at the tip; bags of
         `tudor record` carry their payload themselves
-  tudor fit --to model --add run4 --drop run1
-        the same analytical models of other bags, in a second; figures and thresholds stay those of
-        the last whole fit
 
 MODEL/report.html shows what was found. exit codes: 0 done, 1 no model is good enough, 2 wrong
 input.
@@ -71,17 +64,16 @@ input.
 
 CURRENTS = {'shared': True, 'separate': False}
 """Words for whether currents of unknown torque constants share the inertial parameters."""
-LARGEST_REPORT = 50_000_000
-"""Bytes of a report that is kept."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor fit``."""
-    parser.add_argument('bags', nargs='*', metavar='BAG',
+    parser.add_argument('bags', nargs='+', metavar='BAG',
                         help='bag directory or file, or a part of it: BAG@0-60%%, BAG@5s-50s; a '
                              "folder of bags; or a pattern, such as 'bags/2026-*'")
-    parser.add_argument('--arm', metavar='YAML', help='arm description; tudor init writes one')
-    parser.add_argument('--out', metavar='MODEL',
+    parser.add_argument('--arm', metavar='YAML', required=True,
+                        help='arm description; tudor init writes one')
+    parser.add_argument('--out', metavar='MODEL', required=True,
                         help='directory for the model bundle and its report')
     parser.add_argument('--test', nargs='+', default=[], metavar='BAG', action='extend',
                         help='bags to judge by; otherwise each training bag is left out once')
@@ -106,12 +98,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     many.add_argument('--strict', action='store_true',
                       help='refuse bags that cannot be used, in place of leaving them out')
     add_running(many)
-    change = parser.add_argument_group('a model that is there, in place of --arm')
-    change.add_argument('--to', metavar='MODEL', help='bundle whose bags are to change')
-    change.add_argument('--add', nargs='+', default=[], metavar='BAG', action='extend',
-                        help='bags to be added to it')
-    change.add_argument('--drop', nargs='+', default=[], metavar='BAG', action='extend',
-                        help='bags to be taken from it')
     signals = parser.add_argument_group('signals (defaults: arm description)')
     signals.add_argument('--filter', choices=(AUTO, 'causal', 'zero_phase'),
                          help="the papers' causal filters, or zero-phase ones; auto chooses by "
@@ -167,13 +153,7 @@ def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpe
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit, judge, save, report; or change the bags of a model."""
-    if args.to is not None or args.add or args.drop:
-        return change(args)
-    if not args.bags or args.arm is None or args.out is None:
-        lacking = ('no bag' if not args.bags else 'no --arm' if args.arm is None else 'no --out')
-        raise UsageError(f'there is {lacking}',
-                         remedy='tudor fit BAG --arm YAML --out MODEL, or --to MODEL --add BAG')
+    """Fit, judge, save, report."""
     check_running(args)
     out = Path(args.out)
     check_target(out, overwrite=args.overwrite)
@@ -219,44 +199,6 @@ def run(args: argparse.Namespace) -> int:
     if any(level is not Grade.DO_NOT_USE for level in levels) or args.force:
         return 0
     return 1
-
-
-def change(args: argparse.Namespace) -> int:
-    """Add bags to a model or take some away, and write it back, or to --out."""
-    if args.to is None or args.bags or args.arm is not None or args.plan is not None:
-        raise UsageError('--add and --drop change the bags of a model',
-                         remedy='tudor fit --to MODEL --add BAG --drop BAG [--out OTHER]')
-    if not args.add and not args.drop:
-        raise UsageError('--to: nothing is to be changed', remedy='give --add BAG or --drop BAG')
-    out = Path(args.to if args.out is None else args.out)
-    if args.out is not None:
-        check_target(out, overwrite=args.overwrite)
-    begun = time.perf_counter()
-    changed = change_bags(load_bundle(args.to, with_data=True), args.add, args.drop)
-    extra, report = {}, Path(args.to) / 'report.html'
-    with suppress(OSError):
-        extra = {report.name: read_bounded(report, LARGEST_REPORT)}
-    save_bundle(changed.bundle, out, overwrite=args.out is None or args.overwrite, extra=extra)
-    names = [item['bag'] for item in changed.bundle.facts['training']]
-    if args.json:
-        print_json({
-            'model': str(out), 'seconds': round(time.perf_counter() - begun, 3), 'training': names,
-            'left_out': {output: {bag: dict(zip(
-                changed.bundle.models[output]['analytical'].channels, errors.tolist(),
-                strict=True)) for bag, errors in bags.items()}
-                for output, bags in changed.left_out.items()}})
-        return 0
-    for output, bags in changed.left_out.items():
-        channels = changed.bundle.models[output]['analytical'].channels
-        table = new_table(f'{output}, relative error of a bag left out [%]',
-                          names=('bag',), figures=channels)
-        for bag, errors in bags.items():
-            table.add_row(bag, *(f'{100 * error:.2f}' for error in errors))
-        if bags:
-            print_table(table)
-    print(f'model: {out}, now of {", ".join(names)}\nits report, validation and thresholds are '
-          'those of the last whole fit: tudor evaluate says how good it is now')
-    return 0
 
 
 def _print(result: FitResult, assessment: Assessment, report: Path) -> None:

@@ -26,7 +26,7 @@ from tudor_dynamics.cli.console import (
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice, parse_payloads
 from tudor_dynamics.identification.loads import payload_of, telling
-from tudor_dynamics.load.offline import PayloadEstimate, Verdict
+from tudor_dynamics.load.offline import PayloadEstimate, Presence
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.online.monitor import follow_load
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(bags, found, known)
     bad = [item for item, mass in zip(found, known, strict=True)
-           if item.verdict is Verdict.UNKNOWN or (
+           if item.verdict is Presence.UNKNOWN or (
                mass is not None and not abs(item.mass - mass) <= FAR * item.mass_std)]
     return 1 if bad else 0
 

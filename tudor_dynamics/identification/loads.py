@@ -31,7 +31,7 @@ from tudor_dynamics.identification.uses import as_plain
 from tudor_dynamics.identification.validation import rounded
 from tudor_dynamics.load.bending import (
     bent_links, BentLinks, FACT, find_bending, KIND, relearned, Watched)
-from tudor_dynamics.load.offline import estimate_payload, PayloadEstimate, Verdict
+from tudor_dynamics.load.offline import estimate_payload, PayloadEstimate, Presence
 from tudor_dynamics.load.rows import LoadWorth, Source
 from tudor_dynamics.load.settings import CUTOFF
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -133,7 +133,7 @@ def _error(
     seen = estimate_payload(result.arm, {output: model}, bag.stretches,
                             known=bag.payload or 0.0, whole=False, bent=bent,
                             watched=[] if bent is None else watched(bag))
-    if seen.verdict is Verdict.UNKNOWN:
+    if seen.verdict is Presence.UNKNOWN:
         return math.nan, math.nan
     one = seen.outputs[0]
     true = (bag.payload or 0.0) - seen.known

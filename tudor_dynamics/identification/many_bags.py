@@ -33,7 +33,7 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.fit import (
     enough, FitResult, FitSettings, FittedOutput, result_of, RowTrainer)
 from tudor_dynamics.identification.passes import (
-    gather, judge, names_of, Part, Place, Store, survey, Task, Trial)
+    gather, judge, Judging, names_of, Part, Place, Store, survey, Task)
 from tudor_dynamics.identification.validation import (
     cases_of, method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -88,7 +88,7 @@ def fold_models(
 def light(model: AnalyticalModel) -> AnalyticalModel:
     """Give a model without the data that it was fitted to, to be sent."""
     other = copy.copy(model)
-    other.data_ = {}
+    other.data_ = []
     return other
 
 
@@ -314,12 +314,12 @@ class ManyBags:
 def _trials(
     task: Task, known: Sequence[SurveyedBag], test: Sequence[SurveyedBag],
     models: Mapping[Place, FoldModels],
-) -> list[Trial]:
+) -> list[Judging]:
     """Let each group of bags be judged by models of the others, or test bags by those of all."""
     whole = {place: light(model) for place, (model, _) in models.items()}
     found = []
     for fold in dict.fromkeys(seen.fold for seen in known):
         blind = {} if test else {place: light(of[fold]) for place, (_, of) in models.items()}
-        found.append(Trial(task, tuple(seen for seen in known if seen.fold == fold), blind,
-                           whole))
-    return [*found, Trial(task, tuple(test), whole, {})] if test else found
+        bags = tuple(seen for seen in known if seen.fold == fold)
+        found.append(Judging(task, bags, blind, whole))
+    return [*found, Judging(task, tuple(test), whole, {})] if test else found

@@ -194,7 +194,7 @@ def digest_of(models: Models) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class Judging:
     """Bags with the models that are judged by them."""
 
     task: Task  # what is asked of every bag
@@ -316,7 +316,7 @@ def _facts(content: dict[str, Any]) -> BagFacts:
 EACH = 8
 """Pieces of work for each process."""
 Found = list[BagFacts | Unused]
-Work = Callable[[Trial, Count], Found]
+Work = Callable[[Judging, Count], Found]
 Answer = tuple[Found, Mapping[str, bytes]]
 """What is known of bags, and what is to be kept of them."""
 Kept = TypeVar('Kept', BagSums, BagErrors)
@@ -350,15 +350,15 @@ def gather(
     asked: Sequence[tuple[Task, Sequence[SurveyedBag]]], jobs: int, progress: Progress,
 ) -> Found:
     """Multiply out many bags, and keep what each came to."""
-    trials = [Trial(task, tuple(bags), {}, {}) for task, bags in asked]
+    trials = [Judging(task, tuple(bags), {}, {}) for task, bags in asked]
     return _gone_through(_gather, trials, jobs, progress)
 
 
-def _sums(trial: Trial, seen: SurveyedBag) -> str:
+def _sums(trial: Judging, seen: SurveyedBag) -> str:
     return trial.task.name(seen, '.npz')
 
 
-def _gather(trial: Trial, count: Count) -> Found:
+def _gather(trial: Judging, count: Count) -> Found:
     task = trial.task
     models: dict[str, AnalyticalModel] = {}
 
@@ -386,13 +386,13 @@ def _by_each_filter(task: Task, seen: SurveyedBag) -> list[BagData]:
     return [bag, *(filtered(bag, spec) for spec in task.specs[1:])]
 
 
-def judge(trials: Sequence[Trial], jobs: int, progress: Progress) -> Found:
+def judge(trials: Sequence[Judging], jobs: int, progress: Progress) -> Found:
     """Let models predict many bags, and keep how they did."""
     return _gone_through(_judge, trials, jobs, progress)
 
 
 def _gone_through(
-    work: Work, trials: Sequence[Trial], jobs: int, progress: Progress,
+    work: Work, trials: Sequence[Judging], jobs: int, progress: Progress,
 ) -> Found:
     store = trials[0].task.store
     pieces = [replace(trial, bags=tuple(part)) for trial in trials
@@ -404,7 +404,7 @@ def _gone_through(
                                    for piece in pieces], jobs, progress)])
 
 
-def _returned(work: Work, trial: Trial, count: Count) -> Answer:
+def _returned(work: Work, trial: Judging, count: Count) -> Answer:
     assert isinstance(trial.task.store, Memory)
     return work(trial, count), trial.task.store
 
@@ -416,25 +416,26 @@ def _taken(store: Store, answer: Answer) -> Found:
     return found
 
 
-def _judge(trial: Trial, count: Count) -> Found:
+def _judge(trial: Judging, count: Count) -> Found:
     def tallies(seen: SurveyedBag) -> BagErrors:
         data = _by_each_filter(trial.task, seen)
         return BagErrors(facts_of(data[0]), *(
             {(number, output): trace(model_for(model, data[0]), data[number], output).tally()
              for (number, output), model in models.items()}
             for models in (trial.unseen, trial.seen)))
-    return _each(trial, Trial.name, loaded_errors, dumped_errors, tallies, count)
+    return _each(trial, Judging.name, loaded_errors, dumped_errors, tallies, count)
 
 
-def names_of(trials: Sequence[Trial]) -> set[str]:
+def names_of(trials: Sequence[Judging]) -> set[str]:
     """Name all that a fit has used."""
     return {name for trial in trials for seen in trial.bags
             for name in (_sums(trial, seen), trial.name(seen))}
 
 
 def _each(
-    trial: Trial, name: Callable[[Trial, SurveyedBag], str], load: Callable[[bytes], Kept | None],
-    dump: Callable[[Kept], bytes], make: Callable[[SurveyedBag], Kept], count: Count,
+    trial: Judging, name: Callable[[Judging, SurveyedBag], str],
+    load: Callable[[bytes], Kept | None], dump: Callable[[Kept], bytes],
+    make: Callable[[SurveyedBag], Kept], count: Count,
 ) -> Found:
     """Read what each bag comes to, or make and keep it; what is wrong with one says so instead."""
     found: Found = []

@@ -49,7 +49,7 @@ FLAT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class LoadFit:
     """Parameters of a load as one output shows them."""
 
     parameters: FloatArray  # (parameters,): least squares; directions that are not shown are zero
@@ -62,7 +62,7 @@ class Solution:
 
 def solve_load(
     residual: FloatArray, rows: FloatArray, own: Sequence[FloatArray], rate: float,
-) -> Solution:
+) -> LoadFit:
     """Explain a residual (samples, channels) by a load, with each channel's own columns."""
     count = residual.shape[1]
     free, left = np.empty_like(rows), np.empty_like(residual)
@@ -98,7 +98,7 @@ def solve_load(
     # of a load as of the noise: a spread that a short recording shows by chance is no less
     spread = spread + FLAT * np.trace(spread) * np.eye(len(spread))
     information = gram @ np.linalg.pinv(spread, rcond=1e-12, hermitian=True) @ gram
-    return Solution(parameters / scale, information * np.outer(scale, scale), left, error)
+    return LoadFit(parameters / scale, information * np.outer(scale, scale), left, error)
 
 
 def long_run(scores: FloatArray, window: int) -> FloatArray:
@@ -112,7 +112,7 @@ def long_run(scores: FloatArray, window: int) -> FloatArray:
 
 # -- What became known of a load, with its standard deviations
 
-class Verdict(Enum):
+class Presence(Enum):
     """Whether there is a load."""
 
     LOAD = 'load'
@@ -161,7 +161,7 @@ class OutputMass:
 class PayloadEstimate:
     """What the arm carries."""
 
-    verdict: Verdict  # whether there is a load; `UNKNOWN` where the recording does not show
+    verdict: Presence  # whether there is a load; `UNKNOWN` where the recording does not show
     # In all, with what the model knows of [kg]; NaN without a scale.
     mass: float = math.nan
     mass_std: float = math.nan
@@ -209,7 +209,7 @@ class PayloadEstimate:
     @property
     def sentence(self) -> str:
         """Say it in one sentence."""
-        if self.verdict is Verdict.UNKNOWN:
+        if self.verdict is Presence.UNKNOWN:
             return ('no information: in these poses and motions a load hardly changes what is '
                     'measured; move the links away from the vertical')
         if self.source is Source.NOTHING:
@@ -217,7 +217,7 @@ class PayloadEstimate:
             return (f'{self.verdict.value}: {share} that the arm itself makes; kilograms need '
                     'torque constants, the gain of a gauge, or a model of two known payloads')
         place = ''
-        if self.verdict is Verdict.LOAD:
+        if self.verdict is Presence.LOAD:
             known = [f'{axis} {1000 * value:.0f} +- {1000 * std:.0f} mm' for axis, value, std in
                      zip('xyz', self.com, self.com_std, strict=True) if math.isfinite(value)]
             tip = ', '.join(f'{axis} {1000 * value:.0f} mm' for axis, value in zip(
@@ -329,13 +329,13 @@ class _OutputLoad:
 
     source: RecordedOutput
     scale: Scale
-    point: Solution
+    point: LoadFit
     reference: float
     model_error: float  # standard deviation by the model's own error [kg]
     size: float
     channels: tuple[str, ...]
     t: FloatArray
-    body: Solution | None = None
+    body: LoadFit | None = None
 
     @property
     def scaled(self) -> bool:
@@ -383,7 +383,7 @@ def _by_model(source: RecordedOutput, known: float, error: float) -> _OutputLoad
         found = solve_load(here.residual, rows[:, :, None], here.own, here.rate)
         total = mass + float(found.parameters[0])
         mass, step = max(total, 0.0), STEP  # where it is asked next; none is negative
-    solution = Solution(np.array([total - known]), found.information, found.before, found.after)
+    solution = LoadFit(np.array([total - known]), found.information, found.before, found.after)
     reference = high - low if model.payload_range is not None else math.inf
     scale = Scale(np.ones(rows.shape[1]), 0.0,
                   Source.ELASTIC if model.has_memory else Source.PAYLOADS)
@@ -433,10 +433,10 @@ def _relative(arm: Arm, loads: Sequence[_OutputLoad], known: float) -> PayloadEs
         outputs=tuple(item.summary(_over(1.0, item.reference)) for item in loads))
 
 
-def _verdict(value: float, std: float, plain_std: float, reference: float) -> Verdict:
+def _verdict(value: float, std: float, plain_std: float, reference: float) -> Presence:
     if not plain_std < UNKNOWN_STD * reference:
-        return Verdict.UNKNOWN
-    return Verdict.LOAD if abs(value) > SURE * std else Verdict.NONE
+        return Presence.UNKNOWN
+    return Presence.LOAD if abs(value) > SURE * std else Presence.NONE
 
 
 def _combined(arm: Arm, loads: Sequence[_OutputLoad], known: float) -> PayloadEstimate:

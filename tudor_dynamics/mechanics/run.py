@@ -48,7 +48,7 @@ from tudor_dynamics.typing import FloatArray
 # -- What a run shows: motion of nodes, internal loads anywhere along a beam, surface strain
 
 @dataclass(frozen=True, eq=False)
-class Observation:
+class ProbeReading:
     """What ``Probe.observe`` saw; arrays are overwritten by the next call."""
 
     # In the base frame, (points, 3) [m, m/s, m/s^2].
@@ -93,11 +93,11 @@ class Probe:
             (per_moment, per_rate, int(axis), math.copysign(1.0, per_moment))
             for per_moment, per_rate, axis in self.gains.tolist()]
         position, velocity, acceleration = self._points
-        self.observation = Observation(
+        self.observation = ProbeReading(
             position, velocity, acceleration, self.loads[:count, :3], self.loads[:count, 3:6],
             np.zeros((len(mechanism.joints), 6)), np.zeros(len(gauges)), np.zeros(len(gauges)))
 
-    def observe(self) -> Observation:
+    def observe(self) -> ProbeReading:
         """Look at the present state of the plant."""
         plant = self.plant
         z, dz, ddz = plant.tables.vectors[:3]
@@ -337,10 +337,10 @@ class PlantRecord:
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
-    # Internal loads, see `Observation`, (samples, sections, 3).
+    # Internal loads, see `ProbeReading`, (samples, sections, 3).
     force: FloatArray
     moment: FloatArray
-    reaction: FloatArray  # of each joint, see `Observation`, (samples, joints, 6)
+    reaction: FloatArray  # of each joint, see `ProbeReading`, (samples, joints, 6)
     # In the unit of each gauge, and, (samples, gauges) [N m].
     strain: FloatArray
     gauge_moment: FloatArray

@@ -167,7 +167,7 @@ class AnalyticalModel(MemorylessModel):
         self.base_: tuple[BaseSet, ...] = (
             base_sets(regressor, n_joints) if base is None else base)
         self.groups_: tuple[Group, ...] = ()
-        self.data_: dict[str, list[list[Products]]] = {}
+        self.data_: list[list[Products]] = []  # of each group and channel
         self._full: FloatArray | None = None
         self._full_of: tuple[Group, ...] | None = None
 
@@ -230,7 +230,7 @@ class AnalyticalModel(MemorylessModel):
             for name, blocks in parts.items():
                 if (name, triangular) not in known:
                     known[name, triangular] = self.products(blocks, triangular=triangular)
-            self.fit_data({name: known[name, triangular] for name in parts})
+            self.fit_data([known[name, triangular] for name in parts])
             if all(group.estimate.condition <= LARGEST_GRAM_CONDITION for group in self.groups_):
                 break
         return triangular
@@ -265,11 +265,11 @@ class AnalyticalModel(MemorylessModel):
         return [[np.flatnonzero(np.any(rows[:, channel, base.kept] != 0.0, axis=0))
                  for channel in base.channels] for base in self.base_]
 
-    def fit_data(self: Analytical, data: Mapping[str, list[list[Products]]]) -> Analytical:
+    def fit_data(self: Analytical, parts: Iterable[list[list[Products]]]) -> Analytical:
         """Estimate from what parts of the data come to."""
-        self.data_ = dict(data)
+        self.data_ = summed(parts)
         self.groups_ = tuple(self._estimate(base, group) for base, group in zip(
-            self.base_, summed(data.values()), strict=True))
+            self.base_, self.data_, strict=True))
         return self
 
     def _estimate(self, base: BaseSet, products: list[Products]) -> Group:
@@ -430,8 +430,7 @@ class AnalyticalModel(MemorylessModel):
                 for rows, output in self._rows(blocks)])
             weights = np.column_stack([estimator.sample_weights(column)
                                        for column in residuals.T])
-            self.fit_data({WHOLE: self.products(blocks, triangular=triangular,
-                                                weights=weights)})
+            self.fit_data([self.products(blocks, triangular=triangular, weights=weights)])
             after = self.coefficients()
             change = float(np.linalg.norm(after - before)
                            / max(float(np.linalg.norm(after)), 1e-300))

@@ -34,7 +34,7 @@ from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import BundlePart, Model, read
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
-from tudor_dynamics.models.estimation import Products, summed, triangular
+from tudor_dynamics.models.estimation import Products, summed
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.typing import FloatArray
 import yaml
@@ -169,33 +169,26 @@ def _read_head(path: Path) -> HeadPart:
 
 # -- What training bags come to: products, in a file that no prediction reads.
 #
-# With them a bag is added to a model or taken from it within a second, and full parameters are
-# found that the data themselves prefer.
+# With them full parameters are found that the data themselves prefer.
 
 FILE = 'data.npz'
-LARGEST = 100_000_000
-"""Bytes of products above which the parts are kept as their sum alone."""
+SUM = 'sum'
+"""What is kept; older bundles have a part for each bag."""
 
 Models = Mapping[str, Mapping[str, Model]]
 
 
 def pack(sets: Mapping[str, Models]) -> tuple[dict[str, list[str]], dict[str, FloatArray]]:
     """Collect the data of all models that keep some."""
-    kept = list(_kept(sets))
-    size = sum(product.gram.nbytes for _, model in kept for part in model.data_.values()
-               for group in part for product in group)
     names: dict[str, list[str]] = {}
     arrays: dict[str, FloatArray] = {}
-    for name, model in kept:
-        data = model.data_
-        if size > LARGEST:
-            data = {f'{len(data)} bags': summed(data.values())}
-        names[name] = list(data)
-        for number in range(len(model.groups_)):
-            groups = [part[number] for part in data.values()]
-            arrays[f'{name}_{number}'] = np.array([[_matrix(p) for p in g] for g in groups])
-            arrays[f'{name}_{number}_n'] = np.array([[p.n for p in g] for g in groups])
-        arrays[f'{name}_triangular'] = np.array([float(triangular(data.values()))])
+    for name, model in _kept(sets):
+        names[name] = [SUM]
+        for number, group in enumerate(model.data_):
+            arrays[f'{name}_{number}'] = np.array([[_matrix(p) for p in group]])
+            arrays[f'{name}_{number}_n'] = np.array([[p.n for p in group]])
+        arrays[f'{name}_triangular'] = np.array([float(any(
+            p.triangle is not None for group in model.data_ for p in group))])
     return names, arrays
 
 
@@ -209,7 +202,7 @@ def unpack(
             if name not in names:
                 continue
             factors = bool(arrays[f'{name}_triangular'][0])
-            parts: dict[str, list[list[Products]]] = {str(part): [] for part in names[name]}
+            parts: list[list[list[Products]]] = [[] for _ in names[name]]
             for number, group in enumerate(model.groups_):
                 size = len(group.base.kept) + 1
                 values = arrays[f'{name}_{number}']
@@ -219,11 +212,11 @@ def unpack(
                         np.all(np.isfinite(values)) and np.all(counts >= 0.0)):
                     msg = f'{name}: {values.shape} where finite numbers {shape} were expected'
                     raise ValueError(msg)
-                for part, matrices, n in zip(parts.values(), values, counts, strict=True):
+                for part, matrices, n in zip(parts, values, counts, strict=True):
                     part.append([
                         Products(matrix.T @ matrix, int(k), matrix) if factors else
                         Products(matrix, int(k)) for matrix, k in zip(matrices, n, strict=True)])
-            model.data_ = parts
+            model.data_ = summed(parts)
     except (KeyError, TypeError, ValueError, IndexError) as err:
         raise ModelError(f'the data do not belong to the models ({err})', place=file,
                          remedy=AGAIN) from None

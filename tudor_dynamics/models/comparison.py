@@ -30,7 +30,8 @@ from tudor_dynamics.models.analytical import AnalyticalModel, Group
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.consistent import (
-    full_of, Prior, prior_of, Problem, scaled_columns, Solution, solve_consistent, solve_drives)
+    BodyProblem, BodySolution, full_of, Prior, prior_of, scaled_columns, solve_consistent,
+    solve_drives)
 from tudor_dynamics.models.estimation import Constants
 from tudor_dynamics.models.friction import BY_LOAD, FRICTION, term_of, TERMS
 from tudor_dynamics.models.regressor import BaseSet
@@ -47,7 +48,7 @@ class FullParameters:
     """Parameters of every body and drive of an arm."""
 
     arm: Arm
-    solution: Solution  # parameters, in the order of `model`'s columns, with their errors
+    solution: BodySolution  # parameters, in the order of `model`'s columns, with their errors
     columns: tuple[str, ...]  # names of all parameters, bodies first
     model: AnalyticalModel  # the model of efforts that they make
 
@@ -112,10 +113,10 @@ def full_parameters(bundle: ModelBundle) -> FullParameters:
 # -- The same as a file has it: of a drive no more than rotor, damping and friction
 
 
-def _of_file(bundle: ModelBundle) -> tuple[Problem, FloatArray]:
+def _of_file(bundle: ModelBundle) -> tuple[BodyProblem, FloatArray]:
     """Give the data, and what the parameters of a file are in the model's drives, (drives, n)."""
     model = effort_model(bundle)
-    problem = Problem(bundle.arm, model, prior_of(bundle.arm))
+    problem = BodyProblem(bundle.arm, model, prior_of(bundle.arm))
     names = problem.columns[problem.first:]
     # of each joint rotor, damping, friction, and the zero of its effort, which no file has
     table = np.zeros((len(names), len(model.channels), 4))
@@ -188,7 +189,7 @@ def described_parameters_of(
     return _full(arm, model, solve_drives(arm, model, prior or prior_of(arm)))
 
 
-def _full(arm: Arm, model: AnalyticalModel, solution: Solution) -> FullParameters:
+def _full(arm: Arm, model: AnalyticalModel, solution: BodySolution) -> FullParameters:
     """Put full parameters in place of base parameters."""
     columns = model.regressor.columns
     full = full_of(solution, scaled_columns(arm, columns))

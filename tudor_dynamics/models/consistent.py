@@ -27,7 +27,7 @@ from scipy import linalg
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.estimation import Products, summed, triangle
+from tudor_dynamics.models.estimation import Products, triangle
 from tudor_dynamics.models.friction import (
     BY_LOAD, DAMPING, FRICTION, friction_columns, friction_names, term_of, TERMS)
 from tudor_dynamics.models.regressor import EffortRegressor, random_inputs
@@ -190,7 +190,7 @@ def raised(values: FloatArray, columns: Sequence[str], rows: FloatArray) -> Floa
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class BodySolution:
     """Full parameters."""
 
     bodies: FloatArray  # (bodies, 10), see `parameters_of`
@@ -218,7 +218,7 @@ def scaled_columns(arm: Arm, columns: Sequence[str]) -> NDArray[np.bool_]:
     return together.scaled if together.unknown else np.zeros(len(columns), dtype=np.bool_)
 
 
-class Problem:
+class BodyProblem:
     """
     Residuals of data and of prior knowledge, and their derivatives.
 
@@ -228,7 +228,7 @@ class Problem:
     """
 
     def __init__(self, arm: Arm, model: AnalyticalModel, prior: Prior) -> None:
-        products = summed(model.data_.values())
+        products = model.data_
         self.columns = model.regressor.columns
         self.scaled = scaled_columns(arm, self.columns)
         self.unknown = EffortRegressor(arm, shared=True).unknown
@@ -369,7 +369,7 @@ class Problem:
             / max(float(np.linalg.norm(target)), 1e-300)
             for channel, matrix, target in self.parts])
 
-    def solution(self, x: FloatArray) -> Solution:
+    def solution(self, x: FloatArray) -> BodySolution:
         """Give the parameters with their errors; several samples of data count as one."""
         full, constants, logs = self._split(x)
         end = self.first + len(self.sizes)
@@ -389,10 +389,10 @@ class Problem:
         relative = np.zeros(self.n_channels)
         relative[list(self.unknown)] = deviation[end:]
         drives = raised(full[self.first:], self.columns[self.first:], self.rows)
-        return Solution(full[:self.first].reshape(-1, PARAMETERS), drives, np.exp(constants),
-                        errors, self.sizes * deviation[self.first:end], relative, widths,
-                        self.prior.described, self.speeds, self.loads,
-                        self.errors(full, np.exp(constants)), self.free)
+        return BodySolution(
+            full[:self.first].reshape(-1, PARAMETERS), drives, np.exp(constants), errors,
+            self.sizes * deviation[self.first:end], relative, widths, self.prior.described,
+            self.speeds, self.loads, self.errors(full, np.exp(constants)), self.free)
 
 
 def _mean_sizes(
@@ -422,7 +422,7 @@ def _mean_sizes(
 # logarithms.
 
 
-def _searched(problem: Problem, x: FloatArray, first: int = 0) -> FloatArray:
+def _searched(problem: BodyProblem, x: FloatArray, first: int = 0) -> FloatArray:
     """Minimise the sum of squares over the unknowns from the first one that is free."""
     from scipy import optimize  # slow to import
 
@@ -435,9 +435,9 @@ def _searched(problem: Problem, x: FloatArray, first: int = 0) -> FloatArray:
         ftol=ENOUGH, xtol=ENOUGH, gtol=1e-12, max_nfev=EVALUATIONS).x)
 
 
-def solve_consistent(arm: Arm, model: AnalyticalModel, prior: Prior) -> Solution:
+def solve_consistent(arm: Arm, model: AnalyticalModel, prior: Prior) -> BodySolution:
     """Find bodies and drives that give base parameters."""
-    problem = Problem(arm, model, prior)
+    problem = BodyProblem(arm, model, prior)
     x = problem.start()
     for search, (problem.trusted, problem.strict) in enumerate(SEARCHES, start=1):
         if search == len(SEARCHES):
@@ -449,14 +449,14 @@ def solve_consistent(arm: Arm, model: AnalyticalModel, prior: Prior) -> Solution
     return problem.solution(x)
 
 
-def solve_drives(arm: Arm, model: AnalyticalModel, prior: Prior) -> Solution:
+def solve_drives(arm: Arm, model: AnalyticalModel, prior: Prior) -> BodySolution:
     """Find the drives and torque constants that suit bodies as they are described."""
-    problem = Problem(arm, model, prior)
+    problem = BodyProblem(arm, model, prior)
     problem.trusted, problem.strict = SEARCHES[-1]
     return problem.solution(_searched(problem, problem.start(), problem.first))
 
 
-def full_of(solution: Solution, scaled: NDArray[np.bool_]) -> FloatArray:
+def full_of(solution: BodySolution, scaled: NDArray[np.bool_]) -> FloatArray:
     """Give each channel's full parameters (channels, columns), as a model's regressor has them."""
     full = np.concatenate([solution.bodies.ravel(), solution.drives])
     return np.array([full * np.where(scaled, 1.0 / constant, 1.0)

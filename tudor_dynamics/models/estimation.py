@@ -104,12 +104,6 @@ def summed(parts: Iterable[Sequence[Sequence[Products]]]) -> list[list[Products]
     return total
 
 
-def triangular(parts: Iterable[Sequence[Sequence[Products]]]) -> bool:
-    """Say whether parts were accumulated as triangular factors."""
-    return any(product.triangle is not None for part in parts for group in part
-               for product in group)
-
-
 def squared_residuals(product: Products, parameters: FloatArray) -> float:
     """Give the residual sum of squares of a channel from its products."""
     vector = np.append(-parameters, 1.0)
