@@ -15,7 +15,8 @@
 """
 Cost of a sample in the monitor's numerics, without ROS: a recording through the live chain.
 
-Counting is what it costs beside the chain itself to know which share of the samples is judged.
+Counting is what it costs beside the chain itself to know which share of the samples is judged;
+keeping, what the black box takes of its messages, ring full, stamped by the clock of a node.
 
 The same object runs in the node `monitor`; `tudor evaluate --collisions` replays bags through it.
 An elastic model takes several steps between two samples, the more the longer the time between
@@ -25,7 +26,7 @@ them, so its cost depends on the rate: `--rate` puts other samples on the same m
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 import time
 from typing import Any
@@ -38,6 +39,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.elastic.model import OBSERVERS
+from tudor_dynamics.online.black_box import MessageRing
 from tudor_dynamics.online.coverage import Coverage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, warm_up
 
@@ -49,6 +51,7 @@ class Taken:
     whole: np.ndarray
     prediction: np.ndarray
     counting: np.ndarray
+    keeping: np.ndarray
 
 
 def resampled(recording: Recording, rate: float) -> Recording:
@@ -88,6 +91,11 @@ def measure(bundle: ModelBundle, recording: Recording, settings: MonitorSettings
                      [monitor.watch.pairing[output].drops], monitor.watch.settle)
     topics = ('joints', *monitor.watch.outputs)
     taken = []
+    ring, data, now = MessageRing(), bytes(200), ros_clock()
+    period = round(1e9 * recording.dt)
+    for time_before in range(0, 30 * 10**9, period):
+        for topic in topics:
+            ring.add(now() - 30 * 10**9 + time_before, topic, 'sensor_msgs/msg/JointState', data)
     for k, stamp in enumerate(recording.stamp.tolist()):
         q, dq = recording.q[k], None if recording.dq is None else recording.dq[k]
         values = [(output, outputs[output][k]) for output in monitor.watch.outputs]
@@ -96,12 +104,26 @@ def measure(bundle: ModelBundle, recording: Recording, settings: MonitorSettings
             coverage.came(topic, stamp, stamp * 1e-9)
         counted = time.perf_counter_ns() - begin
         begin = time.perf_counter_ns()
+        for topic in topics:
+            ring.add(now() + k * period, topic, 'sensor_msgs/msg/JointState', data)
+        kept = time.perf_counter_ns() - begin
+        begin = time.perf_counter_ns()
         monitor.add_joints(stamp, q, dq)
         for output, reading in values:
             monitor.add_measured(output, stamp, reading)
-        taken.append((time.perf_counter_ns() - begin, inside[0], counted))
+        taken.append((time.perf_counter_ns() - begin, inside[0], counted, kept))
     first = int(np.searchsorted(recording.stamp, recording.stamp[0] + 10**9))
     return Taken(*1e-3 * np.array(taken[first:]).T)
+
+
+def ros_clock() -> Callable[[], int]:
+    """Give the clock that a node has; that of Python where there is no ROS."""
+    try:
+        from rclpy.clock import Clock
+    except ImportError:
+        return time.time_ns
+    clock = Clock()
+    return lambda: int(clock.now().nanoseconds)
 
 
 def choices(bundle: ModelBundle) -> Iterator[MonitorSettings]:
@@ -130,13 +152,13 @@ def main() -> None:
         recording = resampled(recording, args.rate)
     print(f'{len(recording.stamp)} samples at {1.0 / recording.dt:g} Hz, medians of {args.runs} '
           'runs, us a sample')
-    print(f'{"":46s} {"whole sample":>17s} {"prediction":>17s} {"counting":>17s}')
-    print(f'{"model":11s} {"observer":9s} {"methods":24s}' + f' {"median":>8s} {"p99":>8s}' * 3)
+    print(f'{"":46s} {"whole sample":>17s} {"prediction":>17s} {"counting":>17s} {"keeping":>17s}')
+    print(f'{"model":11s} {"observer":9s} {"methods":24s}' + f' {"median":>8s} {"p99":>8s}' * 4)
     for settings in choices(bundle):
         runs = [measure(bundle, recording, settings) for _ in range(args.runs)]
         figures = [float(np.median([np.percentile(values, share) for values in of]))
                    for of in ([run.whole for run in runs], [run.prediction for run in runs],
-                              [run.counting for run in runs])
+                              [run.counting for run in runs], [run.keeping for run in runs])
                    for share in (50, 99)]
         observer = settings.observer if settings.kind == 'elastic' else ''
         print(f'{settings.kind:11s} {observer:9s} {", ".join(settings.methods):24s}',

@@ -18,10 +18,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
-from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.bags.storage import bags_below, open_bag
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.black_box import EVENTS, MessageRing, record_of, write_events
 from tudor_dynamics.online.detector import CollisionEvent, Excess
@@ -112,3 +115,30 @@ def test_a_full_disk(small_disk: Path) -> None:
     with pytest.raises(BagError, match='cannot be written'):
         write_events(small_disk, made.series(), [RECORD])
     assert not [path for path in small_disk.rglob('*') if path.is_file()]
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from rosbags.rosbag2 import Writer
+from tudor_dynamics.online.black_box import MessageRing, write_events
+ring, written, write = MessageRing(), [], Writer.write
+for k in range(20_000):
+    ring.add(10**9 + k, '/a', 'std_msgs/msg/String', os.urandom(200))
+def some(*arguments):
+    written.append(write(*arguments))
+    if len(written) == 15_000:
+        os.kill(os.getpid(), signal.SIGKILL)
+Writer.write = some
+write_events(Path(sys.argv[1]), ring.series(), [])
+"""
+
+
+def test_killed_in_the_middle(tmp_path: Path) -> None:
+    """What was half written is taken for no bag, and the next event is kept beside it."""
+    done = subprocess.run([sys.executable, '-c', KILLED, str(tmp_path)], check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert sum(path.stat().st_size for path in tmp_path.rglob('*') if path.is_file()) > 10**6
+    assert not list(tmp_path.glob('event_*')) and bags_below(tmp_path) == [tmp_path]
+    path = write_events(tmp_path, ring().series(), [RECORD])
+    assert bags_below(tmp_path) == [path]
