@@ -48,7 +48,6 @@ SUBCOMMANDS = {
     'fit': 'learn a dynamics model from bags',
     'evaluate': 'compare a model with bags it has not seen',
     'fleet': 'fit many arms of one kind, and say which is unlike the others',
-    'why': 'say what made a monitor alarm, from the bag that it wrote',
     'payload': 'say what the arm of a bag carries: mass, centre, inertia',
     'info': 'say what is in a bag, what it can be used for and what is odd about it',
     'export': 'write an identified arm as URDF, MJCF, or table',

@@ -17,31 +17,20 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import datetime
 import json
-from operator import attrgetter
 from pathlib import Path
 import shutil
 from typing import Any
 
 import numpy as np
 
-from tudor_dynamics.arm.description import Arm, array_places
-from tudor_dynamics.bags.messages import (
-    DATA, FLOAT64_MULTI_ARRAY, JOINT_STATE, load_topics)
-from tudor_dynamics.bags.storage import Bag, METADATA, RawMessages, read_metadata
+from tudor_dynamics.bags.storage import METADATA, RawMessages, read_metadata
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.load.live import CarriedLoad
-from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.detector import CollisionEvent, Excess
-from tudor_dynamics.online.monitor import Found, Monitor, MonitorSettings
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES, RING_TIME
-from tudor_dynamics.online.streams import Gathering
-from tudor_dynamics.typing import FloatArray
 
 EVENTS = 'tudor_events'
 """Key of the records of events among the custom data of a bag: JSON, a list of `record_of`."""
@@ -66,9 +55,6 @@ def record_of(event: CollisionEvent, excess: Excess) -> dict[str, Any]:
             'motion': excess.residual.motion.row.tolist()}
 
 
-SPAN = round(RING_TIME * 1e9)
-
-
 class MessageRing:
     """The messages of the last 30 s as they came, at most 64 MB of them."""
 
@@ -79,13 +65,13 @@ class MessageRing:
 
     def add(self, time: int, topic: str, msgtype: str, data: bytes) -> None:
         """Keep a message: when it arrived [ns]. No two have one time: their order is kept."""
-        if time < self.last - SPAN:  # the clock was set back
+        if time < self.last - round(RING_TIME * 1e9):  # the clock was set back
             self._messages.clear()
             self._bytes = self.last = 0
         self.last = time = max(time, self.last + 1)
         self._messages.append((time, topic, msgtype, data))
         self._bytes += len(data)
-        oldest = time - SPAN
+        oldest = time - round(RING_TIME * 1e9)
         while self._messages[0][0] < oldest or self._bytes > RING_BYTES:
             self._bytes -= len(self._messages.popleft()[3])
 
@@ -122,75 +108,3 @@ def write_events(
         raise BagError(f'the bag of an event cannot be written: {err.strerror or err}',
                        place=folder, remedy='check path, rights and disk') from None
     return path
-
-
-# -- What a node did, again: the same messages in the order in which they arrived
-
-JOINTS = 'joints'
-FIELDS = {JOINTS: 'position', 'effort': 'effort', 'strain': 'position'}
-
-
-@dataclass(frozen=True, eq=False)
-class Heard:
-    """What a message says of the joints, or of an output."""
-
-    time: int  # when it arrived [ns]
-    output: str  # `joints`, `effort` or `strain`
-    topic: str  # as the arm describes it
-    stamp: int  # header stamp; without one, when it arrived [ns]
-    values: FloatArray  # of the topic's channels, in the order of the arm
-    velocity: FloatArray | None = None  # of the joints, where the driver measures it
-
-
-def heard_in(bag: Bag, arm: Arm) -> list[Heard]:
-    """Read what a monitor of an arm hears, in the order in which it arrived."""
-    places, joints = array_places(arm), arm.spec.joint_topic
-    parts = [(JOINTS, joints, list(arm.active_joints)), *(
-        (output, topic, names) for output, of in arm.topics.items()
-        for topic, names in of.items())]
-    found = bag.find({topic: FLOAT64_MULTI_ARRAY if topic in places else JOINT_STATE
-                      for _, topic, _ in parts})
-    if found[joints] is None:
-        raise BagError(f'there is no topic {joints} with the joints', place=bag.path,
-                       remedy='give a bag of this arm')
-    decoded = load_topics(bag, [name for name in found.values() if name is not None])
-    heard = []
-    for output, topic, names in parts:
-        messages, array = decoded.get(found[topic] or ''), places.get(topic)
-        if messages is None:
-            continue
-        stamps = messages.stamp if messages.stamped else messages.log_time
-        rows, values = messages.select(
-            names if array is None else [str(array[name]) for name in names],
-            FIELDS[output] if array is None else DATA, str(bag.path))
-        speeds = (dict(zip(*messages.select(names, 'velocity', str(bag.path)), strict=True))
-                  if output == JOINTS else {})
-        heard += [Heard(int(messages.log_time[row]), output, topic, int(stamps[row]), values[k],
-                        speeds.get(row)) for k, row in enumerate(rows)]
-    return sorted(heard, key=attrgetter('time'))  # of one message, the joints come first
-
-
-class Replay:
-    """What a monitor makes of messages; load: what it knows of one, or finds."""
-
-    def __init__(
-        self, bundle: ModelBundle, settings: MonitorSettings, heard: Sequence[Heard],
-        load: CarriedLoad | None = None,
-    ) -> None:
-        self.monitor = Monitor(bundle, settings, payload=load)
-        self.events: list[CollisionEvent] = []
-        self.excesses: list[tuple[str, Excess]] = []  # by method
-        gathering = {output: Gathering(bundle.arm.channels[output], of)
-                     for output, of in bundle.arm.topics.items()
-                     if output in self.monitor.watch.outputs}
-        for item in heard:
-            if item.output == JOINTS:
-                self._add(self.monitor.add_joints(item.stamp, item.values, item.velocity))
-            elif item.output in gathering:
-                for stamp, values in gathering[item.output].add(
-                        item.topic, item.stamp, item.values):
-                    self._add(self.monitor.add_measured(item.output, stamp, values))
-
-    def _add(self, found: Found) -> None:
-        self.events.extend(found.events)
-        self.excesses.extend(found.excesses)

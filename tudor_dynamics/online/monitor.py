@@ -17,9 +17,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,20 +83,6 @@ class MonitorSettings:
     observer_gain: float = OBSERVER_GAIN
     gap: float = 0.0
     contact: bool = False
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> MonitorSettings:
-        """Give what the parameters of a node stand for; what is missing has its default."""
-        rates, detector = Rates(), DetectorSettings()
-        return cls(
-            kind=values.get('kind', cls.kind), observer=values.get('observer', 'off'),
-            methods=tuple(values.get('methods', ())),
-            rates=Rates(values.get('false_alarms_per_hour', rates.collision),
-                        values.get('contact_alarms_per_hour', rates.contact)),
-            detector=DetectorSettings(values.get('debounce', detector.debounce),
-                                      values.get('rearm', detector.rearm)),
-            observer_gain=values.get('observer_gain', cls.observer_gain),
-            gap=values.get('gap', cls.gap), contact=values.get('estimate_contact', cls.contact))
 
 
 @dataclass(eq=False, slots=True)

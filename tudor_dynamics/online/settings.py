@@ -287,27 +287,3 @@ RECORDED = 20
 """Bags of events in a folder, after which the oldest goes."""
 RECORDED_AFTER = 3.0
 """A bag goes on for so long after the event [s]: a touch has ended then, a load has not."""
-
-# Explanations of an event, chosen on the half `open` of bench/why_cases.py.
-
-LEAD, LOOK, BIN = 0.3, 3.0, 0.05
-"""What is explained: time before and after the onset, and of the bins that it is averaged over
-[s], until `QUIET` after the last bin that is `LOUD` times the noise."""
-LOUD, QUIET = 4.0, 0.4
-NOISE = (0.1, 1.0, 0.3)
-"""Noise before the event: least, most, and where too little came before [thresholds]."""
-FITTED, COST = 0.2, 4.0
-"""Relative error of what an explanation does; what a free number has to explain [noise^2]."""
-EVIDENCE, WEAK, ENOUGH, SHARED, STAYS = 30.0, 0.85, 0.45, 0.15, 0.2
-"""What has to be explained at least [noise^2]; shares of the residual that may remain: with its
-noise, without it, where all channels of an output are free, by a load for a touch to be one."""
-ALIKE, UNSURE = 1.15, 1.25
-"""Forces whose remainders differ by less are alike; delays without a stamp have to be better."""
-UNLIKE, PERIODS = 1.2, 2.0
-"""Widening of thresholds, and periods of an oscillation, from which on it is the motion."""
-LIKELY = 0.1
-"""An event that nothing explains is one of chance where that comes so often [1/h]."""
-PLACES = (0.2, 0.4, 0.6, 0.8, 1.0)
-"""Where on a link a force is looked for, in parts of its length."""
-LATE_STEPS = tuple(0.01 * k for k in range(-20, 21) if k)
-"""How much a stream may be late or early [s]."""
