@@ -43,7 +43,7 @@ from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.signals.preprocessing import prepare
 
 
-MILD = ('standstill', 'jitter')
+MILD = ('standstill', 'jitter', 'rings')
 """Findings that cost little."""
 NAMED = 20
 """Bags that a command names one by one."""

@@ -258,3 +258,18 @@ PAYLOAD_OFF = 0.3  # part of the largest payload that a stated one may be off (b
 DIFFERENT = 0.15  # relative error from which on two bags differ in load (bench/doctor)
 COMPARED = 400  # samples of a recording that are looked for in another one
 SAME_SHARE = 0.9  # part of the samples that a copy has in common with its original (bench/doctor)
+
+# -- What rings on after motion (rings.py); chosen on recordings of a beam held up and down, judged
+# on those of the same beam level and on arms that are still (bench/still_tools.py)
+
+# Speed below which a joint stands [rad/s or m/s], and its share of the largest speed.
+RING_STILL, RING_SPEED = 0.02, 0.05
+# From when to when after a stop efforts are looked at, and for how long at least [s]. Before, the
+# modes of an arm in its own drives lie over those of the tool.
+RING_AFTER, RING_UNTIL, RING_LEAST = 1.2, 6.0, 1.0
+RING_LOWEST, RING_HIGHEST = 0.7, 15.0  # frequencies [Hz]
+RING_CLEAR = 0.5  # share of the variance that one oscillation explains, or it is none
+RING_LOUD = 4.0  # amplitude over what is left, of the clearest joint
+RING_DAMPED = 0.08  # damping ratio from which on it is no tool's
+RING_OFTEN = 0.4  # share of rests that show it
+RING_RATE = 80.0  # samples a second that are looked at [Hz]

@@ -173,7 +173,8 @@ def _loads(
 ) -> list[Finding]:
     """Find the bag whose load is not that which it states."""
     n, names = len(cases), [case.recording.path for case in cases]
-    differ = {key: item.carried < settings.LOAD_SHARE and item.error > settings.DIFFERENT
+    # a bag that predicts another worse than nothing does is too poor to say what that carries
+    differ = {key: item.carried < settings.LOAD_SHARE and settings.DIFFERENT < item.error < 1.0
               for key, item in pairs.items()}
     best = max(pairs.values(), key=lambda item: item.error)
     channel = int(np.argmax(np.abs(best.load) * np.sqrt(best.share)))

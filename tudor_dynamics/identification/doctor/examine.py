@@ -38,6 +38,7 @@ from tudor_dynamics.identification.doctor.findings import Finding, found, RESIDU
 from tudor_dynamics.identification.doctor.residuals import trends
 from tudor_dynamics.identification.doctor.samples import look_at_samples, sizes
 from tudor_dynamics.identification.doctor.trials import Trials
+from tudor_dynamics.identification.rings import ringing
 from tudor_dynamics.load.rows import LoadRows
 from tudor_dynamics.signals.preprocessing import Timing
 from tudor_dynamics.typing import FloatArray
@@ -178,7 +179,7 @@ def examine_all(
                                           arm.active_joints, arm.gauge_names, bag.timing)
         findings, decimated = not_listed(arm, clean) + findings, decimate(clean)
         if decimated is not None:
-            findings += velocity_lag(clean, decimated)
+            findings += velocity_lag(clean, decimated) + rings_on(arm, clean)
         seen.append((findings, None if decimated is None else Case(
             mended, clean, decimated, frozenset(
                 name for item in findings if item.kind in BROKEN for name in item.channels))))
@@ -209,6 +210,19 @@ def not_listed(arm: Arm, recording: Recording) -> list[Finding]:
         'joint_not_listed', f'{", ".join(moved)} of the kinematics move, but the description '
         f'takes them as held ({most} by {moved[most]:.3g})', recording.path, tuple(moved),
         size=moved[most]), unit='m' if arm.is_prismatic(most) else 'rad')]
+
+
+def rings_on(arm: Arm, recording: Recording) -> list[Finding]:
+    """Say what efforts show of a flexible tool while the arm stands."""
+    ring = ringing(recording)
+    if ring is None:
+        return []
+    size = np.abs(ring.amplitude)
+    loudest = int(np.argmax(size / ring.noise))
+    joint = arm.joints[loudest]
+    return [found('rings', f'rings at {ring.frequency:.2f} Hz after motion, damping ratio '
+                  f'{ring.damping:.3f}; {joint.name} shows {size[loudest]:.2g} '
+                  f'{joint.effort.unit}', recording.path, size=ring.frequency)]
 
 
 def _by_model(
