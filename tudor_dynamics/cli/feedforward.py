@@ -72,16 +72,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--overwrite', action='store_true', help='replace a CSV file')
 
 
-def run(args: argparse.Namespace) -> int:
-    """Read, compute, write."""
-    source, out = Path(args.trajectory), Path(args.out)
+def check_files(source: Path, out: Path, *, overwrite: bool) -> None:
+    """Refuse a table for a bag, and what would be overwritten."""
     if is_table(source) != is_table(out):
         raise UsageError(f'{source} and {out} are not of one kind', remedy='a table (.csv) gives '
                          'a table, a bag a bag')
-    if out.exists() and not (args.overwrite and is_table(out)):
+    if out.exists() and not (overwrite and is_table(out)):
         raise UsageError('exists already', place=out,
                          remedy='choose another --out' + (', or add --overwrite'
                                                           if is_table(out) else ''))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, compute, write."""
+    source, out = Path(args.trajectory), Path(args.out)
+    check_files(source, out, overwrite=args.overwrite)
     ahead = Feedforward(load_bundle(args.model), kind=args.kind, unit=args.unit,
                         positions=args.positions, friction_at_rest=args.friction_at_rest,
                         payload=args.payload)

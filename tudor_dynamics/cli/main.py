@@ -52,6 +52,7 @@ SUBCOMMANDS = {
     'info': 'say what is in a bag, what it can be used for and what is odd about it',
     'export': 'write an identified arm as URDF, MJCF, or table',
     'feedforward': 'put the efforts that a wanted motion needs beside it',
+    'shape': 'shape trajectories so that what the arm carries does not ring on',
     'compare': 'put two models, or a model and a description, side by side',
     'excite': 'plan the motion to record, and say what it will show',
     'record': 'let the simulated arm move in closed loop and record bags',

@@ -87,3 +87,7 @@ FARTHEST, SMALLEST = 0.3, 1e-3
 RADII = (1.0, 0.4, 0.12, 0.03)
 # A step that leaves more of the oscillation than this part is the last one.
 LITTLE = 0.985
+
+# -- Trajectories of others that are shaped (shaping.py)
+AT_REST = 1e-3  # speed below which a trajectory ends at rest [rad/s or m/s]
+APART = 1e-6  # points of two copies that are closer are one [s]

@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import csr_matrix
 
+from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals import settings
-from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
+from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner, spline
 from tudor_dynamics.signals.settings import FINE, KNOTS, ROUNDING
 from tudor_dynamics.typing import FloatArray
 
@@ -66,6 +67,41 @@ def impulses(kind: str, frequency: float, damping: float) -> Impulses:
     weight = np.array([1.0, k] if kind == 'zv' else [1.0, 2.0 * k, k**2])
     return Impulses(half * np.arange(len(weight), dtype=float),
                     np.asarray(weight / weight.sum(), dtype=float))
+
+
+def remains(shaper: Impulses, frequency: float, damping: float) -> float:
+    """Give the part of an oscillation that a shaper leaves of a mode: frequency [Hz]."""
+    omega = 2.0 * math.pi * frequency
+    pole = omega * complex(damping, -math.sqrt(1.0 - damping**2))
+    sums = shaper.weight @ np.exp(pole * (shaper.time - shaper.time[-1]))
+    return float(abs(sums))
+
+
+def convolved(given: Trajectory, shaper: Impulses) -> Trajectory:
+    """
+    Shape a trajectory that begins and ends at rest.
+
+    Between points that are those of all its copies, the sum of splines is a spline of the same
+    degree: what a controller makes of the result is exact, and within what the given one kept to.
+    """
+    if given.dq is not None and np.abs(given.dq[[0, -1]]).max() > settings.AT_REST:
+        raise SignalError('the trajectory does not begin and end at rest',
+                          remedy='shape motion from rest to rest, with no velocity at its ends')
+    begin, end = float(given.t[0]), float(given.t[-1])
+    t = np.unique(np.round(np.add.outer(shaper.time, given.t), 9))
+    t = t[np.append(np.diff(t) > settings.APART, True)]
+    orders = 1 + (given.dq is not None) + (
+        given.ddq is not None and not given.ddq[[0, -1]].any())
+    parts = np.zeros((orders, len(t), len(given.joints)))
+    curves = [spline(given) if order == 0 else spline(given).derivative(order)
+              for order in range(orders)] if len(given.t) > 1 else []
+    for late, weight in zip(shaper.time, shaper.weight, strict=True):
+        at = np.clip(t - late, begin, end)
+        inside = ((t - late > begin) & (t - late < end))[:, None]
+        for order, curve in enumerate(curves):
+            parts[order] += weight * np.asarray(curve(at)) * (inside if order else 1.0)
+    parts[0, [0, -1]] = given.q[[0, -1]]
+    return Trajectory(given.joints, t, *parts)
 
 
 class ImpulseShaper:

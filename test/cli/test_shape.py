@@ -1,0 +1,107 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor shape``: trajectories of others, after which nothing rings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tudor_dynamics.bags.trajectory import (
+    read_trajectories, Sent, Trajectory, write_trajectories)
+from tudor_dynamics.cli.main import main
+from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals.motion_profile import spline
+from tudor_dynamics.signals.shaping import convolved, impulses, remains
+from tudor_dynamics.typing import FloatArray
+
+FREQUENCY, DAMPING = 2.9, 0.02
+
+
+def _move(*, accelerations: bool = True) -> Trajectory:
+    s = np.linspace(0.0, 1.0, 21)[:, None]
+    way, seconds = np.array([0.8, -0.3]), 0.9
+    return Trajectory(
+        ('a', 'b'), seconds * s[:, 0], way * s**3 * (10.0 - s * (15.0 - 6.0 * s)),
+        way * 30.0 * s**2 * (1.0 - s)**2 / seconds,
+        way * (60.0 * s - 180.0 * s**2 + 120.0 * s**3) / seconds**2 if accelerations else None)
+
+
+def _ringing(trajectory: Trajectory, frequency: float) -> FloatArray:
+    """Integrate a mode that each joint drives: amplitudes after the end (joints,)."""
+    dt, omega = 2e-4, 2.0 * np.pi * frequency
+    curve, end = spline(trajectory), float(trajectory.t[-1])
+    t = np.arange(0.0, end + 1.0, dt)
+    q = np.asarray(curve(np.clip(t, 0.0, end)))
+    drive = np.gradient(np.gradient(q, dt, axis=0), dt, axis=0)
+    y = speed = np.zeros(q.shape[1])
+    found = []
+    for a in drive:
+        speed = speed + dt * (-a - 2.0 * DAMPING * omega * speed - omega**2 * y)
+        y = y + dt * speed
+        found.append(y)
+    return np.asarray(np.abs(np.array(found)[t > end + 0.01]).max(axis=0))
+
+
+@pytest.mark.parametrize(('kind', 'most', 'most_off'), [('zv', 0.02, 0.1), ('zvd', 0.02, 0.03)])
+@pytest.mark.parametrize('accelerations', [True, False])
+def test_nothing_rings_on(
+    kind: str, most: float, most_off: float, *, accelerations: bool,
+) -> None:
+    """The tool is left still, and nearly so where its frequency was taken 5 % too low."""
+    given = _move(accelerations=accelerations)
+    shaper = impulses(kind, FREQUENCY, DAMPING)
+    shaped = convolved(given, shaper)
+    for frequency, bound in ((FREQUENCY, most), (1.05 * FREQUENCY, most_off)):
+        share = _ringing(shaped, frequency) / _ringing(given, frequency)
+        assert share.max() < bound
+        assert share.max() == pytest.approx(remains(shaper, frequency, DAMPING), abs=0.015)
+
+
+def test_limits_of_the_given_motion_hold_between_points_too() -> None:
+    """Ends stay, and neither speed nor acceleration is larger than it was, at any time."""
+    given = _move()
+    shaped = convolved(given, impulses('zv', FREQUENCY, DAMPING))
+    assert np.array_equal(shaped.q[[0, -1]], given.q[[0, -1]])
+    assert shaped.t[-1] - given.t[-1] == pytest.approx(0.5 / FREQUENCY, rel=0.01)
+    for order in (1, 2):
+        largest = [np.abs(spline(one).derivative(order)(np.linspace(
+            0.0, one.t[-1] - 1e-9, 5000))).max(axis=0) for one in (given, shaped)]
+        assert (largest[1] <= largest[0] * (1.0 + 1e-6)).all()
+
+
+def test_motion_that_does_not_end_at_rest_is_refused() -> None:
+    """There is nothing to be left still."""
+    given = _move(accelerations=False)
+    assert given.dq is not None
+    given.dq[-1] = 0.2
+    with pytest.raises(SignalError, match='does not begin and end at rest'):
+        convolved(given, impulses('zv', FREQUENCY, DAMPING))
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It says what it costs and what remains, and writes what it was given."""
+    path, out = tmp_path / 'path.csv', tmp_path / 'still.csv'
+    write_trajectories(path, [Sent(_move())])
+    command = ['shape', str(path), '--frequency', '2.9', '--out', str(out)]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert 'zv, 0.172 s longer' in said and '2.9 Hz' in said and str(out) in said
+    (sent,) = read_trajectories(out)
+    assert sent.trajectory.t[-1] == pytest.approx(1.072, abs=1e-3)
+    assert main(command) == 2 and 'exists already' in capsys.readouterr().err
+    assert main([*command[:3], '-1', *command[4:], '--overwrite']) == 2
