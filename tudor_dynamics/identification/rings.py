@@ -21,7 +21,6 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
@@ -68,6 +67,8 @@ def fewer(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def ring_of(t: FloatArray, effort: FloatArray) -> Ring | None:
     """Fit one decaying oscillation and a drift to all joints of a rest; None where none is."""
+    from scipy.optimize import least_squares  # slow to import, and few arms ring
+
     t = t - t[0]
     drift = np.vander(t / t[-1], 4)
     smooth = effort - drift @ np.linalg.lstsq(drift, effort, rcond=None)[0]
