@@ -64,7 +64,7 @@ UNEXPLAINED = 'unexplained'
 FACTS = {'standstill', 'jitter', 'load_unknown', 'same_recording', 'constant', 'outlier',
          'saturated', 'drift', 'standing', UNEXPLAINED}
 """What a good recording may have: facts about it that blame neither description nor wiring."""
-NEUTRAL = {'standstill', 'load_unknown', 'same_recording'}
+NEUTRAL = {'standstill', 'load_unknown', 'same_recording', 'rings'}
 """What is no cause of anything."""
 KEYS_OF_NOTES = {
     r'looks like degrees': 'degrees',

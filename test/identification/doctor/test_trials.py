@@ -75,7 +75,7 @@ def test_an_arm_that_rings_after_a_move_has_no_structural_fault(seed: int) -> No
         q + np.outer(swing, [2e-4, 3e-4]), 100.0, path='ring',
         effort=effort + np.outer(swing, rng.uniform(0.3, 1.0, 2))
         + rng.normal(0.0, 0.01, effort.shape))).findings
-    assert [item.kind for item in found if item.kind != 'standstill'] == []
+    assert [item.kind for item in found if item.kind not in ('standstill', 'rings')] == []
 
 
 def test_a_tiny_step_is_no_outlier() -> None:
