@@ -12,61 +12,82 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whole fits of the shipped bags with messages lost, at random, in gaps and in bursts."""
+"""Whole fits of small bags with messages lost, at random, in gaps and in bursts."""
 
 import contextlib
 import io
 import json
 import shutil
+from unittest import mock
 
 import numpy as np
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.bags.messages import JOINT_STATE, load_topics, Signals
+from tudor_dynamics.bags.messages import joint_signals, JOINT_STATE, load_topics, Signals
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import TudorError
+import yaml
 
 SAMPLES = {'two_blade_train_1': 'two_blade_arm', 'two_blade_test': 'two_blade_arm',
            'tudor_damped/stimulus_01': 'tudor', 'tudor_undamped/stimulus_01': 'tudor'}
-LENGTHS = (5.0, 30.0)
-"""Seconds of a bag that are kept."""
+SHAPES = ('one_joint', 'one_joint_gauge', 'two_joints', 'two_joints_gauges')
+"""Small bags, of which a fit takes a quarter of a second: most cases."""
+OFTEN = 12  # small bags for each of those shipped
+LENGTHS = {True: (10.0, 20.0), False: (5.0, 30.0)}
+"""Seconds that are kept of small bags, and of those shipped."""
+RATES = (50.0, 100.0)  # of small bags [Hz]
+DRAWN = 0.1  # cases whose figures are drawn: that is half of the time of a fit
+PENDULUM = {
+    'name': 'pendulum', 'kinematics': {'dh': [[0.4, 0.0, 0.0, 0.0]]}, 'gravity': [0.0, -9.81, 0.0],
+    'joints': [{'name': 'hinge', 'effort': {'topic': 'joint_states', 'unit': 'N m'}}]}
 
 
 class Losses:
     """Bags that a fit goes through from end to end, report and thresholds included."""
 
     seconds, memory = 60.0, 1 << 30
-    first = ('two_blade_test',)  # is read whole before; all would take long
+    first = ('two_blade_test', *SHAPES)  # are read whole before; all would take long
 
     def __init__(self, folder, root):
-        """Read the samples."""
-        self._root = root
-        self._samples = {}
+        """Read the samples, and make the small ones."""
+        self._root, self._samples = root, {}
         for name in SAMPLES:
             bag = open_bag(root / 'bags' / name, quiet=True)
             topics = [topic for topic, info in bag.topics.items() if info.msgtype == JOINT_STATE]
             self._samples[name] = [_signals(item) for item in load_topics(bag, topics).values()]
+        blades = yaml.safe_load((root / 'config/two_blade_arm.yaml').read_text())
+        gauge = {'gauges': [{'name': 'hub', 'joint': 'hinge', 'distance': 0.05}]}
+        arms = {'one_joint': PENDULUM, 'one_joint_gauge': PENDULUM | gauge,
+                'two_joints': blades | {'gauges': []}, 'two_joints_gauges': blades}
+        folder.mkdir(parents=True, exist_ok=True)
+        self._arms = {name: root / 'config' / f'{arm}.yaml' for name, arm in SAMPLES.items()}
+        for name, content in arms.items():
+            self._arms[name] = folder / f'{name}.yaml'
+            self._arms[name].write_text(yaml.safe_dump(content))
+            self._samples[name] = _pendulum() if content['name'] == 'pendulum' else (
+                self._samples['two_blade_train_1'])
+            if not content.get('gauges'):
+                self._samples[name] = [item for item in self._samples[name]
+                                       if 'strain' not in item.topic]
 
     @property
     def samples(self):
-        """Names of what can be damaged."""
-        return sorted(self._samples)
+        """Names of what can be damaged: the small ones more often."""
+        return [*SHAPES * OFTEN, *SAMPLES]
 
     def make(self, rng, sample, folder):
         """Write a bag with losses; without a generator, a whole one."""
         path = folder / 'bag'
         shutil.rmtree(path, ignore_errors=True)
-        series = self._samples[sample]
+        series, drawn = self._samples[sample], True
         if rng is not None:
-            begin, end = series[0].stamp[0], series[0].stamp[-1]
-            end = min(end, begin + int(1e9 * rng.uniform(*LENGTHS)))
+            series, drawn = _part(rng, series, sample in SHAPES), rng.random() < DRAWN
             ways = rng.choice(len(WAYS), size=int(rng.integers(1, 4)))
             together = rng.random() < 0.3
             state = rng.bit_generator.state
             lossy = []
             for item in series:
-                item = item.at(item.stamp <= end)
                 if together:  # the whole machine halts: the same losses for all topics
                     rng.bit_generator.state = state
                 for way in ways if rng.random() < 0.8 else ():
@@ -74,15 +95,17 @@ class Losses:
                 lossy.append(item)
             series = [item for item in lossy if len(item.stamp) and rng.random() > 0.02]
         write_bag(path, series or self._samples[sample][:1])
-        (folder / 'arm').write_text(SAMPLES[sample])
+        (folder / 'arm').write_text(f'{int(drawn)} {self._arms[sample]}')
         return path
 
     def use(self, path):
         """Fit, and evaluate on the same bag; a refusal must be one line."""
         model = path.with_name('model')
         shutil.rmtree(model, ignore_errors=True)
-        arm = self._root / 'config' / f'{path.with_name("arm").read_text()}.yaml'
-        found = _run(['fit', str(path), '--arm', str(arm), '--out', str(model), '--json'])
+        drawn, _, arm = path.with_name('arm').read_text().partition(' ')
+        with contextlib.nullcontext() if int(drawn) else mock.patch(
+                'tudor_dynamics.show.figures.to_uri', return_value=''):
+            found = _run(['fit', str(path), '--arm', arm, '--out', str(model), '--json'])
         load_arm(model / 'arm.yaml')
         _run(['evaluate', str(path), '--model', str(model), '--json'])
         return found
@@ -110,6 +133,40 @@ def _signals(decoded):
     return Signals(decoded.topic, decoded.stamp, {
         field: block.values(field).copy() for field, (_, size) in block.layout.fields.items()
         if size}, block.layout.names)
+
+
+def _pendulum():
+    """Give a minute of one joint that turns in the plane of gravity, with a gauge on its link."""
+    t = 0.01 * np.arange(6000)
+    angles = [size * np.sin(rate * t + phase) for size, rate, phase in (
+        (0.8, 1.1, 0.0), (0.4, 2.7, 1.0), (0.2, 5.3, 2.0))]
+    q = sum(angles)
+    dq, ddq = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
+    noise = np.random.default_rng(0).normal(size=(2, len(t)))
+    load = 0.3 * ddq + 6.0 * np.cos(q)
+    stamp = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(len(t))
+    effort = load + 0.4 * dq + 0.5 * np.tanh(dq / 0.02) + 0.05 * noise[0]
+    return [joint_signals('/joint_states', stamp, ['hinge'], *(
+        x[:, None] for x in (q, dq, effort))),
+        joint_signals('/link_strains', stamp, ['hub'], (12.0 * load + noise[1])[:, None])]
+
+
+def _part(rng, series, small):
+    """Cut a part out; of a small bag, with fewer samples a second and perhaps no velocities."""
+    begin, end = series[0].stamp[0], series[0].stamp[-1]
+    length = int(1e9 * rng.uniform(*LENGTHS[small]))
+    if small:
+        begin += int(rng.uniform(0.0, max(0, end - begin - length)))
+    step = int(1e9 / rng.uniform(*RATES)) if small else 1
+    quiet = small and rng.random() < 0.3
+    kept = []
+    for item in series:
+        item = item.at((item.stamp >= begin) & (item.stamp <= begin + length))
+        slots = item.stamp // step
+        item = item.at(np.diff(slots, prepend=-1) > 0)
+        values = {field: x for field, x in item.values.items() if not quiet or field != 'velocity'}
+        kept.append(Signals(item.topic, item.stamp, values, item.names))
+    return kept
 
 
 def at_random(rng, item):
