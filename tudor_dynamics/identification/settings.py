@@ -176,9 +176,10 @@ STILL = 0.05  # part of the largest speed below which a joint shows no lag
 # their sum; 0.1 are errors smaller by a tenth.
 PAYING = 0.1
 PAYING_LAG = 0.05
-PAYING_RINGING = 0.7  # ... of both beside an oscillation: it has a cause of its own
 RINGING_SHARE = 0.6  # part of a residual's power near one frequency that makes it ringing
-RINGING_MOVED = 0.1  # ... and part of the joints' speeds that may be near it
+# Part of that frequency below which remedies of an arm that rings are tried, and part of the power
+# of the joints' speeds that may be above it: else it is the motion.
+BELOW_RINGING, RINGING_MOVED = 0.5, 0.1
 RINGING_SECONDS = 8.0  # windows in which it is looked for: an eighth of a hertz [s]
 PAYING_ERRORS = 2.5  # standard errors between parts that it has to win by
 PREDICTED = 0.5  # error with the remedy from which on nothing is predicted
@@ -232,9 +233,11 @@ STEPPED = (0.25, 0.42)  # residual's power after over before it: short, long rec
 STEP_LONG = 40.0  # longer recordings show more [s]
 STEP_SHARE = 1e-3  # part of the variance that it explains
 WAVE, WAVE_ABOVE = 0.3, 0.5  # part of a residual's power in a wave, above [Hz]
+WAVE_WINDOWS = 5  # of `RINGING_SECONDS` that overlap by half, in which it lasts
 UNEXPLAINED = 0.6  # relative residual beyond which nothing is explained: a fit below 40 %
 # (doctor/readings.py; chosen with bench/lab_faults)
 COPIED, COPIED_EXACTLY = 0.05, 1e-3  # part of an effort, of a gauge, in which copies differ
+STRAIGHT, LINE = 1e-6, 6  # part of the largest slope by which lines bend; samples of a line
 EVEN_STAMPS = 0.5  # part by which the distance of stamps may differ where jumps are looked for
 JUMPED, LEAST_JUMP = 6.0, 2e-3  # times what 99.5 % differ from the motion around; [rad or m]
 WRAPPED = 0.05  # part by which a jump differs from a turn

@@ -134,6 +134,16 @@ def test_a_dead_effort_does_not_turn_its_joint() -> None:
     assert 'dying' in kinds and not {'effort_sign', 'joint_sign', 'gravity_axis'} & kinds
 
 
+@pytest.mark.filterwarnings('error')
+def test_an_effort_that_dies_in_a_gap() -> None:
+    """No window of the gap says when it was last alive."""
+    recording = healthy(seconds=40.0)
+    effort = column(recording.effort, 0, lambda x: np.where(
+        recording.t < 8.0, x, 0.01 * np.sin(40.0 * recording.t)))
+    finding, = _findings(_parted(replace(recording, effort=effort), 800, gap=4.5))
+    assert finding.kind == 'dying' and finding.time == pytest.approx(8.0, abs=2.0)
+
+
 def test_gravity_off_is_another_arm() -> None:
     """An arm that lies flat by its description gets no advice from a gravity of zero."""
     arm = altered(described(), gravity=[0.0, 0.0, 0.0])

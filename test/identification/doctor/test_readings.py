@@ -100,6 +100,20 @@ def test_a_channel_that_copies_another() -> None:
     assert found(copied)['copied_channel'].channels == ('g1', 'g2')
 
 
+def test_samples_that_were_filled() -> None:
+    """Lines in all channels at once are no motion; where a gap is left, nothing is said."""
+    one = healthy(seconds=40.0)
+    kept = (one.t + 4.0) % 8.0 > 0.4
+
+    def lines(values: FloatArray | None) -> FloatArray:
+        assert values is not None
+        return np.column_stack([np.interp(one.t, one.t[kept], x[kept]) for x in values.T])
+    filled = replace(one, q=lines(one.q), effort=lines(one.effort), strain=lines(one.strain))
+    assert found(filled)['filled'].size == pytest.approx(2.0, abs=0.2)
+    assert 'filled' not in found(replace(filled, strain=one.strain))
+    assert 'filled' not in found(one)
+
+
 def test_loads_that_change() -> None:
     """Efforts of several joints that change at one time are no fault of each."""
     one, two = healthy(seconds=40.0), healthy(seconds=40.0, payload=2.0)

@@ -97,6 +97,8 @@ CHECKS = {
     'noisy_positions': Check('positions noisy', 'check the shield of the encoder'),
     'stale': Check('positions repeated in motion',
                    'publish each reading once, with the stamp at which it was taken'),
+    'filled': Check('lost samples filled by lines', 'record what comes, without filling: a fit '
+                    'leaves gaps out by itself', 's', one_bag=True),
     'copied_channel': Check('channel gives the values of another', NAMES),
     'alternating': Check('zeros between the samples',
                          'publish a value only where there is one'),

@@ -73,7 +73,7 @@ def until(recording: Recording, time: float) -> str:
 
 def look_at_readings(recording: Recording, items: Sequence[Channel]) -> list[Finding]:
     """Look at each channel of a recording, and at those of a kind together."""
-    findings = _copies(items)
+    findings = [*_copies(items), *_filled(recording, items)]
     for item in items:
         if np.ptp(item.values) == 0.0:
             continue
@@ -91,6 +91,25 @@ def _copies(items: Sequence[Channel]) -> list[Finding]:
             and np.ptp(one.values) > 0.0 and np.std(one.values - other.values) < (
                 settings.COPIED if one.field == 'effort' else settings.COPIED_EXACTLY)
             * np.std(one.values)]
+
+
+def _filled(recording: Recording, items: Sequence[Channel]) -> list[Finding]:
+    """Find stretches in which every channel is a straight line: no arm and no noise does that."""
+    t = recording.t
+    straight, slanted = np.ones(len(t) - 2, dtype=bool), np.zeros(len(t) - 2, dtype=bool)
+    for item in items:
+        slopes = np.diff(item.values) / np.diff(t)
+        straight &= np.abs(np.diff(slopes)) <= settings.STRAIGHT * np.abs(slopes).max()
+        if item.field != 'q':  # a joint may well move evenly
+            slanted |= slopes[1:] != 0.0
+    first, length = runs(np.where(straight & slanted, 1.0, 0.0))
+    lines = (length >= settings.LINE) & (straight & slanted)[first]
+    if not lines.any():
+        return []
+    at, seconds = float(t[first[lines][0]]), float(length[lines].sum() * recording.dt)
+    return [found('filled', f'all channels are straight lines in {lines.sum()} stretches of '
+                  f'{seconds:.2g} s together, the first at {at:.2f} s: lost samples were filled',
+                  recording.path, time=at, size=seconds)]
 
 
 def _jump(recording: Recording, item: Channel) -> Finding | None:

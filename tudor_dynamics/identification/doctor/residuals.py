@@ -20,11 +20,11 @@ import numpy as np
 
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.alternatives import Alternative
-from tudor_dynamics.identification.doctor.case import Explained, share_of
+from tudor_dynamics.identification.doctor.case import Case, Explained, share_of
 from tudor_dynamics.identification.doctor.findings import Finding, found
 from tudor_dynamics.identification.doctor.readings import SINGULAR, until
-from tudor_dynamics.identification.doctor.trials import rings
-from tudor_dynamics.identification.ringdowns import HALF_WIDTH, power_density
+from tudor_dynamics.identification.ringdowns import (
+    HALF_WIDTH, oscillation, power_density, SMALLEST_AMPLITUDE)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -109,6 +109,8 @@ def _dies(explained: Explained, channel: int, t: FloatArray, y: FloatArray) -> f
 def _last_alive(edges: FloatArray, t: FloatArray, y: FloatArray, expected: FloatArray) -> float:
     for begin, end in zip(edges[-2::-1], edges[:0:-1], strict=True):
         inside = (t >= begin) & (t <= end)
+        if not inside.any():
+            continue  # a gap
         x, z = expected[inside], y[inside]
         x, z = x - x.mean(), z - z.mean()
         if float(x @ z) > settings.FOLLOWS * float(x @ x):
@@ -176,32 +178,52 @@ def _step(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding |
                   now, now * share, at)
 
 
+def _spectra(case: Case, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Give frequencies, and densities of values and of all speeds in windows that overlap."""
+    step, n = float(np.median(np.diff(case.decimated.t))), case.motion.shape[1] // 3
+    length = min(len(values), round(settings.RINGING_SECONDS / step))
+    both = np.hstack([values, case.motion[:, n:2 * n]])
+    pieces = [power_density(both[k:k + length], 1.0 / step, length)
+              for k in range(0, len(both) - length + 1, length - length // 2)]
+    densities = np.array([density for _, density in pieces])
+    own = values.shape[1]
+    return pieces[0][0], densities[:, :, :own], densities[:, :, own:].mean(axis=0).sum(axis=1)
+
+
+def ringing(chosen: Alternative, output: str, lag: float = 0.0) -> float | None:
+    """Give the frequency of an oscillation that is most of a residual, faster than the motion."""
+    case, measured = chosen.case, chosen.output(output, lag)
+    frequency, densities, motion = _spectra(case, chosen.explained[output].residuals(measured))
+    found = []
+    for i in np.flatnonzero(case.sound[output]).tolist():
+        peak, rms, share = oscillation(frequency, densities[:, :, i].mean(axis=0))
+        moved = motion[frequency >= settings.BELOW_RINGING * peak].sum() / motion.sum()
+        if (share > settings.RINGING_SHARE and moved < settings.RINGING_MOVED
+                and rms > SMALLEST_AMPLITUDE * float(np.std(measured[:, i]))):
+            found.append(peak)
+    return min(found, default=None)
+
+
 def _wave(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding | None:
     """Find one frequency in all of a residual, at which the joints do not move."""
-    case, y = chosen.case, chosen.output(name)[:, i]
-    step, n = float(np.median(np.diff(case.decimated.t))), case.motion.shape[1] // 3
-    length = round(settings.RINGING_SECONDS / step)
-    if len(left) < 3 * length:
+    frequency, densities, motion = _spectra(chosen.case, left[:, None])
+    if len(densities) < settings.WAVE_WINDOWS:
         return None
-    pieces = [power_density(np.column_stack([left, case.motion[:, n:2 * n]])[k:k + length],
-                            1.0 / step, length) for k in range(0, len(left) - length + 1, length)]
-    frequency, spectra = pieces[0][0], np.array([density for _, density in pieces])
     # what rings dies out, or comes with motion
-    lasting = np.where(frequency > settings.WAVE_ABOVE, spectra[:, :, 0].min(axis=0), 0.0)
+    lasting = np.where(frequency > settings.WAVE_ABOVE, densities[:, :, 0].min(axis=0), 0.0)
     peak = int(np.argmax(lasting))
     near = np.abs(frequency - frequency[peak]) <= HALF_WIDTH * frequency[peak]
-    line = float(lasting[near].sum() / spectra[:, :, 0].mean(axis=0).sum())
-    motion = spectra[:, :, 1:].mean(axis=0).sum(axis=1)
+    line = float(lasting[near].sum() / densities[:, :, 0].mean(axis=0).sum())
     if line < settings.WAVE or motion[near].sum() > settings.RINGING_MOVED * motion.sum():
         return None
-    now = float(share_of(left, y))
+    now = float(share_of(left, chosen.output(name)[:, i]))
     return _found(chosen, 'hum', name, i, f'has a wave of {frequency[peak]:.3g} Hz throughout',
                   float(frequency[peak]), now, now * (1.0 - line))
 
 
 def _unexplained(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
     """Say that most of a channel is left, and no check has found a cause: now, its share."""
-    if now < settings.UNEXPLAINED ** 2 or rings(chosen, name, 0.0):
+    if now < settings.UNEXPLAINED ** 2 or ringing(chosen, name):
         return None
     return _found(chosen, 'unexplained', name, i, f'is not explained: {100 * now:.0f} % of its '
                   'variance is left, and no check says why', 0.0, now)

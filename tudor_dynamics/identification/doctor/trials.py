@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification import settings
@@ -31,8 +32,7 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData, filtered
 from tudor_dynamics.identification.doctor.alternatives import Alternative
 from tudor_dynamics.identification.doctor.case import Case
 from tudor_dynamics.identification.doctor.findings import Finding, UNSEEN
-from tudor_dynamics.identification.ringdowns import (
-    HALF_WIDTH, oscillation, power_density, SMALLEST_AMPLITUDE)
+from tudor_dynamics.identification.doctor.residuals import ringing
 from tudor_dynamics.load.rows import described_masses
 from tudor_dynamics.load.settings import BELIEVED
 from tudor_dynamics.typing import FloatArray
@@ -65,8 +65,7 @@ class Trials:
             groups.setdefault(item.what, []).append(item)
         likeliest = sorted(groups.values(), key=lambda group: -sum(one.gain for one in group))
         tried = [(errors[::-1], group) for group in likeliest[:settings.LIKELIEST]
-                 if (errors := self._try(group[0], {}, self._least(
-                     usual, settings.PAYING))) is not None
+                 if (errors := self._try(group[0], {}, settings.PAYING, usual)) is not None
                  and (group[0].kind != 'joint_scale' or errors[1] < settings.RESCALED * errors[0])]
         (otherwise, now), best = min(tried, key=lambda item: item[0], default=((0.0, 0.0), []))
         return [next((replace(one, unseen=(now, otherwise)) for one in best
@@ -82,8 +81,8 @@ class Trials:
         for name in self._sound:
             sizes = [item.size or 0.0 for late in found for item, what, _ in late if what == name]
             lag = {name: float(np.median(sizes))} if sizes else {}
-            if lag and (errors := self._try(base, lag, self._least(
-                    chosen, settings.PAYING_LAG, lag), base)) is not None:
+            if lag and (errors := self._try(
+                    base, lag, settings.PAYING_LAG, chosen, base)) is not None:
                 paid[name] = errors
         return [[replace(item, now=paid[name][0], otherwise=paid[name][1], measure=UNSEEN)
                  for item, name, _ in late if name in paid] for late in found]
@@ -97,23 +96,18 @@ class Trials:
                 return False
         return True
 
-    def _least(
-        self, chosen: Sequence[Alternative], usual: float, lags: Mapping[str, float] = {},
-    ) -> float:
-        """Say how much a remedy has to win: more where there is an oscillation."""
-        # links that swing are described where there are gauges, but no lag of theirs
-        asked = 'strain' in lags or 'strain' not in self._sound
-        return settings.PAYING_RINGING if asked and any(
-            rings(one, name, lags.get(name, 0.0)) for one in chosen
-            for name in self._sound) else usual
-
     def _try(
         self, remedy: Alternative | None, lags: Mapping[str, float], least: float,
-        base: Alternative | None = None,
+        chosen: Sequence[Alternative], base: Alternative | None = None,
     ) -> tuple[float, float] | None:
         """Give relative errors without a remedy and lags [s], and with; None if these lose."""
+        # an oscillation has a cause of its own: bodies have to explain what is slower
+        peaks = [peak for one in chosen for name in self._sound
+                 if (peak := ringing(one, name, lags.get(name, 0.0))) is not None]
+        spec = self._spec if not peaks else self._spec.model_copy(update={
+            'filter': 'zero_phase', 'cutoff': settings.BELOW_RINGING * min(peaks)})
         try:
-            before, after = self._shares(base, {}), self._shares(remedy, lags)
+            before, after = self._shares(base, {}, spec), self._shares(remedy, lags, spec)
         except TudorError:
             return None  # too short for the filters, or nothing is left to be predicted
         # every channel and part counts alike, whatever its error
@@ -123,10 +117,12 @@ class Trials:
         pays = otherwise < min(now, settings.PREDICTED) and gains.mean() > max(least, errors)
         return (now, otherwise) if pays else None
 
-    def _shares(self, remedy: Alternative | None, lags: Mapping[str, float]) -> FloatArray:
+    def _shares(
+        self, remedy: Alternative | None, lags: Mapping[str, float], spec: PreprocessingSpec,
+    ) -> FloatArray:
         """Give squared errors over the power of a part, (parts, channels), 1 at most."""
         bags = [filtered(BagData(
-            BagChoice(case.recording.path), remedied(case, remedy, lags), (), payload), self._spec)
+            BagChoice(case.recording.path), remedied(case, remedy, lags), (), payload), spec)
             for case, payload in zip(self.cases, self._payloads, strict=True)]
         arm = remedy.arm if remedy is not None and remedy.arm is not None else self.cases[0].arm
         found = []
@@ -140,24 +136,6 @@ class Trials:
             found.append(np.minimum(
                 rows.errors(joints, shared=shared) / rows.spread, 1.0)[:, sound])
         return np.hstack(found)
-
-
-def rings(chosen: Alternative, output: str, lag: float) -> bool:
-    """Say whether most of a channel's residual is one oscillation, faster than the motion."""
-    case, measured = chosen.case, chosen.output(output, lag)
-    values = chosen.explained[output].residuals(measured)
-    step, n = float(np.median(np.diff(case.decimated.t))), case.motion.shape[1] // 3
-    frequency, density = power_density(
-        np.hstack([values, case.motion[:, n:2 * n]]), 1.0 / step,
-        min(len(values), round(settings.RINGING_SECONDS / step)))
-    motion = density[:, values.shape[1]:].sum(axis=1)
-    for i in np.flatnonzero(case.sound[output]).tolist():
-        peak, rms, share = oscillation(frequency, density[:, i])
-        moved = motion[np.abs(frequency - peak) <= HALF_WIDTH * peak].sum() / motion.sum()
-        if (share > settings.RINGING_SHARE and moved < settings.RINGING_MOVED
-                and rms > SMALLEST_AMPLITUDE * float(np.std(measured[:, i]))):
-            return True
-    return False
 
 
 def remedied(case: Case, remedy: Alternative | None, lags: Mapping[str, float]) -> Recording:
