@@ -62,7 +62,7 @@ ROOT = Path(__file__).parent.parent
 SECONDS = 60.0
 UNEXPLAINED = 'unexplained'
 FACTS = {'standstill', 'jitter', 'load_unknown', 'same_recording', 'constant', 'outlier',
-         'saturated', 'drift', 'standing', UNEXPLAINED}
+         'saturated', 'drift', 'standing', 'rings', UNEXPLAINED}
 """What a good recording may have: facts about it that blame neither description nor wiring."""
 NEUTRAL = {'standstill', 'load_unknown', 'same_recording', 'rings'}
 """What is no cause of anything."""
