@@ -89,6 +89,26 @@ def test_a_fault_shows_beside_an_oscillation() -> None:
     assert 'effort_sign' in [item.kind for item in turned]
 
 
+def test_one_velocity_comes_late() -> None:
+    """The derivative of the positions shows it, joint by joint."""
+    one = healthy(velocity=True)
+    assert one.dq is not None
+    finding, = examine(described(), replace(one, dq=column(
+        one.dq, 1, lambda x: np.interp(one.t - 0.1, one.t, x)))).findings
+    assert (finding.kind, finding.channels) == ('velocity_late', ('j2',))
+
+
+def test_a_lag_below_a_sample_is_none() -> None:
+    """At 30 Hz, stamps do not show 20 ms."""
+    one = healthy(seconds=40.0)
+    kept = slice(None, None, 3)
+    effort, strain = (x[kept] for x in (late(one.effort, one.t, 0.02), one.strain)
+                      if x is not None)
+    slow = replace(one, q=one.q[kept], stamp=one.stamp[kept], effort=effort, strain=strain,
+                   dt=3.0 * one.dt, segments=(slice(0, len(effort)),))
+    assert examine(described(), slow).findings == ()
+
+
 def test_a_tiny_step_is_no_outlier() -> None:
     """A joint that stands has a range of nothing, and steps of 0.1 mrad do no harm."""
     recording = healthy()

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
@@ -354,7 +354,9 @@ def lags(chosen: Alternative) -> list[tuple[Finding, str, float]]:
     return [(item[0], name, item[1]) for name, item in late.items() if item is not None]
 
 
-def velocity_lag(recording: Recording, decimated: Decimated) -> list[Finding]:
+def velocity_lag(
+    recording: Recording, decimated: Decimated, joints: Sequence[str],
+) -> list[Finding]:
     """Look for velocities of the driver that come later than the derivative of the positions."""
     if not decimated.has('velocity'):
         return []
@@ -368,7 +370,16 @@ def velocity_lag(recording: Recording, decimated: Decimated) -> list[Finding]:
         return share_of(values - derivative[:, moves], derivative[:, moves])
 
     late = _late(recording, 'velocity', shares, 1.0)
-    return [] if late is None else [late[0]]
+    if late is not None:
+        return [late[0]]
+
+    def of(place: int, lag: float) -> FloatArray:
+        return shares(lag)[[place]]
+
+    each = [(name, _late(recording, 'velocity', partial(of, i), 1.0))
+            for i, name in enumerate(np.array(joints)[moves])]
+    return [replace(one[0], channels=(str(name),), what=f'of {name}: {one[0].what}')
+            for name, one in each if one is not None]
 
 
 def _late(
@@ -388,7 +399,8 @@ def _late(
                              * (settings.LAGS[1] - settings.LAGS[0]))
     zero = shares(0.0)
     better, now, otherwise = gain(zero, values[i]), relative(zero), relative(values[i])
-    if (abs(seconds) < settings.USUAL_LAG[name] * np.sqrt(brevity)
+    # stamps of samples show no less than the time between them
+    if (abs(seconds) < max(settings.USUAL_LAG[name], recording.dt) * np.sqrt(brevity)
             or better < settings.LAG_GAIN[name]):
         return None
     if otherwise > settings.LAG_SHARE or not first < seconds < last - 1e-9:

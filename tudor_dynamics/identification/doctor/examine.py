@@ -179,7 +179,7 @@ def examine_all(
                                           arm.active_joints, arm.gauge_names, bag.timing)
         findings, decimated = not_listed(arm, clean) + findings, decimate(clean)
         if decimated is not None:
-            findings += velocity_lag(clean, decimated) + rings_on(arm, clean)
+            findings += velocity_lag(clean, decimated, arm.active_joints) + rings_on(arm, clean)
         seen.append((findings, None if decimated is None else Case(
             mended, clean, decimated, frozenset(
                 name for item in findings if item.kind in BROKEN for name in item.channels))))
