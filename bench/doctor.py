@@ -48,10 +48,9 @@ import numpy as np  # noqa: E402
 
 from tudor_dynamics.cli.console import add_running  # noqa: E402
 from tudor_dynamics.errors import TudorWarning  # noqa: E402
-from tudor_dynamics.fleet.cluster import on_cluster  # noqa: E402
 from tudor_dynamics.identification.doctor.between import examine_bags  # noqa: E402
 from tudor_dynamics.identification.doctor.findings import CHECKS  # noqa: E402
-from tudor_dynamics.parallel import in_processes  # noqa: E402
+from tudor_dynamics.parallel import in_processes, on_cluster  # noqa: E402
 
 NOTHING = 'nothing'
 LEAST_NAMED, MOST_FALSE = 0.95, 0.01

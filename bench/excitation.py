@@ -50,7 +50,7 @@ from tudor_dynamics.identification.excitation_plan import (  # noqa: E402
 from tudor_dynamics.models.analytical import AnalyticalModel  # noqa: E402
 from tudor_dynamics.models.base import TrainingBlock  # noqa: E402
 from tudor_dynamics.models.regressor import base_sets, random_inputs  # noqa: E402
-from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion  # noqa: E402
+from tudor_dynamics.signals.motion_profile import aprbs_motion, fourier_motion  # noqa: E402
 from tudor_dynamics.signals.preprocessing import prepare  # noqa: E402
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'

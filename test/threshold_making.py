@@ -19,8 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from tudor_dynamics.online.detector import Excess, ExcessStage
-from tudor_dynamics.online.prediction import Residual
-from tudor_dynamics.online.streams import Motion
+from tudor_dynamics.online.streams import Motion, Residual
 from tudor_dynamics.online.threshold_learning import FreeMotion
 
 CHANNELS = ('a', 'b')

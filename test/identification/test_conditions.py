@@ -23,8 +23,7 @@ import numpy as np
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.identification.excitation_plan import (
     best_seed, excitation_report, worst)
-from tudor_dynamics.signals.excitation import aprbs_motion
-from tudor_dynamics.signals.motion_profile import Reference
+from tudor_dynamics.signals.motion_profile import aprbs_motion, Reference
 
 
 def test_good_and_poor_motion(root: Path) -> None:

@@ -28,8 +28,8 @@ from tudor_dynamics.errors import SignalError
 from tudor_dynamics.identification.excitation import Bounds, Efforts, known_efforts, series, TOUCH
 from tudor_dynamics.identification.excitation_plan import (
     best_aprbs, best_series, bounds_of, information_of, make_plan, Order, target_of_arm)
-from tudor_dynamics.signals.excitation import fourier_motion, JointRange
-from tudor_dynamics.signals.motion_profile import motion_limits, MotionLimits
+from tudor_dynamics.signals.motion_profile import (
+    fourier_motion, JointRange, motion_limits, MotionLimits)
 
 URDF = """<robot name="box">
 <link name="base"><collision><origin xyz="0 0 0.2"/><geometry>

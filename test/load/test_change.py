@@ -20,7 +20,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from tudor_dynamics.load.observer import LoadObserver, ramp, RecentPast
+from tudor_dynamics.load.live import LoadObserver, ramp, RecentPast
 from tudor_dynamics.load.settings import BLOCK
 from tudor_dynamics.typing import FloatArray
 

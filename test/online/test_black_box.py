@@ -28,9 +28,8 @@ from tudor_dynamics.bags.storage import bags_below, open_bag
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.black_box import EVENTS, MessageRing, record_of, write_events
 from tudor_dynamics.online.detector import CollisionEvent, Excess
-from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES, RING_TIME
-from tudor_dynamics.online.streams import Motion
+from tudor_dynamics.online.streams import Motion, Residual
 
 KIND = 'std_msgs/msg/String'
 RECORD = {'onset': 5, 'link': 'link3'}

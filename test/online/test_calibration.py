@@ -23,8 +23,7 @@ import pytest
 from threshold_making import CHANNELS, ringing
 
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.online.prediction import Residual
-from tudor_dynamics.online.streams import Motion
+from tudor_dynamics.online.streams import Motion, Residual
 from tudor_dynamics.online.threshold_learning import (
     Calibration, FreeMotion, learn_thresholds, thresholds_to_dict)
 from tudor_dynamics.typing import FloatArray

@@ -22,8 +22,7 @@ import pytest
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.online.prediction import ResidualStage
-from tudor_dynamics.online.streams import Motion, Pairing, StampGate, StateFilter
+from tudor_dynamics.online.streams import Motion, Pairing, ResidualStage, StampGate, StateFilter
 from tudor_dynamics.signals.preprocessing import prepare
 
 MS = 1_000_000

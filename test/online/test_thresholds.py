@@ -27,9 +27,8 @@ from threshold_making import CHANNELS, ringing, walk
 from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.online.detector import (
     CollisionDetector, DetectorSettings, Excess, ExcessStage, Level, Rates)
-from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.online.settings import MOTIONS_APART, STEP
-from tudor_dynamics.online.streams import Motion
+from tudor_dynamics.online.streams import Motion, Residual
 from tudor_dynamics.online.threshold_learning import (
     FreeMotion, learn_thresholds, thresholds_from_dict, thresholds_to_dict)
 from tudor_dynamics.online.thresholds import (

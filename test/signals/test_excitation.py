@@ -24,9 +24,9 @@ import pytest
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals import settings
-from tudor_dynamics.signals.excitation import (
-    aprbs, aprbs_motion, binary_sequence, fourier_motion, joint_range, JointRange)
-from tudor_dynamics.signals.motion_profile import motion_limits, MotionLimits
+from tudor_dynamics.signals.motion_profile import (
+    aprbs, aprbs_motion, binary_sequence, fourier_motion, joint_range, JointRange, motion_limits,
+    MotionLimits)
 
 BOUNDS = JointRange(np.radians([13.0, -80.0]), np.radians([178.0, 80.0]))
 

@@ -37,8 +37,7 @@ from tudor_dynamics.identification.excitation_plan import (
 from tudor_dynamics.identification.next_steps import Comparison, Promise
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.regressor import output_units
-from tudor_dynamics.signals.excitation import fourier_motion, joint_range
-from tudor_dynamics.signals.motion_profile import motion_limits
+from tudor_dynamics.signals.motion_profile import fourier_motion, joint_range, motion_limits
 from tudor_dynamics.typing import FloatArray
 
 

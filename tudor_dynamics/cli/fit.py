@@ -29,7 +29,6 @@ from tudor_dynamics.cli.console import (
     add_running, check_running, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.cli.excite import print_comparison
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.fleet.cluster import on_cluster
 from tudor_dynamics.identification.dataset import found_choices, parse_payloads
 from tudor_dynamics.identification.excitation_plan import read_plan
 from tudor_dynamics.identification.fit import (
@@ -44,6 +43,7 @@ from tudor_dynamics.models.bundle_io import check_target
 from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units, STRAIN_FORMS
+from tudor_dynamics.parallel import on_cluster
 
 EXAMPLES = """\
 examples:

@@ -25,9 +25,9 @@ from tudor_dynamics.cli.console import (
     add_running, check_running, finite, new_table, print_json, print_table, steps)
 from tudor_dynamics.errors import FitError, UsageError
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.fleet.cluster import on_cluster
 from tudor_dynamics.fleet.comparison import Fleet, page_of, WORDS
 from tudor_dynamics.fleet.study import load_plan, study, StudySettings
+from tudor_dynamics.parallel import on_cluster
 
 EXAMPLES = """\
 examples:

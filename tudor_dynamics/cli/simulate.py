@@ -31,12 +31,12 @@ from tudor_dynamics.cli.console import bar, new_table, print_json, print_table
 from tudor_dynamics.errors import check_budget, TudorWarning, UsageError
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
-from tudor_dynamics.mechanics.plots import check_target, plot_configuration, signal_names
 from tudor_dynamics.mechanics.run import (
     count_steps, largest_rotation, modes, PlantRecord, Probe, run_plant, simulate_with_scipy)
 from tudor_dynamics.mechanics.settings import LARGEST_ROTATION
 from tudor_dynamics.mechanics.study import (
-    force_signal, motion_signal, SimulatedRun, torque_signal)
+    check_target, force_signal, motion_signal, plot_configuration, signal_names, SimulatedRun,
+    torque_signal)
 
 EXAMPLES = """\
 examples:

@@ -29,8 +29,7 @@ from tudor_dynamics.control import settings
 from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
 from tudor_dynamics.control.trajectory import Follower, MotionState, of_all, ROUNDING
 from tudor_dynamics.errors import SignalError, UsageError
-from tudor_dynamics.signals.excitation import aprbs, joint_range
-from tudor_dynamics.signals.motion_profile import motion_limits, MotionLimits
+from tudor_dynamics.signals.motion_profile import aprbs, joint_range, motion_limits, MotionLimits
 from tudor_dynamics.typing import FloatArray
 
 

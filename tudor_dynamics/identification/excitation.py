@@ -33,8 +33,7 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Blocks, TrainingBlock
 from tudor_dynamics.models.estimation import expected, rescaled
 from tudor_dynamics.models.regressor import column_unit, EffortRegressor, Regressor
-from tudor_dynamics.signals.excitation import fade, JointRange
-from tudor_dynamics.signals.motion_profile import MotionLimits, Reference, states
+from tudor_dynamics.signals.motion_profile import fade, JointRange, MotionLimits, Reference, states
 from tudor_dynamics.signals.preprocessing import noise_gain, prepare, Stretch
 from tudor_dynamics.typing import FloatArray
 

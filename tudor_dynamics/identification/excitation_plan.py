@@ -38,12 +38,12 @@ from tudor_dynamics.identification.excitation import (
     Beyond, Bounds, CLEARANCE, covariance_of, Criterion, expected_errors, ExpectedError,
     Information, known_efforts, mean_error, Noise, Series, series, Subject)
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import ModelBundle
 from tudor_dynamics.models.friction import sliding
 from tudor_dynamics.models.regressor import (
     base_sets, EffortRegressor, regressor_of, StrainRegressor)
-from tudor_dynamics.signals.excitation import aprbs, joint_range, JointRange, Targets
-from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits, Reference
+from tudor_dynamics.signals.motion_profile import (
+    aprbs, follow_targets, joint_range, JointRange, motion_limits, Reference, Targets)
 from tudor_dynamics.typing import FloatArray
 
 

@@ -43,8 +43,8 @@ from tudor_dynamics.mechanics.hardware import (
 from tudor_dynamics.mechanics.mechanism import beam_axes, Mechanism
 from tudor_dynamics.mechanics.run import FIRST_STAMP
 from tudor_dynamics.parallel import Count, in_processes
-from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, joint_range
-from tudor_dynamics.signals.motion_profile import motion_limits, Reference, states
+from tudor_dynamics.signals.motion_profile import (
+    aprbs_motion, fourier_motion, joint_range, motion_limits, Reference, states)
 from tudor_dynamics.typing import FloatArray
 
 

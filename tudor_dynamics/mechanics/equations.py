@@ -21,10 +21,8 @@ from numpy.typing import NDArray
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import (
-    backward, Chain, forward, put_vector, rotation_at, vector_at)
-from tudor_dynamics.mechanics.small_algebra import (
-    add, cross, exponential, left_jacobian, Rotation, sub, times, turn, turn_back, turn_symmetric,
-    Vector)
+    add, backward, Chain, cross, exponential, forward, left_jacobian, put_vector, Rotation,
+    rotation_at, sub, times, turn, turn_back, turn_symmetric, Vector, vector_at)
 
 
 # -- Equations of motion of a mechanism of flexible links, as generalised forces.

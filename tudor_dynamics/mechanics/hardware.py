@@ -28,11 +28,10 @@ from tudor_dynamics.arm.schema import InertiaPart, MotorSpec
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics import chain as at, settings
-from tudor_dynamics.mechanics.chain import Chain, vector_at
+from tudor_dynamics.mechanics.chain import Chain, times, vector_at
 from tudor_dynamics.mechanics.equations import add_to_sections, point_motion, put_force
 from tudor_dynamics.mechanics.mechanism import Mechanism
 from tudor_dynamics.mechanics.run import Probe
-from tudor_dynamics.mechanics.small_algebra import times
 from tudor_dynamics.typing import FloatArray
 
 

@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import array_at, compiled, places_of, REAL, TRUTH, WHOLE
 from tudor_dynamics.mechanics import chain as at, settings as tuned
-from tudor_dynamics.mechanics.chain import Chain
+from tudor_dynamics.mechanics.chain import Chain, cholesky, factor_norm, solve
 from tudor_dynamics.mechanics.equations import inverse_dynamics
 from tudor_dynamics.mechanics.matrices import add_stretch, Composite, mass_matrix
-from tudor_dynamics.mechanics.small_algebra import cholesky, factor_norm, solve
 
 
 # -- Weights of the generalised-alpha method, and what a step makes of accelerations.

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.mechanics import chain as at
-from tudor_dynamics.mechanics.chain import Chain, put_vector, rotation_at, vector_at
+from tudor_dynamics.mechanics.chain import (
+    add, Chain, cross, dot, put_vector, rotation_at, sub, times, turn, turn_back, turn_symmetric,
+    Vector, vector_at)
 from tudor_dynamics.mechanics.equations import (
     along, Four, hermite_mass, hermite_slope, hermite_stiffness, inner, node_values,
     shape_function)
-from tudor_dynamics.mechanics.small_algebra import (
-    add, cross, dot, sub, times, turn, turn_back, turn_symmetric, Vector)
 
 
 # -- Mass matrix by composite bodies, from the tips inwards

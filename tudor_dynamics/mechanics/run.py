@@ -35,13 +35,12 @@ from tudor_dynamics.errors import check_budget, check_type, SimulationError, Usa
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import (
-    Chain, forward, put_rotation, put_vector, rotation_at, vector_at)
+    add, Chain, exponential, forward, left_jacobian, product, put_rotation, put_vector,
+    rotation_at, sub, turn, turn_back, vector_at)
 from tudor_dynamics.mechanics.equations import joint_reactions, LOADS, nodal_motion, section_loads
 from tudor_dynamics.mechanics.integrator import DDZ
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge, with_motors
 from tudor_dynamics.mechanics.plant import Plant
-from tudor_dynamics.mechanics.small_algebra import (
-    add, exponential, left_jacobian, product, sub, turn, turn_back)
 from tudor_dynamics.typing import FloatArray
 
 

@@ -33,9 +33,8 @@ from tudor_dynamics.arm.kinematics import is_prismatic, joint_axis
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.lanes import unowned
 from tudor_dynamics.mechanics.chain import (
-    put_rotation, put_vector, rotation_at, vector_at, ZERO)
-from tudor_dynamics.mechanics.small_algebra import (
-    about_axis, add, cross, dot, product, times, turn, turn_back)
+    about_axis, add, cross, dot, product, put_rotation, put_vector, rotation_at, times, turn,
+    turn_back, vector_at, ZERO)
 from tudor_dynamics.typing import FloatArray, IndexArray
 
 # Pinocchio's order of the parameters of a body: mass, first moments, inertia about the joint.

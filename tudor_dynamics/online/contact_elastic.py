@@ -25,10 +25,9 @@ from numpy.typing import NDArray
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics import chain as at
-from tudor_dynamics.mechanics.chain import Chain
+from tudor_dynamics.mechanics.chain import add, Chain, times
 from tudor_dynamics.mechanics.equations import put_force, unsaid
 from tudor_dynamics.mechanics.mechanism import Mechanism
-from tudor_dynamics.mechanics.small_algebra import add, times
 from tudor_dynamics.models.elastic.arm import GaugePlaces, moment_rows
 from tudor_dynamics.models.elastic.kernel import (
     Driven, driven_of, DZ, FORCE, Linearised, residual, STIFF, STIFFNESS, Z)

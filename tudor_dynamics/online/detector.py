@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.compiled import compiled, largest_size
-from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.online.settings import (
     FRICTION_UNCERTAIN, HIGHEST_RAISE, LEVEL_QUANTILE, LEVEL_SPEED, LOWEST_LEVEL, OUTLIER,
     RINGING_FADE, RINGING_SHARE, WIDEST)
+from tudor_dynamics.online.streams import Residual
 from tudor_dynamics.online.thresholds import (
     advance, advance_held, evaluate_features, held_friction, MethodThresholds, NEVER, onset_now)
 from tudor_dynamics.typing import FloatArray

@@ -28,16 +28,16 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import check_type, ModelError, SignalError
 from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import ModelBundle
 from tudor_dynamics.online.contact import AnyEstimator, contact_estimator, ContactEstimate
 from tudor_dynamics.online.coverage import SensorHealth
 from tudor_dynamics.online.detector import (
     channel_links, CollisionDetector, CollisionEvent, DetectorSettings, Excess, ExcessStage, Level,
     Rates)
-from tudor_dynamics.online.prediction import OUTPUTS, Predictor, Residual, ResidualStage
 from tudor_dynamics.online.settings import (
     LAGS, MOMENTUM_LAGS, MOMENTUM_STEP, OBSERVER_GAIN, STEP, WIDENING_WARNING, WINDOW)
-from tudor_dynamics.online.streams import Motion, PairedSample, Pairing, StateFilter
+from tudor_dynamics.online.streams import (
+    Motion, OUTPUTS, PairedSample, Pairing, Predictor, Residual, ResidualStage, StateFilter)
 from tudor_dynamics.online.threshold_learning import stored_thresholds
 from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.typing import FloatArray

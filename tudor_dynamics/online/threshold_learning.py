@@ -27,14 +27,14 @@ from pydantic import Field, model_validator, ValidationInfo
 
 from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.models.base import BundlePart, read, Text
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import ModelBundle
 from tudor_dynamics.online.detector import levels
-from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.online.settings import (
     BLOCK, CALIBRATION_SAMPLES, CALIBRATION_STRIDE, FRICTION_UNCERTAIN, GROUP, LAGS, LARGEST_SHAPE,
     LARGEST_TAIL_SHARE, LEAST_BLOCKS, LEAST_SCALES, LEVEL_QUANTILE, MOST_MOTIONS, MOTIONS_APART,
     PROFILE_FLOOR, PROFILE_QUANTILE, PROFILE_ROWS, REVERSAL_SPEED, SHAPE_ERROR, SHAPE_ERRORS, STEP,
     TAIL_PEAKS, TAIL_SHARE, USUAL_SHARE, WINDOW)
+from tudor_dynamics.online.streams import Residual
 from tudor_dynamics.online.thresholds import (
     accumulate, held_friction, learn_taps, MethodThresholds, motion_features, onset_statistic,
     Positive, released, Tail)

@@ -29,8 +29,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.detection import MethodResult
 from tudor_dynamics.show.figures import BLUE, P, plain_text, PRINT, style, VERMILION
-from tudor_dynamics.signals.excitation import JointRange
-from tudor_dynamics.signals.motion_profile import MotionLimits, states
+from tudor_dynamics.signals.motion_profile import JointRange, MotionLimits, states
 from tudor_dynamics.typing import FloatArray
 
 

@@ -23,9 +23,8 @@ from draft_making import JOINTS, motion, torques, urdf, write
 import pytest
 
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.identification.drafting.draft import draft_of
+from tudor_dynamics.identification.drafting.draft import chain_of_table, draft_of, read_table
 from tudor_dynamics.identification.drafting.judging import effort_unit, strain_unit
-from tudor_dynamics.identification.drafting.kinematics import chain_of_table, read_table
 
 
 @pytest.mark.parametrize(('low', 'high', 'unit'), [

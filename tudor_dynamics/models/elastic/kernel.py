@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.lanes import unowned
 from tudor_dynamics.mechanics import chain as at
-from tudor_dynamics.mechanics.chain import Chain
+from tudor_dynamics.mechanics.chain import Chain, cholesky, solve
 from tudor_dynamics.mechanics.equations import hermite_slope, inverse_dynamics, section_loads
 from tudor_dynamics.mechanics.integrator import alpha_step, averaged, place_after, speed_after
 from tudor_dynamics.mechanics.matrices import Composite, mass_matrix
-from tudor_dynamics.mechanics.small_algebra import cholesky, solve
 from tudor_dynamics.typing import FloatArray
 
 

@@ -29,8 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.mechanics.chain import Chain
-from tudor_dynamics.mechanics.small_algebra import cholesky, solve
+from tudor_dynamics.mechanics.chain import Chain, cholesky, solve
 from tudor_dynamics.models.elastic.kernel import (
     ACC, begin, DAMPING, DDZ, driven_of, DZ, Equations, FORCE, gear, Gears, Linearised, MASS, move,
     residual, sense, STIFFNESS, Z)

@@ -30,7 +30,7 @@ from std_msgs.msg import Bool, Header, String
 
 from tudor_dynamics.compiled import largest_size
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, COLLISION_RECORD, CONTACT, CONTACT_POINT,
@@ -44,9 +44,8 @@ from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.coverage import Coverage, CoverageLevel, SensorHealth
 from tudor_dynamics.online.detector import CollisionEvent, DetectorSettings, Level, Rates
 from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
-from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.online.settings import SENSOR_SPEED
-from tudor_dynamics.online.streams import Gathering
+from tudor_dynamics.online.streams import Gathering, Residual
 from tudor_dynamics.online.threshold_learning import Calibration
 
 
