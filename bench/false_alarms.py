@@ -45,7 +45,7 @@ from tudor_dynamics.identification.detection import (
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.identification.uses import as_plain, learn_all
 from tudor_dynamics.library import fit_choices
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.detector import Rates
 from tudor_dynamics.online.monitor import MonitorSettings
 

@@ -24,7 +24,7 @@ from sample_arms import gauge, planar_arm, recording_of
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
 from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit

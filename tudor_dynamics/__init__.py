@@ -48,7 +48,8 @@ if TYPE_CHECKING:
     from tudor_dynamics.mechanics.rig import Rig
     from tudor_dynamics.mechanics.run import modes
     from tudor_dynamics.mechanics.study import simulate, SimulatedRun
-    from tudor_dynamics.models.bundle_io import load_bundle, ModelBundle, save_bundle
+    from tudor_dynamics.models.bundle import ModelBundle
+    from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
     from tudor_dynamics.models.elastic.model import ElasticModel
     from tudor_dynamics.models.tuning import design, fixed_ratios, MoveRefiner, TunedArm, Wish
     from tudor_dynamics.online.contact import ContactEstimator
@@ -97,7 +98,7 @@ _HOMES = {
     'tudor_dynamics.mechanics.rig': ('Rig',),
     'tudor_dynamics.mechanics.run': ('modes',),
     'tudor_dynamics.mechanics.study': ('simulate', 'SimulatedRun'),
-    'tudor_dynamics.models.bundle_io': ('ModelBundle',),
+    'tudor_dynamics.models.bundle': ('ModelBundle',),
     'tudor_dynamics.models.bundle_io': ('load_bundle', 'save_bundle'),
     'tudor_dynamics.models.elastic.model': ('ElasticModel',),
     'tudor_dynamics.models.tuning': ('design', 'fixed_ratios', 'MoveRefiner', 'TunedArm', 'Wish'),

@@ -46,7 +46,8 @@ from tudor_dynamics.identification.next_steps import (
 from tudor_dynamics.identification.passes import Spool
 from tudor_dynamics.identification.validation import cases_of, validated, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
-from tudor_dynamics.models.bundle_io import check_target, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import check_target, save_bundle
 from tudor_dynamics.online.monitor import MonitorSettings
 from tudor_dynamics.typing import Progress
 

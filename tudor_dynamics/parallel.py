@@ -255,6 +255,7 @@ def _end(*_: object) -> None:
         os._exit(1)
     raise SystemExit(1)
 
+
 ADDRESS = re.compile(r'(tcp|tls|ws|wss)://(\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):\d{1,5}')
 TIMEOUT = 10.0
 """For a scheduler to answer [s]."""

@@ -34,7 +34,7 @@ import pytest
 
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
-from tudor_dynamics.fleet import cluster
+from tudor_dynamics import parallel
 from tudor_dynamics.parallel import Cluster, in_processes, on_cluster, shared_out, width, workers
 
 pytest.importorskip('distributed', reason='pip install tudor_dynamics[cluster] for work on '
@@ -170,7 +170,7 @@ def test_other_versions_are_refused(
 ) -> None:
     """A worker that would compute something else computes nothing."""
     with on_cluster(machines.ready()):
-        monkeypatch.setattr(cluster, 'versions', lambda: {'numpy': '1.0'})
+        monkeypatch.setattr(parallel, 'versions', lambda: {'numpy': '1.0'})
         with pytest.raises(ProcessError, match=r'a worker has numpy [0-9.]+, not 1\.0'):
             in_processes(square, [1], 1)
 
@@ -182,7 +182,7 @@ def test_no_cluster(
     capsys: pytest.CaptureFixture[str], root: Path, tmp_path: Path,
 ) -> None:
     """One line, exit code 2."""
-    monkeypatch.setattr(cluster, 'TIMEOUT', 0.5)
+    monkeypatch.setattr(parallel, 'TIMEOUT', 0.5)
     with pytest.raises(UsageError, match=words), on_cluster(address):
         pass
     assert main(['record', '--arm', str(root / 'config/tudor.yaml'), '--stimuli', '1', '--seconds',

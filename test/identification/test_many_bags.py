@@ -43,7 +43,7 @@ from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
 from tudor_dynamics.identification.passes import Folder, Memory, Spool
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 
 PARTS = ('@0-50%', '@50-100%')
 

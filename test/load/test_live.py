@@ -28,7 +28,7 @@ from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage, rigid_noise
 from tudor_dynamics.load.rows import LoadWorth
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.typing import FloatArray
 
 DT, RANGE = 0.01, (0.0, 0.4)

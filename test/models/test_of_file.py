@@ -22,7 +22,7 @@ import pytest
 from robot_making import described_arm, efforts_of, JOINTS, motion_of
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.comparison import file_errors, file_parameters, full_parameters
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.show.mjcf import mjcf_of

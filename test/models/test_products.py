@@ -24,7 +24,8 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models import bundle_io as stored
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import block_of
-from tudor_dynamics.models.bundle_io import dump_npz, load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import dump_npz, load_bundle, save_bundle
 
 
 def parts_of(arm, count=3, seconds=30.0):

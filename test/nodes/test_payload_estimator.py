@@ -33,7 +33,8 @@ from std_srvs.srv import Trigger
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.regressor import PayloadRegressor, StrainRegressor
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.common.base import latched

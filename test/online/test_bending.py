@@ -24,7 +24,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError, SimulationError
 from tudor_dynamics.mechanics import chain as at
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.feedforward import DeflectedArm, Feedforward

@@ -26,7 +26,7 @@ from sample_arms import planar_arm
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import (
     contact_estimator, ContactEstimate, ContactEstimator, ContactRecord, touch)
 from tudor_dynamics.online.contact_levers import RigidFront, Span

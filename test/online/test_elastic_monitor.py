@@ -29,7 +29,7 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.detection import FREE, watch_bag
 from tudor_dynamics.identification.uses import as_plain, learn_all
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.detector import CollisionEvent, Level
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, warm_up

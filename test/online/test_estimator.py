@@ -27,7 +27,7 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.mechanics.closed_loop import ClosedLoop
 from tudor_dynamics.mechanics.hardware import Push
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.contact import ContactEstimate, ContactEstimator
 from tudor_dynamics.online.contact_levers import link_axes, RigidFront, Span, spans_of

@@ -28,7 +28,7 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import ModelError, SignalError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import SLIDING
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor
 from tudor_dynamics.online.feedforward import Feedforward, kept_speeds
 from tudor_dynamics.signals.motion_profile import states

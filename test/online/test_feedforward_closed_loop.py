@@ -28,7 +28,7 @@ from tudor_dynamics.mechanics.closed_loop import ClosedLoop
 from tudor_dynamics.mechanics.hardware import with_payload
 from tudor_dynamics.mechanics.run import Probe
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.online.feedforward import Feedforward
 from tudor_dynamics.signals.motion_profile import aprbs_motion, denser

@@ -23,7 +23,7 @@ from sample_arms import multisine
 
 from tudor_dynamics.load.live import CarriedLoad
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor
 from tudor_dynamics.online.monitor import MomentumObserver
 from tudor_dynamics.online.streams import Motion, PairedSample

@@ -28,7 +28,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.load.live import PayloadStage
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.online.threshold_learning import learn_thresholds, thresholds_to_dict

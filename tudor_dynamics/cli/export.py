@@ -23,7 +23,8 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.cli.console import new_table, print_table
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.models.bundle_io import load_bundle, ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.comparison import (
     file_errors, file_parameters, full_parameters, FullParameters)
 from tudor_dynamics.models.elastic.model import elastic_of

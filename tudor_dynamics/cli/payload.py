@@ -27,7 +27,8 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice, parse_payloads
 from tudor_dynamics.identification.loads import payload_of, telling
 from tudor_dynamics.load.offline import PayloadEstimate, Presence
-from tudor_dynamics.models.bundle_io import load_bundle, ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.online.monitor import follow_load
 
 EXAMPLES = """\

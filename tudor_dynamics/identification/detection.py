@@ -33,7 +33,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.files import read_bounded
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.detector import CollisionEvent, Level
 from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch

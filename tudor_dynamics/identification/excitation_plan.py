@@ -38,7 +38,7 @@ from tudor_dynamics.identification.excitation import (
     Beyond, Bounds, CLEARANCE, covariance_of, Criterion, expected_errors, ExpectedError,
     Information, known_efforts, mean_error, Noise, Series, series, Subject)
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.friction import sliding
 from tudor_dynamics.models.regressor import (
     base_sets, EffortRegressor, regressor_of, StrainRegressor)

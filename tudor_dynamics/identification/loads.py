@@ -36,7 +36,7 @@ from tudor_dynamics.load.rows import LoadWorth, Source
 from tudor_dynamics.load.settings import CUTOFF
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.bundle_io import CausalModels, ModelBundle
+from tudor_dynamics.models.bundle import CausalModels, ModelBundle
 from tudor_dynamics.signals.filters import SmoothStates
 
 

@@ -37,7 +37,7 @@ from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.uses import learn_all, marks, short, Use, uses_of
 from tudor_dynamics.identification.validation import Grade, LARGEST_GAP, Validation
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.signals.preprocessing import prepare

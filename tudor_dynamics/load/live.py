@@ -33,7 +33,7 @@ from tudor_dynamics.load.settings import (
     RINGS, ROUGHLY, SEEN, SOONEST, TOUCH, UNSURE, USUAL, WANDERS, ZERO, ZERO_WANDERS)
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.signals.filters import SmoothStates
 from tudor_dynamics.typing import FloatArray
 
@@ -298,6 +298,7 @@ class LoadObserver:
                 and found.left < self._explained * found.came
                 and found.left < TOUCH * found.touched
                 and found.left < pressed * found.pressed)
+
 
 # -- The load sample by sample: a Kalman filter
 

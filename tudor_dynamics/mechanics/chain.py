@@ -216,6 +216,7 @@ def factor_norm(a: NDArray, v: NDArray) -> float:
         total += part * part
     return total
 
+
 # -- Columns of the arrays in which a mechanism is handed to compiled code.
 #
 # A body is a link or a rigid part fixed to a node. Its frame stands at the start of its beam, x

@@ -217,6 +217,7 @@ def animate(path: Path, run: PlantRecord, mechanism: Mechanism) -> None:
     with whole(path) as scratch:
         FuncAnimation(figure, draw, frames=frames).save(scratch, writer=writer, dpi=80)
 
+
 MAX_EXPRESSION = 2000
 MAX_TABLE_BYTES = 50_000_000
 

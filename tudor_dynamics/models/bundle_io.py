@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 import hashlib
 import io
 from pathlib import Path
@@ -26,127 +25,20 @@ import zipfile
 import zlib
 
 import numpy as np
+
 from tudor_dynamics import files
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm, arm_from_dict
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import BundlePart, Model, read, SAME
+from tudor_dynamics.models.base import BundlePart, Model, read
+from tudor_dynamics.models.bundle import CausalModels, ModelBundle
 from tudor_dynamics.models.estimation import Products, summed
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.typing import FloatArray
 import yaml
 
-
-@dataclass(frozen=True, eq=False)
-class CausalModels:
-    """Models fitted with causal filters, as they run beside the robot."""
-
-    preprocessing: PreprocessingSpec  # filters and rate
-    models: dict[str, dict[str, Model]]  # as those of `ModelBundle`
-
-
-@dataclass(eq=False)
-class ModelBundle:
-    """
-    Models of one arm, with the preprocessing that they were fitted to.
-
-    Attributes
-    ----------
-    arm : Arm
-        Arm that the models belong to.
-    preprocessing : PreprocessingSpec
-        Filters and rate.
-    models : dict of str to dict of str to model
-        Output (``effort``, ``strain``) to kind, see `kinds.KINDS`, to model.
-    facts : dict
-        What else is known: training bags with checksums, validation figures, verdicts,
-        thresholds. Plain values only.
-    causal : CausalModels or None
-        The models for the robot, where ``models`` were fitted with filters that look ahead.
-
-    """
-
-    arm: Arm
-    preprocessing: PreprocessingSpec
-    models: dict[str, dict[str, Model]]
-    facts: dict[str, Any] = field(default_factory=dict)
-    causal: CausalModels | None = None
-
-    def __repr__(self) -> str:
-        """Write the models with their verdict and their fit on unseen bags, one line each."""
-        found = self.facts.get('validation')
-        judged = found if isinstance(found, dict) else {}
-        lines = [f'ModelBundle of {self.arm.name}']
-        if self.payload_range is not None:
-            lines[0] += ', payloads from {:g} to {:g} kg'.format(*self.payload_range)
-        for output, kinds in self.models.items():
-            for kind, model in kinds.items():
-                line = f'  {output} {kind}: {", ".join(model.channels)}'
-                try:
-                    facts = judged[output][kind]
-                    line += (f'; fit {facts["validation"]["fit"]:.1f} % ({facts["method"]}): '
-                             f'{facts["verdict"]}')
-                except (KeyError, TypeError, ValueError):
-                    pass  # of a bundle made by hand, of which nothing is known
-                lines.append(line)
-        return '\n'.join(lines)
-
-    def beside_robot(self) -> ModelBundle:
-        """Give the bundle as it predicts beside the robot: with its causal models, if any."""
-        if self.causal is None:
-            return self
-        return replace(self, preprocessing=self.causal.preprocessing, models=self.causal.models,
-                       causal=None)
-
-    @property
-    def payload_range(self) -> tuple[float, float] | None:
-        """Give the loads that the models were fitted to [kg]; None where they know of none."""
-        ranges = (model.payload_range for kinds in self.models.values()
-                  for model in kinds.values())
-        return next((found for found in ranges if found is not None), None)
-
-    @property
-    def payload(self) -> float | None:
-        """Load of all training bags [kg]; None if unknown, different, or if models take any."""
-        bags = self.facts.get('training')
-        if self.payload_range is not None or not isinstance(bags, list) or not bags:
-            return None
-        found = [bag.get('payload') if isinstance(bag, dict) else None for bag in bags]
-        masses = [float(mass) for mass in found if isinstance(mass, (int, float))]
-        if len(masses) < len(found) or not max(masses) - min(masses) < SAME:
-            return None
-        return masses[0]
-
-    def at(self, payload: float) -> ModelBundle:
-        """
-        Give models of the motion alone for a mass [kg] at the tip.
-
-        This bundle itself where its models are of one load and that, or none (0), is asked for; a
-        ModelError if another one is.
-        """
-        if self.payload_range is None:
-            known = self.payload
-            if payload == 0.0 or (known is not None and abs(payload - known) < SAME):
-                return self
-            what = ('which its bags do not tell: leave the payload out' if known is None else
-                    f'{known:g} kg: ask for that')
-            raise ModelError(f'the payload {payload:g} kg cannot be used: the model was fitted to '
-                             f'one payload, {what}, or fit it to bags with several payloads '
-                             '(tudor fit BAGS --payload-of BAG=KG ...)')
-        causal = self.causal
-        if causal is not None:
-            causal = replace(causal, models=_at(causal.models, payload))
-        return replace(self, models=_at(self.models, payload), causal=causal)
-
-
-def _at(
-    models: dict[str, dict[str, Model]], payload: float,
-) -> dict[str, dict[str, Model]]:
-    return {output: {kind: model if model.payload_range is None else model.at(payload)
-                     for kind, model in kinds.items()}
-            for output, kinds in models.items()}
 
 # -- Files of a model bundle: bytes in, checked values out, and back.
 #

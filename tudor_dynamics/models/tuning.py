@@ -30,7 +30,7 @@ from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.control.schedule import columns_of, Mode, Point, Schedule, ScheduleFile
 from tudor_dynamics.control.settings import INTEGRAL_SHARE
 from tudor_dynamics.errors import ModelError, UsageError
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, follow_motions, moment_rows
 from tudor_dynamics.models.elastic.kernel import Z
 from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel

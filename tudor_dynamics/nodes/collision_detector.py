@@ -22,7 +22,7 @@ from typing import Any
 
 from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (

@@ -22,7 +22,7 @@ from typing import Any
 from sensor_msgs.msg import JointState
 
 from tudor_dynamics.load.live import CarriedLoad
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import Figure
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (

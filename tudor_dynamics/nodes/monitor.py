@@ -30,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.bags.storage import RawMessages
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import TudorNode
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED

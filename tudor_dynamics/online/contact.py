@@ -25,7 +25,7 @@ import numpy as np
 
 from tudor_dynamics.arm.kinematics import joint_axis, link_frame
 from tudor_dynamics.errors import ModelError, SimulationError
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.contact_elastic import correct, ElasticFront
 from tudor_dynamics.online.contact_levers import (

@@ -27,7 +27,7 @@ import pinocchio as pin
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import gauge_axis, gauge_point, unit_vector
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.settings import PUSH_DEVIATION, SPAN_LENGTH
 from tudor_dynamics.typing import FloatArray

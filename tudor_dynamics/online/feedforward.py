@@ -36,7 +36,7 @@ from tudor_dynamics.mechanics.chain import (
     add, Chain, cholesky, cross, forward, rotation_at, solve, sub, turn, Vector, vector_at)
 from tudor_dynamics.mechanics.equations import inverse_dynamics
 from tudor_dynamics.models.base import Model, SAME, SLIDING
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import Response
 from tudor_dynamics.models.elastic.kernel import (
     add_shortening, DDZ, driven_of, DZ, FORCE, gear, Gears, shorten, STIFFNESS, Z)

@@ -28,7 +28,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import check_type, ModelError, SignalError
 from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import AnyEstimator, contact_estimator, ContactEstimate
 from tudor_dynamics.online.coverage import SensorHealth
 from tudor_dynamics.online.detector import (

@@ -27,7 +27,7 @@ from tudor_dynamics.bags.settings import GAP_FLOOR, GAP_PERIODS
 from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.settings import (
     CLOCK_JUMP, EARLY_STEP, LOST_STEP, PAIRING_QUEUE, PERIOD_INTERVALS, PERIOD_RENEWAL,
     STRAIN_APART, STRAIN_QUEUE)
@@ -346,6 +346,7 @@ class Gathering:
                     for when, row in done
                     for pair in stage.add_motion(Motion(when, 0.0, 0.0, row), None)]
         return [(when, row[self._order]) for when, row in done]
+
 
 OUTPUTS = ('effort', 'strain')
 

@@ -27,7 +27,7 @@ from pydantic import Field, model_validator, ValidationInfo
 
 from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.models.base import BundlePart, read, Text
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.detector import levels
 from tudor_dynamics.online.settings import (
     BLOCK, CALIBRATION_SAMPLES, CALIBRATION_STRIDE, FRICTION_UNCERTAIN, GROUP, LAGS, LARGEST_SHAPE,

@@ -36,7 +36,7 @@ from tudor_dynamics.identification.validation import (
     GOOD_FIT, Grade, LARGEST_CONDITION, USABLE_FIT, Validation)
 from tudor_dynamics.load.offline import Leftover, PayloadEstimate
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.comparison import (
     body_row, described_bodies, described_parameters_of, full_parameters_of, relative_errors)
 from tudor_dynamics.models.elastic.parameters import in_words

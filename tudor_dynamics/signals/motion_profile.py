@@ -31,7 +31,6 @@ from tudor_dynamics.errors import check_budget, SignalError
 from tudor_dynamics.signals import settings
 from tudor_dynamics.typing import finite_array, FloatArray
 
-
 if TYPE_CHECKING:
     from scipy.interpolate import BPoly
 
@@ -435,6 +434,7 @@ def denser(trajectory: Trajectory, rate: float) -> Trajectory:
         if given is None:
             values[[0, -1]] = 0.0
     return Trajectory(trajectory.joints, t, q, dq, ddq)
+
 
 # -- Excitation
 

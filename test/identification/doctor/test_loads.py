@@ -29,7 +29,7 @@ from tudor_dynamics.identification.doctor.between import (
     Evaluated, examine_bags, examine_evaluation)
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.identification.loads import bare_bundle_of
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.signals.preprocessing import prepare
 
 SPEC = PreprocessingSpec(filter='zero_phase', cutoff=10.0, rate=20.0, settle=1.0)

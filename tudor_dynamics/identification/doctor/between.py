@@ -34,7 +34,7 @@ from tudor_dynamics.identification.doctor.findings import CHECKS, Finding, found
 from tudor_dynamics.identification.loads import payload_of
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.load.rows import LoadRows
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.typing import FloatArray
 
 

@@ -179,6 +179,7 @@ def chain_of_table(path: Path | None, names: Sequence[str]) -> DraftedChain:
         'names them: make sure of it')
     return DraftedChain(content, tuple(joints), model, note=note, kinds=kinds)
 
+
 @dataclass
 class Draft:
     """A description that may leave values open, with what is said of its parts."""

@@ -35,7 +35,7 @@ from tudor_dynamics.errors import ModelError, NotFittedError, SimulationError
 from tudor_dynamics.models.base import (
     BundlePart, check_motion, check_payload, Coefficient, CoefficientPart, Flag, Model, Noise,
     Payloads, Range, read, SLIDING, Text)
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.models.friction import (

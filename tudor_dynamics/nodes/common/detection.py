@@ -30,7 +30,7 @@ from std_msgs.msg import Bool, Header, String
 
 from tudor_dynamics.compiled import largest_size
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.models.bundle_io import ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, COLLISION_RECORD, CONTACT, CONTACT_POINT,
