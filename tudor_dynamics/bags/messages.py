@@ -430,7 +430,21 @@ def joint_signals(
     position: FloatArray | None = None, velocity: FloatArray | None = None,
     effort: FloatArray | None = None,
 ) -> Signals:
-    """Give what JointStates are to hold; a field that is None stays empty."""
+    """
+    Give what JointStates are to hold, for ``write_bag``.
+
+    Parameters
+    ----------
+    topic : str
+        Absolute name of the topic.
+    stamp : ndarray of int64, shape (n_samples,)
+        Header stamps [ns].
+    names : sequence of str
+        Joints or gauges, in the order of the columns.
+    position, velocity, effort : ndarray of shape (n_samples, n_names), optional
+        Values in SI, or in the units of the arm description; a field that is None stays empty.
+
+    """
     columns = zip(FIELDS, (position, velocity, effort), strict=True)
     return Signals(topic, stamp, {field: values for field, values in columns
                                   if values is not None}, names)

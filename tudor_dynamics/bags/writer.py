@@ -185,8 +185,24 @@ def write_bag(
     """
     Write a rosbag2 directory, messages in the order of their log times.
 
-    It appears only when it is complete. Signals are recorded at their stamps; ``custom`` goes into
-    ``custom_data`` of the metadata, such as ``payload`` [kg].
+    It appears only when it is complete. Signals are recorded at their stamps.
+
+    Parameters
+    ----------
+    path : str or Path
+        Directory that does not exist yet.
+    series : sequence of Signals or RawMessages
+        What each topic holds, such as ``joint_signals`` gives.
+    storage : {'mcap', 'sqlite3'}
+        Format of the messages.
+    custom : mapping of str to str, optional
+        For ``custom_data`` of the metadata, such as ``payload`` [kg].
+
+    Raises
+    ------
+    BagError
+        If the path exists or cannot be written, or the storage is unknown.
+
     """
     path = Path(path)
     if storage not in PLUGINS:
