@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Do efforts say at which frequency a tool rings, and do arms that are still say nothing?
+Find the frequency at which a tool rings in efforts, and no ring in arms that are still.
 
 Of the recordings of a beam (TUDOR_SHARED_DATA, by default ../shared/data) triples are drawn from
 the 27 translations; the loudest ring of each orientation in a triple is compared with 2.770 Hz

@@ -32,9 +32,9 @@ from patience import PATIENCE
 from piece_making import held, killed, spelled, square
 import pytest
 
+from tudor_dynamics import parallel
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
-from tudor_dynamics import parallel
 from tudor_dynamics.parallel import Cluster, in_processes, on_cluster, shared_out, width, workers
 
 pytest.importorskip('distributed', reason='pip install tudor_dynamics[cluster] for work on '
