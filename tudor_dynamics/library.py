@@ -24,10 +24,13 @@ import time
 from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
 import warnings
 
+import numpy as np
+
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.errors import check_type, TudorWarning, UsageError
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.errors import check_budget, check_type, TudorWarning, UsageError
 from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
@@ -36,7 +39,10 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.detection import evaluate_collisions, find_truth, MethodResult
 from tudor_dynamics.identification.doctor.between import examine_bags
 from tudor_dynamics.identification.doctor.findings import Finding
-from tudor_dynamics.identification.excitation_plan import PlanFolder
+from tudor_dynamics.identification.excitation import Criterion, mean_error
+from tudor_dynamics.identification.excitation_plan import (
+    bounds_of, default_highest, judged, make_plan, Order, Plan, PlanFolder, target_of_arm,
+    target_of_model)
 from tudor_dynamics.identification.fit import (
     check_kinds, fit_models, FitResult, FitSettings, HeldOut)
 from tudor_dynamics.identification.loads import bare_bundle_of, bundle_of, payload_of
@@ -481,3 +487,61 @@ def detect(
                   for choice in chosen]
     return evaluate_collisions(bundle, recordings, settings,
                                [find_truth(path) for path, _ in recordings])
+
+
+# -- Motions that show what is to be identified: ``td.excitation``
+
+def excitation(
+    subject: Arm | ModelBundle, motion: Trajectory | None = None, *, seconds: float = 30.0,
+    rate: float = 100.0, highest: float | None = None, criterion: Criterion = mean_error,
+    steps: int = 60, seed: int = 0,
+) -> Plan:
+    """
+    Judge a motion by what it will show of an arm, or search for the one that shows most.
+
+    The search keeps to the limits of position, velocity, acceleration and effort; links, floor
+    and walls are looked at by ``tudor excite``.
+
+    Parameters
+    ----------
+    subject : Arm or ModelBundle
+        What is to be identified: an arm, in noise of 1 in each channel, or that of a bundle, in
+        the noise that its fit left.
+    motion : Trajectory, optional
+        Motion of one's own that is to be judged; one is searched by default.
+    seconds, rate : float
+        Length [s] and samples per second [Hz] of a motion that is searched.
+    highest : float, optional
+        Its largest frequency; by default below what makes links swing [Hz].
+    criterion : callable
+        From the covariances of the parameters, one for each group of channels with common ones,
+        to a cost and to its slope by the information of each group; the mean logarithm of all
+        standard errors by default.
+    steps, seed : int
+        Steps of the search in each of its three stages, and the seed of where it begins.
+
+    Returns
+    -------
+    Plan
+        ``trajectory``; ``expected``, the standard error of each base parameter; ``beyond``, the
+        largest part of each limit in use.
+
+    Raises
+    ------
+    TudorError
+        If the arm has no limits, or a motion does not move its joints.
+
+    """
+    check_type(subject, (Arm, ModelBundle), 'subject', 'an arm, or the result of fit')
+    if isinstance(subject, Arm):
+        target = target_of_arm(subject, {
+            'effort': np.ones(len(subject.joints)),
+            **({'strain': np.ones(len(subject.gauges))} if subject.gauges else {})})
+    else:
+        target = target_of_model(subject, subject.arm)
+    if motion is not None:
+        check_type(motion, Trajectory, 'motion', 'such as Trajectory(joints, t, q, dq, ddq)')
+        return judged(target, motion.of(target.arm.active_joints), bounds_of(target))
+    check_budget(f'{seconds:g} s at {rate:g} Hz', seconds * rate)
+    return make_plan(target, Order(seconds, highest or default_highest(target.arm), 1.0 / rate,
+                                   steps, seed), criterion=criterion)

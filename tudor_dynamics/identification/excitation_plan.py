@@ -43,7 +43,7 @@ from tudor_dynamics.models.friction import sliding
 from tudor_dynamics.models.regressor import (
     base_sets, EffortRegressor, regressor_of, StrainRegressor)
 from tudor_dynamics.signals.motion_profile import (
-    aprbs, follow_targets, joint_range, JointRange, motion_limits, Reference, Targets)
+    aprbs, follow_targets, joint_range, JointRange, motion_limits, Reference, states, Targets)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -381,23 +381,27 @@ def information_of(target: Target) -> Information:
 
 def make_plan(
     target: Target, order: Order, *, kind: str = 'fourier', links: SelfCollision | None = None,
-    report: Callable[[float], bool] = lambda _: False,
+    report: Callable[[float], bool] = lambda _: False, criterion: Criterion = mean_error,
 ) -> Plan:
     """Search for the motion that shows best what is to be identified."""
     bounds, information = bounds_of(target, links), information_of(target)
-    search = best_series if kind == 'fourier' else best_aprbs
-    reference = search(information, bounds, order, report)
+    reference = (best_series(information, bounds, order, report, criterion) if kind == 'fourier'
+                 else best_aprbs(information, bounds, order, report))
     return plan_of(target, reference, bounds)
 
 
 def plan_of(target: Target, reference: Reference, bounds: Bounds) -> Plan:
-    """Say what a motion will show, and how far it goes."""
-    trajectory = Trajectory(
+    """Make a plan of a motion."""
+    return judged(target, Trajectory(
         target.arm.active_joints, np.asarray(np.arange(len(reference.q)) * reference.dt),
-        reference.q, reference.dq, reference.ddq)
+        reference.q, reference.dq, reference.ddq), bounds)
+
+
+def judged(target: Target, trajectory: Trajectory, bounds: Bounds) -> Plan:
+    """Say what a motion will show, and how far it goes."""
     return Plan(trajectory, expected_errors(
         target.models, target.arm, trajectory, target.preprocessing, target.noise),
-        bounds.beyond(reference.motion), target.noise)
+        bounds.beyond(states(trajectory)), target.noise)
 
 
 # -- A plan as a folder: the motion as a bag and as a table, and what it is to show as JSON.
