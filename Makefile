@@ -77,7 +77,7 @@ papers: venv
 docs: venv
 	@$(BIN)/python -c 'import furo, myst_parser, numpydoc' 2>/dev/null \
 	  || $(BIN)/python -m pip install --quiet --use-pep517 --editable '.[docs]'
-	@$(ROS) $(BIN)/python -m sphinx -W --keep-going -b html docs build/docs
+	@$(ROS) $(BIN)/python -m sphinx -W --keep-going -j auto -b html docs build/docs
 	@echo "open in a browser: file://$(abspath build/docs)/index.html"
 
 lint: venv

@@ -31,12 +31,16 @@ copyright = '2026, tudor_dynamics contributors'  # noqa: A001
 release = tudor_dynamics.__version__
 # MathJax comes from disk, by a package that ships it: the pages are read without a network.
 extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.mathjax', 'numpydoc',
-              'myst_parser', 'sphinx-mathjax-offline', 'figure_data']
+              'myst_parser', 'sphinx-mathjax-offline', 'figure_data',
+              'site_build']
 templates_path = ['_templates']
 exclude_patterns = ['_templates', 'reference/generated/library.txt', 'reference/generated/nodes']
 html_theme = 'furo'
 html_title = f'tudor_dynamics {release}'
 html_copy_source = False
+html_static_path = ['_static']
+html_css_files = ['site.css']
+html_search_scorer = str(Path(__file__).parent / '_extensions' / 'search_order.js')
 
 myst_enable_extensions = ['dollarmath', 'amsmath', 'deflist']
 myst_heading_anchors = 4
@@ -71,3 +75,5 @@ def skip_alias(_: Any, what: str, name: str, item: object, skip: bool, options: 
 def setup(app: Any) -> None:
     """Connect what is above."""
     app.connect('autodoc-skip-member', skip_alias)
+    # It copies files when all is done, and does not say that several readers may run beside.
+    app.extensions['sphinx-mathjax-offline'].parallel_read_safe = True

@@ -1,0 +1,28 @@
+// Order of what the search finds: pages whose title has words of the question come first, then
+// how-to and tutorials; modules of the library come last.
+const asked = new URLSearchParams(location.search).get("q") || "";
+const stems = (text) => {
+  const stemmer = new Stemmer();
+  return new Set((text.toLowerCase().match(/[a-z]+/g) || [])
+    .filter((word) => word.length > 1 && !stopwords.has(word))
+    .map((word) => stemmer.stemWord(word)));
+};
+const KINDS = [["howto/", 6], ["tutorials/", 4], ["explanation/", 3],
+               ["reference/generated/tudor_dynamics", -30], ["architecture", -10]];
+
+var Scorer = {
+  score: ([docname, title, anchor, descr, score]) => {
+    const words = stems(title);
+    const shared = [...stems(asked)].filter((word) => words.has(word)).length;
+    const kind = KINDS.find(([start]) => docname.startsWith(start));
+    return score + 8 * shared + (kind ? kind[1] : 0);
+  },
+  objNameMatch: 11,
+  objPartialMatch: 6,
+  objPrio: {0: 15, 1: 5, 2: -5},
+  objPrioDefault: 0,
+  title: 15,
+  partialTitle: 7,
+  term: 5,
+  partialTerm: 2,
+};
