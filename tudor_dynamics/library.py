@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+import hashlib
 from pathlib import Path
 import time
 from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
@@ -53,8 +54,9 @@ from tudor_dynamics.identification.passes import Spool
 from tudor_dynamics.identification.validation import cases_of, validated, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import check_target, save_bundle
+from tudor_dynamics.models.bundle_io import check_target, read_facts, save_bundle
 from tudor_dynamics.online.monitor import MonitorSettings
+from tudor_dynamics.provenance import provenance
 from tudor_dynamics.typing import Progress
 
 if TYPE_CHECKING:
@@ -239,12 +241,19 @@ def fit_choices(
     preprocessing: PreprocessingSpec, settings: FitSettings, payloads: Mapping[str, float], *,
     ignore_payload: bool = False, plan: PlanFolder | None = None, out: Path | None = None,
     overwrite: bool = False, streaming: Streaming | None = None,
-    progress: Progress = lambda _: None,
+    progress: Progress = lambda _: None, compare: Path | None = None,
 ) -> Fit:
-    """Fit, judge and write: the one way from bags to a bundle, of ``td.fit`` and ``tudor fit``."""
+    """
+    Fit, judge and write: the one way from bags to a bundle, of ``td.fit`` and ``tudor fit``.
+
+    compare: bundle that the report compares with; by default that which is replaced.
+    """
     check_choices(training, test)
+    last = None if compare is None else (str(compare), read_facts(compare))
     if out is not None:
         check_target(out, overwrite=overwrite)
+        with suppress(ModelError):  # what cannot be read is not compared with
+            last = last or (f'{out}, replaced', read_facts(out))
     seconds: dict[str, float] = {}
     with _timed(seconds, 'read and filter'):
         bags = _source(arm, training, test, preprocessing, settings, payloads, streaming, progress)
@@ -256,13 +265,21 @@ def fit_choices(
         assessment = assess(result, out)
         bundle = bundle_of(result, assessment)
     if out is not None:
-        from tudor_dynamics.show.page import render  # plots are slow to import
+        from tudor_dynamics.show.page import LastFit, render  # slow to import
 
         with _timed(seconds, 'save and report'):
             progress('report')
-            save_bundle(bundle, out, overwrite=overwrite, extra={
-                'report.html': render(result, assessment, planned).encode()})
+            made = {**provenance(), 'digest of bags': _digest(result)}
+            bundle.facts['made'] = made
+            save_bundle(bundle, out, overwrite=overwrite, extra={'report.html': render(
+                result, assessment, planned, made, last and LastFit(*last)).encode()})
     return Fit(result, assessment, bundle, planned, seconds)
+
+
+def _digest(result: FitResult) -> str:
+    """Give one checksum for all bags learned from and judged by."""
+    sums = [bag.checksum for bag in (*result.learned, *result.judged)]
+    return hashlib.sha256(' '.join(sums).encode()).hexdigest()[:16]
 
 
 def _source(
@@ -323,8 +340,8 @@ class Prediction:
     ) -> Figure:
         """Draw a channel of the first bag: measured, predicted by each model, and the residual."""
         # plots are slow to import, and most predictions are read
-        from tudor_dynamics.show.figures import channel_series, draw_signal, liveliest, PAGE, style
-        from tudor_dynamics.show.pictures import picture_path
+        from tudor_dynamics.show.figures import channel_series, liveliest
+        from tudor_dynamics.show.pictures import draw_signal, picture_path, PRINT, style
 
         target = None if path is None else picture_path(path)
         output = output or ('strain' if 'strain' in self.outputs else next(iter(self.outputs)))
@@ -332,7 +349,7 @@ class Prediction:
         first = next(iter(kinds.values()))
         series = _known(channel_series(self.arm, output, kinds), channel or first.channels[0],
                         'channel')
-        with style(PAGE):
+        with style(PRINT):
             figure = draw_signal(series, liveliest(first.traces[0], self.data))
             if target is not None:
                 write_figure(figure, target)

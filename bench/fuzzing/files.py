@@ -40,7 +40,7 @@ from tudor_dynamics.files import load_yaml
 from tudor_dynamics.fleet.study import load_plan, study, StudySettings
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.detection import (
-    alarms_at, find_truth, score, table_of_pushes, truth_of_table, WatchedBag)
+    find_truth, roc_of, score, table_of_pushes, truth_of_table, WatchedBag)
 from tudor_dynamics.identification.excitation_plan import read_motion, read_plan
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.next_steps import compare_with_plan
@@ -352,8 +352,8 @@ class Truths:
         else:
             truth = find_truth(str(path), 'applied_wrench')
         watched = WatchedBag('bag', self._stamp, self._ratio, truth, ())
-        return truth, [score([watched], [alarms_at(watched, factor, 0.5)])
-                       for factor in (0.5, 0.9, 1.2, 9.0)]
+        found = score([watched], [self._stamp[self._ratio > 0.9]])
+        return truth, [found, list(roc_of([watched], found.hours))]
 
     def compare(self, path, found):
         """Say which figure cannot be."""

@@ -30,7 +30,7 @@ from tudor_dynamics.bags.reader import BOOL
 from tudor_dynamics.bags.storage import RawMessages
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.identification.detection import (
-    alarms_at, find_truth, FREE, KnownPush, push_of, score, table_of_pushes, Truth, truth_of_table,
+    find_truth, FREE, KnownPush, push_of, roc_of, score, table_of_pushes, Truth, truth_of_table,
     WatchedBag)
 
 
@@ -165,11 +165,28 @@ def test_the_push_of_an_event() -> None:
     assert push_of(round(4.95e9), by_eye) == 1 and push_of(round(4.85e9), by_eye) is None
 
 
-def test_alarms_at_another_threshold() -> None:
-    """A threshold twice as high gives an event for each excess after a pause."""
-    stamp = times(100)
-    ratio = np.zeros(100)
-    ratio[[10, 12, 60]] = 3.0
-    item = WatchedBag('a', stamp, ratio, FREE, ())
-    assert alarms_at(item, 2.0, 0.3).tolist() == stamp[[10, 60]].tolist()
-    assert not len(alarms_at(item, 4.0, 0.3))
+def test_curve_of_all_thresholds() -> None:
+    """Found by peaks, false by seconds; never less found by less; intervals are exact ones."""
+    stamp = times(2000)
+    ratio = np.full(2000, 0.05)
+    pushes = tuple(KnownPush(int(stamp[k]), int(stamp[k + 30])) for k in (300, 900, 1500))
+    ratio[310], ratio[905], ratio[1510] = 3.0, 0.8, 0.4
+    ratio[[20, 21, 22]] = 2.0  # one false event
+    ratio[1300] = 0.5
+    item = WatchedBag('a', stamp, ratio, Truth('marks', pushes), ())
+    roc = roc_of([item], 0.01)
+    at = {round(float(factor), 6): (int(found), int(false)) for factor, found, false in zip(
+        roc.factor, roc.found, roc.false, strict=True)}
+    assert at[1.0] == (1, 1) and at[0.8] == (2, 1) and at[0.4] == (3, 2)
+    assert roc.factor[roc.now] == 1.0
+    assert np.all(np.diff(roc.factor) < 0.0)
+    assert np.all(np.diff(roc.found) >= 0) and np.all(np.diff(roc.false) >= 0)
+    assert roc.found[-1] == 3  # the lowest threshold finds all, however long its alarms last
+    assert roc.per_hour()[roc.now] == pytest.approx(100.0)
+    low, high = roc.found_interval()  # Clopper and Pearson, 1 of 3 and 3 of 3 at 90 %
+    assert (low[roc.now], high[roc.now]) == pytest.approx((1.695, 86.465), abs=1e-3)
+    assert (low[-1], high[-1]) == pytest.approx((36.840, 100.0), abs=1e-3)
+    assert roc.false_interval(roc.now) == pytest.approx((5.129, 474.386), rel=1e-3)
+    assert list(roc)[roc.now] == (1.0, pytest.approx(100.0), pytest.approx(1.0 / 3.0))
+    unknown = roc_of([replace(item, truth=Truth())], 0.0)
+    assert not unknown.pushes and not unknown.found.any() and not unknown.false.any()

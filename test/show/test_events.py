@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import base64
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,10 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.identification.detection import (
-    CollisionScore, DetectedEvent, KnownPush, MethodResult, Truth, WatchedBag)
+    CollisionScore, DetectedEvent, KnownPush, MethodResult, roc_of, Truth, WatchedBag)
 from tudor_dynamics.online.detector import CollisionEvent
-from tudor_dynamics.show.pictures import _draw, draw_events, LOWEST, MOST, write_picture
+from tudor_dynamics.show.figures import event_figure, LOWEST, roc_figure
+from tudor_dynamics.show.pictures import _draw, draw_events, MOST, write_picture
 
 BEGIN = 1_700_000_000_000_000_000
 
@@ -50,7 +52,7 @@ def result(*bags: WatchedBag, method: str = 'strain') -> MethodResult:
     """Give what a method made of bags."""
     found = sum(len(bag.sightings) for bag in bags)
     score = CollisionScore(found, len(bags), found, 1.0, 0.2, 0.2, 0, 0.01, 0.0)
-    return MethodResult(method, score, bags, ())
+    return MethodResult(method, score, bags, roc_of(bags, 0.01))
 
 
 def axes_of(bag: WatchedBag) -> Any:
@@ -88,6 +90,22 @@ def test_nothing_found_and_nothing_watched() -> None:
     assert len(axes.lines[2].get_xdata()) == 0 and ' 0 events in run' in axes.get_title()
     empty = WatchedBag('run', np.zeros(0, np.int64), np.zeros(0), Truth(), ())
     assert not axes_of(empty).lines
+
+
+def test_on_a_page() -> None:
+    """The same times, pushes and events; a method's curve with its intervals."""
+    shown = result(watched())
+    panel, = event_figure(shown, 0)['panels']
+    ratio, events = panel['traces']
+    assert np.frombuffer(base64.b64decode(events['x']), '<f4') == pytest.approx([4.2])
+    assert np.frombuffer(base64.b64decode(ratio['x']), '<f4')[0] == pytest.approx(1.0)
+    (begin, end, number), = panel['spans']
+    assert (begin, end, number) == (pytest.approx(4.0), pytest.approx(4.5), '1')
+    assert panel['at'] == 1.0 and panel['ylim'] == (LOWEST, pytest.approx(6.0))
+    empty = WatchedBag('run', np.zeros(0, np.int64), np.zeros(0), Truth(), ())
+    assert event_figure(result(empty), 0)['panels'] == []
+    curve, now = roc_figure({'strain': shown.roc})['panels'][0]['traces']
+    assert curve['name'] == 'strain' and now['name'] == 'strain, threshold in force'
 
 
 @pytest.mark.parametrize('suffix', ['png', 'svg'])

@@ -76,7 +76,7 @@ def configure_collisions(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--free', action='store_true',
                        help='nothing touched the arm: every event is a false alarm')
     group.add_argument('--roc', metavar='FILE',
-                       help='plot detection rate over false alarms (.png, .svg, .pdf)')
+                       help='plot pushes found over false events an hour (.png, .svg, .pdf)')
     group.add_argument('--plot', metavar='FILE',
                        help='plot ratios to the thresholds, pushes and events over time')
 
@@ -125,6 +125,10 @@ def run_collisions(args: argparse.Namespace) -> int:
         write_roc(results, plot)
     if picture is not None:
         write_picture(picture, draw_events, results)
+    if args.report:
+        from tudor_dynamics.show.page import collision_page  # slow to import
+        write(args.report, '--report', collision_page(
+            bundle, [str(c) for c in choices], results, args.false_alarms).encode())
     if args.json:
         print_json({'model': args.model, 'bags': [str(c) for c in choices],
                     **({'trained_on': seen} if seen else {}),
@@ -134,9 +138,9 @@ def run_collisions(args: argparse.Namespace) -> int:
     else:
         print_collisions(results, args.false_alarms)
         _print_kept(results, args, bundle)
-        for file in (plot, picture):
+        for what, file in (('plot', plot), ('plot', picture), ('report', args.report)):
             if file is not None:
-                print(f'plot: {file}')
+                print(f'{what}: {file}')
     return 0
 
 
@@ -296,7 +300,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--save', metavar='FILE.npz',
                         help='write stamps, measured, predicted and residual values')
     parser.add_argument('--report', metavar='FILE.html',
-                        help='write a page: figures, findings, and a load that is found')
+                        help='write a page: figures, findings, a load that is found; with '
+                             '--collisions: ratios, pushes, events and the ROC')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     configure_collisions(parser.add_argument_group('collisions'))
 

@@ -87,7 +87,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plan', metavar='PLAN',
                         help='folder of tudor excite that the bags were recorded by: standard '
                              'errors expected and reached')
-    parser.add_argument('--overwrite', action='store_true', help='replace a bundle at MODEL')
+    parser.add_argument('--overwrite', action='store_true',
+                        help='replace a bundle at MODEL; the report compares with it')
+    parser.add_argument('--compare', metavar='MODEL', type=Path,
+                        help='bundle that the report compares with')
     parser.add_argument('--force', action='store_true',
                         help='exit with 0 even if no model is good enough')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
@@ -176,7 +179,8 @@ def run(args: argparse.Namespace) -> int:
           on_cluster(args.cluster)):
         fit = fit_choices(arm, training, test, preprocessing, settings, payloads,
                           ignore_payload=args.ignore_payload, plan=plan, out=out,
-                          overwrite=args.overwrite, streaming=streaming, progress=step)
+                          overwrite=args.overwrite, streaming=streaming, progress=step,
+                          compare=args.compare)
     result, assessment = fit.result, fit.assessment
     from tudor_dynamics.show.page import headline  # plots are slow to import
 

@@ -21,9 +21,6 @@ from dataclasses import asdict, dataclass, replace
 import datetime
 from typing import Any
 
-from matplotlib.dates import DateFormatter
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
@@ -37,8 +34,7 @@ from tudor_dynamics.models.elastic.model import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import kind_of
 from tudor_dynamics.models.estimation import Products
 from tudor_dynamics.models.regressor import output_units
-from tudor_dynamics.show.figures import (
-    BLUE, label, new_figure, on_page, plain_text, VERMILION)
+from tudor_dynamics.show.figures import label, packed, panel, Plot, trace
 from tudor_dynamics.show.page import rendered
 from tudor_dynamics.typing import FloatArray
 
@@ -459,9 +455,8 @@ def _series(items: Sequence[Observation], start: datetime.date) -> History:
 
 # -- The page of a fleet: which arms are named, and each quantity of all arms over time
 
-COLOURS = (VERMILION, BLUE, '#007a57', '#7a4fa3', '#a0642c', '#cc79a7')
-"""Of arms that are named; those of others are grey."""
-MARKERS = 'osD^vP'
+LOOKS = 6
+"""Looks of arms that are named, in `templates/report.js`; those of others are grey."""
 MOST = 200
 """Arms that a figure draws, besides those that are named."""
 
@@ -480,31 +475,17 @@ def page_of(fleet: Fleet) -> str:
                     alike=len(fleet.arms) - len({item.arm for item in fleet.named}))
 
 
-@on_page
-def _figure(title: str, items: Sequence[Observation], named: Sequence[str]) -> Figure:
+def _figure(title: str, items: Sequence[Observation], named: Sequence[str]) -> Plot:
     arms: dict[str, list[Observation]] = {}
-    for item in items:
+    for item in sorted(items, key=lambda item: item.date):
         arms.setdefault(item.arm, []).append(item)
     others = [arm for arm in arms if arm not in named]
-    figure, ((axes,),) = new_figure(1, [2.2], [0.5])
-    for arm in [*others[:MOST], *named]:
-        some = sorted(arms[arm], key=lambda item: item.date)
-        look = {'color': '#b0b0b0', 'linewidth': 0.8, 'marker': '.', 'zorder': 1}
-        if arm in named:
-            place = named.index(arm)
-            look = {'color': COLOURS[place % len(COLOURS)], 'linewidth': 1.4,
-                    'marker': MARKERS[place % len(MARKERS)], 'label': arm, 'zorder': 2}
-        axes.errorbar([datetime.datetime.combine(item.date, datetime.time()) for item in some],
-                      [item.quantity.value for item in some],
-                      yerr=[item.quantity.error for item in some], markersize=4, capsize=2,
-                      elinewidth=0.7, **look)
-    plain_text(axes.set_title, title)
-    axes.set_ylabel(label(items[0].quantity.name.partition(' at ')[0],
-                          items[0].quantity.unit))
-    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))  # whole days, few enough
-    days = DateFormatter('%Y-%m-%d')  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_formatter(days)
-    if named:
-        for text in axes.legend(loc='best').get_texts():
-            text.set_parse_math(False)
-    return figure
+    traces = [trace(f'arm{named.index(arm) % LOOKS}' if arm in named else 'others',
+                    [item.date.isoformat() for item in arms[arm]],
+                    [item.quantity.value for item in arms[arm]],
+                    arm if arm in named else 'the others', points=True,
+                    error=packed([item.quantity.error for item in arms[arm]]))
+              for arm in [*others[:MOST], *named]]
+    quantity = items[0].quantity
+    return {'columns': 1, 'panels': [panel(
+        '', '', label(quantity.name.partition(' at ')[0], quantity.unit), *traces)]}

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import csv
 from dataclasses import asdict, dataclass, field, replace
 import io
@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import betaincinv, gammaincinv
 
 from tudor_dynamics.bags.messages import JOINT_STATE
 from tudor_dynamics.bags.reader import BOOL, read_flags, read_wrenches
@@ -37,6 +38,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.detector import CollisionEvent, Level
 from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
+from tudor_dynamics.online.settings import BLOCK
 from tudor_dynamics.online.streams import Predictor, StateFilter
 from tudor_dynamics.typing import FloatArray
 
@@ -215,11 +217,8 @@ class CollisionScore:
         """Compare false alarms with those promised: ratio, exact Poisson interval of 90 %."""
         if not self.hours:
             return None
-        from scipy.stats import chi2  # slow to import
-
         count, promised = self.false_alarms or 0, per_hour * self.hours
-        low, high = (0.5 * float(chi2.ppf(level, 2 * (count + more))) if count + more else 0.0
-                     for level, more in ((0.05, 0), (0.95, 1)))
+        low, high = poisson_interval(count)
         return {'promised': promised, 'ratio': count / promised, 'low': low / promised,
                 'high': high / promised}
 
@@ -295,12 +294,79 @@ def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) ->
         false if known else None, hours, false / hours if known and hours > 0 else None)
 
 
-def alarms_at(item: WatchedBag, factor: float, rearm: float) -> NDArray[np.int64]:
-    """Give the times at which a threshold that much higher would have given an event."""
-    times = item.stamp[item.ratio > factor]
-    if not len(times):
-        return times
-    return times[np.concatenate([[True], np.diff(times) > round(rearm * 1e9)])]
+# -- Pushes found against false events, as thresholds sink
+#
+# A push counts by the largest ratio in its time, free motion by that of each second: alarms that
+# last do not merge into one, and a lower threshold never finds less.
+
+@dataclass(frozen=True, eq=False)
+class Roc:
+    """Receiver operating characteristic of one method; intervals are exact ones of 90 %."""
+
+    factor: FloatArray  # thresholds, as multiples of those in force, falling, (points,)
+    # Pushes found, and seconds of free motion with a false event, (points,).
+    found: NDArray[np.int64]
+    false: NDArray[np.int64]
+    pushes: int
+    hours: float  # free time [h]
+
+    @property
+    def now(self) -> int:
+        """Place of the thresholds in force."""
+        return int(np.argmin(np.abs(self.factor - 1.0)))
+
+    def per_hour(self) -> FloatArray:
+        """Give false events per hour, (points,)."""
+        return self.false / max(self.hours, 1e-9)
+
+    def share(self) -> FloatArray:
+        """Give pushes found [%], (points,)."""
+        return 100.0 * self.found / max(self.pushes, 1)
+
+    def found_interval(self) -> tuple[FloatArray, FloatArray]:
+        """Give bounds of the share of pushes found (Clopper and Pearson) [%], (points,) each."""
+        missed = self.pushes - self.found
+        low = np.where(self.found > 0, betaincinv(np.maximum(self.found, 1), missed + 1, 0.05), 0)
+        high = np.where(missed > 0, betaincinv(self.found + 1, np.maximum(missed, 1), 0.95), 1)
+        return 100.0 * low, 100.0 * high
+
+    def false_interval(self, place: int) -> tuple[float, float]:
+        """Give bounds of the false events per hour at a point."""
+        low, high = poisson_interval(int(self.false[place]))
+        return low / max(self.hours, 1e-9), high / max(self.hours, 1e-9)
+
+    def __iter__(self) -> Iterator[tuple[float, float, float]]:
+        """Give factor, false events per hour and share of the pushes found, point by point."""
+        return zip(self.factor.tolist(), self.per_hour().tolist(), (0.01 * self.share()).tolist(),
+                   strict=True)
+
+
+def poisson_interval(count: int) -> tuple[float, float]:
+    """Give exact bounds (90 %) of the number of events to be expected where so many came."""
+    return float(gammaincinv(count, 0.05)) if count else 0.0, float(gammaincinv(count + 1, 0.95))
+
+
+def roc_of(watched: Sequence[WatchedBag], hours: float) -> Roc:
+    """Judge each threshold by the peaks of pushes and of the seconds between them."""
+    touched, free = [], []
+    for item in watched:
+        if not item.truth.known or not len(item.stamp):
+            continue
+        near = np.zeros(len(item.stamp), dtype=bool)
+        for push in item.truth.pushes:
+            begun = item.stamp >= push.begin - push.early
+            within_it = begun & (item.stamp <= push.end + round(LATE * 1e9))
+            touched.append(float(item.ratio[within_it].max(initial=0.0)))
+            near |= begun & (item.stamp <= push.end + round(AFTERMATH * 1e9))
+        second = ((item.stamp - item.stamp[0]) // round(BLOCK * 1e9))[~near]
+        if len(second):
+            first = np.flatnonzero(np.diff(second, prepend=-1))
+            free += np.maximum.reduceat(item.ratio[~near], first).tolist()
+    # each push has a point just below its peak
+    factor = np.unique([*np.geomspace(0.1, 10.0, 81), 1.0, *np.nextafter(touched, 0.0)])[::-1]
+    found, false = (np.asarray(np.sum(np.array(peaks)[:, None] > factor, axis=0))
+                    for peaks in (touched, free))
+    return Roc(factor, found, false, len(touched), hours)
 
 
 # -- How well collisions are found: recordings replayed past every method of detection
@@ -312,7 +378,7 @@ class MethodResult:
     method: str  # `strain`, `effort` or `momentum`
     score: CollisionScore  # figures at the thresholds asked for
     watched: tuple[WatchedBag, ...]  # bags that were replayed
-    roc: tuple[tuple[float, float, float], ...]  # factor, false alarms/h, detection rate
+    roc: Roc  # what other thresholds would have found
     no_contact: str = ''  # why force and place are unknown; empty otherwise
 
 
@@ -431,12 +497,7 @@ def evaluate_collisions(
     for method, alone in chosen.items():
         watched = tuple(item[method] for item in seen)
         found = score(watched, [item.alarms for item in watched])
-        roc = []
-        for factor in np.geomspace(0.1, 10.0, 81).tolist():
-            point = score(watched, [alarms_at(item, factor, alone.detector.rearm)
-                                    for item in watched])
-            roc.append((factor, point.false_alarms_per_hour or 0.0, point.detection_rate or 0.0))
-        results.append(MethodResult(method, found, watched, tuple(roc),
+        results.append(MethodResult(method, found, watched, roc_of(watched, found.hours),
                                     Watch(bundle.beside_robot(), alone).no_contact))
     if not results:
         raise UsageError('the model has no collision thresholds for signals that these bags have; '

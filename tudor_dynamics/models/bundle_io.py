@@ -167,6 +167,11 @@ def _read_head(path: Path) -> HeadPart:
         raise err.at(file) from None
 
 
+def read_facts(path: str | Path) -> dict[str, Any]:
+    """Read the facts of a bundle alone, as `save_bundle` wrote them."""
+    return _read_head(Path(path)).facts
+
+
 # -- What training bags come to: products, in a file that no prediction reads.
 #
 # With them full parameters are found that the data themselves prefer.

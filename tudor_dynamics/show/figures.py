@@ -12,37 +12,39 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Figures of the report: style, signals over time, errors, coverage."""
+"""
+Figures of a page as data, and how names, numbers and units are written for its readers.
+
+A figure is panels in rows, each with traces; `templates/report.js` says what they look like.
+"""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import wraps
-import io
 import math
 import re
-from typing import Any, ParamSpec
+from typing import Any
 
-import matplotlib
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 import numpy as np
+import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.kinematics import gauge_point
 from tudor_dynamics.identification.dataset import all_stretches, BagData
+from tudor_dynamics.identification.detection import MethodResult, Roc
 from tudor_dynamics.identification.fit import FitResult
+from tudor_dynamics.identification.next_steps import Assessment
+from tudor_dynamics.identification.uses import free_motion
 from tudor_dynamics.identification.validation import Trace, Validation
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.online.thresholds import held_friction, motion_features
 from tudor_dynamics.typing import FloatArray
 
 
-P = ParamSpec('P')
+Plot = dict[str, Any]
+"""A figure, a panel or a trace, as plain values."""
 LONGEST_NAME = 40
 """Characters of a name in a figure."""
 
@@ -75,134 +77,50 @@ def pretty_name(name: str, longest: int = LONGEST_NAME) -> str:
     return ''.join(c if c.isprintable() else '?' for c in short)
 
 
-# One style, on the page of a fit and for files of their own, in two sizes; drawn through
-# matplotlib's object interface, without pyplot and its global state.
-#
-# Every series has a line style, width or marker of its own, so that prints in grey stay legible;
-# the colours are those of Okabe and Ito, which colour-blind readers tell apart.
-
-BLUE, VERMILION = '#0072b2', '#d55e00'
-
-_COMMON: dict[str, Any] = {
-    'axes.axisbelow': True, 'axes.grid': True, 'axes.spines.right': False,
-    'axes.spines.top': False, 'axes.titlelocation': 'left', 'axes.titley': 1.0,  # not searched for
-    'grid.color': '#dddddd', 'grid.linewidth': 0.6, 'legend.frameon': False, 'path.simplify': True,
-    # ids come from the content alone, so that equal fits give equal files
-    'svg.hashsalt': 'tudor_dynamics'}
-PAGE: Any = {
-    **_COMMON, 'font.family': 'sans-serif', 'font.sans-serif': ['DejaVu Sans', 'Verdana'],
-    'font.size': 8.5, 'axes.titlesize': 9.0, 'axes.titleweight': 'bold',
-    'axes.edgecolor': '#555555', 'axes.linewidth': 0.7, 'xtick.color': '#333333',
-    'ytick.color': '#333333', 'path.simplify_threshold': 0.2,
-    'svg.fonttype': 'none'}  # text stays text
-"""For figures inside the report of a fit."""
-PRINT: Any = {
-    **_COMMON, 'font.size': 9.0, 'axes.titlesize': 9.5, 'axes.labelsize': 9.0,
-    'legend.fontsize': 8.5, 'legend.handlelength': 2.8, 'xtick.labelsize': 8.5,
-    'ytick.labelsize': 8.5, 'svg.fonttype': 'path'}
-"""For figures that are files of their own, over two columns of a paper."""
-
-PAGE_MEASURED: dict[str, Any] = {'color': '#a3a3a3', 'linewidth': 2.4, 'linestyle': '-',
-                                 'solid_capstyle': 'round'}
-PAGE_MODELS: dict[str, dict[str, Any]] = {
-    'analytical': {'color': BLUE, 'linewidth': 1.0, 'linestyle': '-'},
-    'elm': {'color': VERMILION, 'linewidth': 1.0, 'linestyle': (0, (3.5, 1.5))},
-    'elastic': {'color': '#007a57', 'linewidth': 1.3, 'linestyle': (0, (1, 0.8))}}
-OTHER: dict[str, Any] = {'color': '#7a4fa3', 'linewidth': 1.1, 'linestyle': (0, (6, 1.2))}
-"""Of a kind that has no look of its own."""
-
-
-def page_model(kind: str) -> dict[str, Any]:
-    """Say how a kind of model is drawn on the page."""
-    return PAGE_MODELS.get(kind, OTHER)
-
-
-@contextmanager
-def style(settings: Any) -> Iterator[None]:
-    """Draw in one of the styles, whatever the user's matplotlibrc says."""
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(settings)
-        yield
-
-
-WIDTH = 8.2
-"""Width of all figures [inch]; the page scales them to its column."""
-
-METADATA = {'Date': None, 'Creator': None, 'Format': None, 'Type': None}
-
-
 def label(name: str, unit: str = '') -> str:
     """Write a channel with its unit; unit: none if empty."""
     return f'{pretty_name(name)} [{pretty_unit(unit)}]' if unit else pretty_name(name)
 
 
-def plain_text(setter: Any, text: str) -> None:
-    """Set a text in which dollar signs are dollar signs: names are not ours."""
-    setter(text).set_parse_math(False)
-
-
-def to_uri(figure: Figure) -> str:
-    """Write a figure as SVG into a data URI."""
-    stream = io.BytesIO()
-    # not savefig: it draws everything twice
-    canvas: Any = FigureCanvasSVG(figure)
-    canvas.print_svg(stream, metadata=METADATA)
-    # a hundredth of a point is enough for a line, and half the size
-    text = re.sub(rb' d="[^"]*"', lambda path: re.sub(rb'(\.\d\d)\d+', rb'\1', path[0]),
-                  stream.getvalue())
-    return 'data:image/svg+xml;base64,' + base64.b64encode(text).decode('ascii')
-
-
-def on_page(draw: Callable[P, Figure]) -> Callable[P, str]:
-    """Let a function that draws a figure give it for the page: in its style, as data URI."""
-    @wraps(draw)
-    def drawn(*args: P.args, **options: P.kwargs) -> str:
-        with style(PAGE):
-            return to_uri(draw(*args, **options))
-    return drawn
-
-
-def new_figure(
-    columns: int, heights: Sequence[float], gaps: Sequence[float], *, between: float = 0.5,
-) -> tuple[Figure, list[list[Any]]]:
-    """Lay out a figure by lengths in inches; matplotlib's own layout is slow."""
-    left, right, bottom = 0.75, 0.08, 0.45
-    height = sum(heights) + sum(gaps) + bottom
-    width = (WIDTH - left - right - between * (columns - 1)) / columns
-    figure = Figure(figsize=(WIDTH, height))
-    rows = []
-    top = height
-    for tall, gap in zip(heights, gaps, strict=True):
-        top -= gap + tall
-        begins = [left + k * (width + between) for k in range(columns)]
-        rows.append([figure.add_axes(
-            (begin / WIDTH, top / height, width / WIDTH, tall / height)) for begin in begins])
-    return figure, rows
-
-
-def new_cells(
-    count: int, columns: int, tall: float, gaps: tuple[float, float], *, between: float = 0.5,
-) -> tuple[Figure, list[Any]]:
-    """Lay out cells row by row; gaps: above the first row, and above the others [inch]."""
-    rows = -(-count // columns)
-    figure, grid = new_figure(columns, [tall] * rows, [gaps[0]] + [gaps[1]] * (rows - 1),
-                              between=between)
-    cells = [axes for row in grid for axes in row]
-    for axes in cells[count:]:
-        axes.set_axis_off()
-    return figure, cells[:count]
-
-
-def legend_above(axes: Any, columns: int, *, right: bool = False, **more: Any) -> None:
-    """Put a legend above axes."""
-    axes.legend(loc='lower right' if right else 'lower left',
-                bbox_to_anchor=(1.0 if right else 0.0, 1.0), ncol=columns, borderpad=0.1, **more)
-
-
 MAX_POINTS = 2000
-"""Points a line has at most; longer ones keep the extremes of each stretch of samples."""
+"""Points a signal keeps at most: the extremes of each stretch of samples."""
 SIGNAL_BINS = 60
+
+
+def packed(values: Any) -> str:
+    """Write numbers in single precision, a quarter of their digits as text."""
+    return base64.b64encode(np.asarray(values, dtype='<f4').tobytes()).decode('ascii')
+
+
+def trace(look: str, x: Any, y: Any, name: str = '', **more: Any) -> Plot:
+    """Give one trace; x and y: numbers, texts, or ``#NAME`` of the figure's ``data``."""
+    def plain(values: Any) -> Any:
+        texts = isinstance(values, str) or (len(values) and isinstance(values[0], str))
+        return values if texts else packed(values)
+    return {'look': look, 'x': plain(x), 'y': plain(y), 'name': pretty_name(name), **more}
+
+
+def panel(title: str, x: str, y: str, *traces: Plot, **more: Any) -> Plot:
+    """Give one panel with titles of its axes."""
+    return {'title': title, 'xlabel': x, 'ylabel': y, 'traces': traces, **more}
+
+
+def decimated(t: FloatArray, *signals: FloatArray) -> tuple[FloatArray, ...]:
+    """Keep the extremes of each signal in each stretch of samples; break the lines at gaps."""
+    if len(t) > MAX_POINTS:
+        size = -(-len(t) // (MAX_POINTS // 2))
+        kept = [np.array([0, len(t) - 1])]
+        for x in signals:
+            rows = np.pad(x, (0, -len(x) % size), mode='edge').reshape(-1, size)
+            first = size * np.arange(len(rows))
+            kept += [first + rows.argmin(axis=1), first + rows.argmax(axis=1)]
+        index = np.unique(np.minimum(np.concatenate(kept), len(t) - 1))
+        t, *signals = t[index], *(x[index] for x in signals)  # type: ignore[assignment]
+    if len(t) < 3:
+        return t, *signals
+    step = np.diff(t)
+    breaks = np.flatnonzero(step > 8.0 * np.median(step)) + 1
+    return tuple(np.insert(x, breaks, np.nan) for x in (t, *signals))
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,30 +147,14 @@ class JointPositions:
     test: FloatArray
 
 
-def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Keep the extremes of each stretch of samples, and break the line at gaps."""
-    if len(t) > MAX_POINTS:
-        parts = np.array_split(np.arange(len(t)), MAX_POINTS // 2)
-        index = np.unique([k for part in parts
-                           for k in (part[np.argmin(x[part])], part[np.argmax(x[part])])])
-        t, x = t[index], x[index]
-    if len(t) < 3:
-        return t, x
-    step = np.diff(t)
-    breaks = np.flatnonzero(step > 8.0 * np.median(step)) + 1
-    return np.insert(t, breaks, np.nan), np.insert(x, breaks, np.nan)
-
-
-def _limit(axes: Any, reference: FloatArray, others: Sequence[FloatArray]) -> bool:
+def scale(reference: FloatArray, others: Sequence[FloatArray]) -> tuple[float, float]:
     """Scale by the measured signal; a model that runs away does not squash the rest."""
     low, high = float(np.min(reference)), float(np.max(reference))
     room = 0.5 * (high - low) or 1.0
-    low_all = min([low, *(float(np.min(x)) for x in others)])
-    high_all = max([high, *(float(np.max(x)) for x in others)])
-    bottom, top = max(low_all, low - room), min(high_all, high + room)
+    bottom = max(min([low, *(float(np.min(x)) for x in others)]), low - room)
+    top = min(max([high, *(float(np.max(x)) for x in others)]), high + room)
     pad = 0.04 * (top - bottom) or 1.0
-    axes.set_ylim(bottom - pad, top + pad)
-    return low_all < low - room or high_all > high + room
+    return bottom - pad, top + pad
 
 
 def _reach(errors: dict[str, FloatArray], percentile: float) -> float:
@@ -261,72 +163,41 @@ def _reach(errors: dict[str, FloatArray], percentile: float) -> float:
     return min(max(sizes), 4.0 * min(sizes)) or max(sizes) or 1.0
 
 
-def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
-    """Draw measured against predicted, the residual, and a stretch in detail: stretch [s]."""
-    # low enough for two on a printed page
-    figure, grid = new_figure(1, [1.3, 0.8, 1.3], [0.3, 0.34, 0.66])
-    whole, rest, detail = (row[0] for row in grid)
-    rest.sharex(whole)
-    window = (series.t >= stretch[0]) & (series.t <= stretch[1])
-    for axes, part, title in (
-            (whole, slice(None), f'{pretty_name(series.name, 20)}, whole bag'),
-            (detail, window, 'Stretch with the most motion (shaded above)')):
-        t, measured = series.t[part], series.measured[part]
-        axes.plot(*thin(t, measured), label='measured', **PAGE_MEASURED)
-        for kind, values in series.predicted.items():
-            axes.plot(*thin(t, values[part]), label=KINDS[kind].label, **page_model(kind))
-        if _limit(axes, measured, [values[part] for values in series.predicted.values()]):
-            title += '; a prediction leaves the scale'
-        plain_text(axes.set_title, title)
-        axes.set_ylabel(label(series.output, series.unit))
+def signal_figure(series: ComparedSignal, stretch: tuple[float, float]) -> Plot:
+    """Draw measured against predicted, and the residual; stretch [s]: to be looked at first."""
     residuals = {kind: series.measured - values for kind, values in series.predicted.items()}
-    for kind, values in residuals.items():
-        rest.plot(*thin(series.t, values), **{**page_model(kind), 'linewidth': 0.8})
-    rest.axhline(0.0, color='#555555', linewidth=0.6)
+    t, measured, *values = decimated(series.t, series.measured, *(
+        series.predicted[kind] for kind in residuals), *residuals.values())
+    kinds = list(residuals)
+    data = {'t': packed(t), 'measured': packed(measured),
+            **{kind: packed(x) for kind, x in zip(kinds, values, strict=False)},
+            **{f'-{kind}': packed(x) for kind, x in
+               zip(kinds, values[len(kinds):], strict=True)}}
     bound = 1.1 * _reach(residuals, 99.8)
-    rest.set_ylim(-bound, bound)
-    rest.set_ylabel(label('residual', series.unit))
-    for axes in (whole, rest):
-        axes.axvspan(*stretch, color='#f0e442', alpha=0.25, linewidth=0)
-    whole.set_xlim(float(series.t[0]), float(series.t[-1]))
-    whole.tick_params(labelbottom=False)
-    legend_above(whole, 4, right=True)
-    rest.set_title('Residual, measured - predicted')
-    rest.set_xlabel('time [s]')
-    detail.set_xlim(*stretch)
-    detail.set_xlabel('time [s]')
-    return figure
+    return {'data': data, 'columns': 1, 'linked': True, 'stretch': stretch, 'panels': [
+        panel('', '', label(series.output, series.unit), *(
+            trace(name, '#t', f'#{name}', name) for name in ('measured', *kinds)),
+            ylim=scale(series.measured, list(series.predicted.values()))),
+        panel('measured − predicted', 'time [s]', label('residual', series.unit), *(
+            trace(name, '#t', f'#-{name}', name) for name in kinds), height=120,
+            ylim=(-bound, bound))]}
 
 
-signal_figure = on_page(draw_signal)
-
-
-@on_page
-def error_figure(arm: Arm, output: str, judged: Mapping[str, Validation]) -> Figure:
+def error_figure(arm: Arm, output: str, judged: Mapping[str, Validation]) -> Plot:
     """Draw how the error of each channel is distributed over all validation bags."""
-    channels, units = next(iter(judged.values())).channels, output_units(arm, output)
-    figure, cells = new_cells(len(channels), min(len(channels), 3), 1.6, (0.5, 0.75))
-    for i, (axes, name) in enumerate(zip(cells, channels, strict=True)):
+    units, panels = output_units(arm, output), []
+    for i, name in enumerate(next(iter(judged.values())).channels):
         errors = {kind: np.concatenate([
             trace.measured[:, i] - trace.predicted[:, i] for trace in item.traces])
             for kind, item in judged.items()}
         bound = _reach(errors, 99.5)
         edges = np.linspace(-bound, bound, SIGNAL_BINS + 1)
-        for kind, values in errors.items():
-            # what lies beyond is counted in the outermost bins, not dropped
-            share = np.histogram(np.clip(values, -bound, bound), edges)[0] / len(values)
-            look = {key: page_model(kind)[key] for key in ('color', 'linestyle')}
-            axes.stairs(100.0 * share, edges, linewidth=1.2, label=KINDS[kind].label,
-                        fill=False, **look)
-        axes.axvline(0.0, color='#555555', linewidth=0.6)
-        axes.set_xlabel(label('error', units[name]))
-        plain_text(axes.set_title, label(name))
-        axes.set_ylim(bottom=0.0)
-    cells[0].set_ylabel('share of samples [%]')
-    handles, words = cells[0].get_legend_handles_labels()
-    figure.legend(handles, words, loc='upper right', ncol=len(words), borderpad=0.1,
-                  handlelength=1.6)
-    return figure
+        # what lies beyond is counted in the outermost bins, not dropped
+        panels.append(panel(pretty_name(name), label('error', units[name]), '% of samples', *(
+            trace(kind, edges, np.append(share, share[-1]), kind, stairs=True)
+            for kind, values in errors.items() for share in [
+                100.0 * np.histogram(np.clip(values, -bound, bound), edges)[0] / len(values)])))
+    return {'columns': 3, 'panels': panels}
 
 
 DETAIL = 10.0
@@ -417,7 +288,6 @@ def coverage(result: FitResult) -> list[dict[str, Any]]:
 COVERAGE_BINS = 40
 MAX_DOTS = 700
 """Validation samples shown as dots, evenly chosen."""
-TRAINING_COLOUR, TEST_COLOUR = '#b5b5b5', '#0072b2'
 
 
 def _edges(axis: JointPositions) -> FloatArray:
@@ -428,47 +298,154 @@ def _edges(axis: JointPositions) -> FloatArray:
     return np.linspace(low, high, COVERAGE_BINS + 1)
 
 
-@on_page
-def density_figure(joints: Sequence[JointPositions]) -> Figure:
+def density_figure(joints: Sequence[JointPositions]) -> Plot:
     """Draw how often each position was visited."""
-    figure, cells = new_cells(len(joints), min(len(joints), 3), 1.4, (0.3, 0.55))
-    for axes, joint in zip(cells, joints, strict=True):
-        edges = _edges(joint)
-        share = np.histogram(joint.training, edges)[0] / len(joint.training)
-        axes.stairs(100.0 * share, edges, fill=True, color=TRAINING_COLOUR, label='training')
-        if len(joint.test):
-            share = np.histogram(joint.test, edges)[0] / len(joint.test)
-            axes.stairs(100.0 * share, edges, color=TEST_COLOUR, linewidth=1.2,
-                        linestyle='--', label='validation')
-        plain_text(axes.set_xlabel, label(joint.name, joint.unit))
-    cells[0].set_ylabel('share of samples [%]')
-    legend_above(cells[0], 2)
-    return figure
+    panels = []
+    for joint in joints:
+        edges, traces = _edges(joint), []
+        for look, name, values in (('fill', 'training', joint.training),
+                                   ('other', 'validation', joint.test)):
+            if len(values):
+                share = 100.0 * np.histogram(values, edges)[0] / len(values)
+                traces.append(trace(look, edges, np.append(share, share[-1]), name, stairs=True))
+        panels.append(panel('', label(joint.name, joint.unit), '% of samples', *traces))
+    return {'columns': 3, 'panels': panels}
 
 
-@on_page
-def pair_figure(pairs: Sequence[tuple[JointPositions, JointPositions]]) -> Figure:
+def pair_figure(pairs: Sequence[tuple[JointPositions, JointPositions]]) -> Plot:
     """Draw which combinations of two joints' positions were visited."""
-    columns = max(len(pairs), 2)
-    figure, cells = new_cells(len(pairs), columns, 2.9 if columns == 2 else 2.0, (0.3, 0.0),
-                              between=0.75)
-    for axes, (first, second) in zip(cells, pairs, strict=True):
+    panels = []
+    for first, second in pairs:
         x, y = _edges(first), _edges(second)
         count = np.histogram2d(first.training, second.training, (x, y))[0]
-        # from pale to mid grey: each cell visited shows, and dots stay visible on top
-        shade = np.where(count > 0, np.log1p(count), np.nan).T
-        axes.pcolormesh(x, y, shade, cmap='Greys', vmin=-0.4 * np.nanmax(shade),
-                        vmax=1.7 * np.nanmax(shade), rasterized=True)
+        traces = [shades(x, y, np.where(count > 0, np.log1p(count), np.nan), 'training',
+                         plain=True)]
         if len(first.test):
             chosen = np.unique(np.linspace(0, len(first.test) - 1, MAX_DOTS).astype(int))
-            axes.plot(first.test[chosen], second.test[chosen], linestyle='none', marker='o',
-                      markersize=1.8, markeredgewidth=0.0, color=TEST_COLOUR, rasterized=True)
-        axes.grid(visible=False)
-        plain_text(axes.set_xlabel, label(first.name, first.unit))
-        plain_text(axes.set_ylabel, label(second.name, second.unit))
-    handles: list[Any] = [Patch(color=TRAINING_COLOUR, label='training')]
-    if len(pairs[0][0].test):
-        handles.append(Line2D([], [], linestyle='none', marker='o', markersize=3,
-                              color=TEST_COLOUR, label='validation'))
-    legend_above(cells[0], 2, handles=handles, handlelength=1.2)
-    return figure
+            traces.append(trace('dots', first.test[chosen], second.test[chosen], 'validation'))
+        panels.append(panel('', label(first.name, first.unit), label(second.name, second.unit),
+                            *traces, height=260))
+    return {'columns': max(2, len(pairs)), 'panels': panels}
+
+
+def shades(x: FloatArray, y: FloatArray, values: FloatArray, name: str, **more: Any) -> Plot:
+    """Give a map: x and y are edges of its cells, values (x, y), NaN where there is nothing."""
+    return trace('map', x, y, name, z=packed(values.T), **more)
+
+
+# -- The arm as it stands, seen from the side and from above
+
+def arm_figure(arm: Arm, q: FloatArray) -> Plot:
+    """Draw joints, tip and gauges at a pose (active joints,) [rad or m]."""
+    model, data = arm.model, arm.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    names = ['base', *arm.active_joints]
+    at = np.array([np.zeros(3), *(data.oMi[model.getJointId(name)].translation
+                                  for name in arm.active_joints)])
+    ends = [frame for frame in range(model.nframes) if model.frames[frame].parentJoint
+            == model.njoints - 1]
+    last = np.array([data.oMf[frame].translation for frame in ends])
+    tip = last[np.argmax(np.linalg.norm(last - at[-1], axis=1))]
+    links = np.vstack([at, tip])
+    gauges = np.array([data.oMi[model.getJointId(gauge.joint)].act(gauge_point(gauge))
+                       for gauge in arm.gauges if gauge.joint in names]).reshape(-1, 3)
+    weight = np.asarray(model.gravity.linear)
+    up = (-weight / np.linalg.norm(weight) if np.any(weight) else np.array([0.0, 0.0, 1.0]))
+    level = links - np.outer(links @ up, up)
+    # what is not along the weight, longest extent first
+    along = np.linalg.svd(level - level.mean(axis=0))[2][0]
+    along = along - (along @ up) * up
+    along /= np.linalg.norm(along) or 1.0
+    if np.sum((tip - at[0]) * along) < 0.0:
+        along = -along
+    views = {'from the side': (along, up), 'from above': (along, np.cross(up, along))}
+    panels = []
+    for view, (right, high) in views.items():
+        if view == 'from above' and np.ptp(links @ high) < 1e-3:
+            continue  # an arm in a plane that stands
+        panels.append(panel(
+            view, '[m]', '', trace('link', links @ right, links @ high, 'links'),
+            trace('joint', at[1:] @ right, at[1:] @ high, 'joints', text=[
+                pretty_name(name, 16) for name in arm.active_joints]),
+            *([trace('gauge', gauges @ right, gauges @ high, 'gauges',
+                     text=[pretty_name(name, 16) for name in arm.gauge_names])]
+              if len(gauges) else []),
+            equal=True, height=240))
+    return {'columns': 2, 'half': True, 'panels': panels}
+
+
+# -- Collisions: residuals against thresholds, ratios with pushes and events, and the ROC
+
+ALLOWED = 1.0
+"""False alarms per hour for which thresholds are drawn."""
+LOWEST = 0.05
+"""Ratios below are drawn there."""
+
+
+def threshold_figure(
+    result: FitResult, assessment: Assessment, output: str, kind: str,
+) -> Plot | None:
+    """Draw residuals of unseen free motion between the thresholds on what lasts."""
+    learned = assessment.thresholds.get((output, kind))
+    live = result.causal or result
+    cases = [item.unseen for item in live.fitted if (item.output, item.kind) == (output, kind)]
+    if learned is None or not cases:
+        return None
+    records = free_motion(cases[0][:1], output, live.preprocessing)
+    if not records:
+        return None
+    units, n = output_units(result.arm, output), len(learned.channels)
+    begun = records[0].stamp[0]
+    t = np.concatenate([(item.stamp - begun) * 1e-9 for item in records])
+    residual = np.vstack([item.residual for item in records])
+    columns = np.vstack([motion_features(item.stamp, item.motion) for item in records])
+    bound = columns @ learned.profile[:n].T * learned.ratios(ALLOWED)[:n]
+    if output == 'effort':
+        bound = bound + held_friction(learned.stiction, columns[:, 1:1 + n])
+    panels = []
+    for i, name in enumerate(learned.channels):
+        time, value, limit = decimated(t, residual[:, i], bound[:, i])
+        panels.append(panel(
+            pretty_name(name), 'time [s]', label('residual', units[name]),
+            trace('limit', time, limit, 'threshold'),
+            trace('limit', time, -limit, 'threshold'), trace(kind, time, value, 'residual')))
+    return {'columns': 2, 'panels': panels, 'linked': True}
+
+
+def event_figure(result: MethodResult, bag: int) -> Plot:
+    """Draw ratios to the thresholds, pushes and events of one bag."""
+    watched, sightings = result.watched[bag], result.watched[bag].sightings
+    if not len(watched.stamp):
+        return {'columns': 1, 'panels': []}
+    # events have their time since the first sample of the bag, which settling leaves out
+    origin = (sightings[0].event.stamp - round(sightings[0].time * 1e9) if sightings
+              else int(watched.stamp[0]))
+    t, ratio = decimated(
+        np.asarray((watched.stamp - origin) * 1e-9), np.maximum(watched.ratio, LOWEST))
+    top = 2.0 * max(float(watched.ratio.max(initial=0.0)), 1.5)
+    return {'columns': 1, 'panels': [panel(
+        '', 'time [s]', 'ratio to threshold', trace('analytical', t, ratio, 'ratio'),
+        trace('event', [item.time for item in sightings], [0.75 * top] * len(sightings), 'event',
+              text=[f'{pretty_name(item.channel)}, {item.ratio:.1f} times' for item in sightings]),
+        scale='log y', ylim=(LOWEST, top), at=1.0,
+        spans=[((push.begin - origin) * 1e-9, (push.end - origin) * 1e-9, str(number))
+               for number, push in enumerate(watched.truth.pushes, 1)])]}
+
+
+def roc_figure(curves: Mapping[str, Roc]) -> Plot:
+    """Draw pushes found against false events per hour, with intervals of 90 %."""
+    traces = []
+    for (method, roc), look in zip(curves.items(), ('analytical', 'elm', 'elastic'), strict=False):
+        low, high = roc.found_interval()
+        traces += [trace(look, roc.per_hour(), roc.share(), method, stairs=True, low=packed(low),
+                         high=packed(high)),
+                   trace(look, roc.per_hour()[[roc.now]], roc.share()[[roc.now]],
+                         f'{method}, threshold in force', points=True,
+                         across=[packed(x) for x in roc.false_interval(roc.now)])]
+    first = next(iter(curves.values()))
+    # what matters stands left; the rest is there to be zoomed out to
+    reach = 3.0 * max(10.0 * ALLOWED, *(roc.false_interval(roc.now)[1] for roc in curves.values()))
+    return {'columns': 1, 'panels': [panel(
+        '', f'false events per hour, in {60.0 * first.hours:.3g} min without a push',
+        f'pushes found of {first.pushes} [%]', *traces, height=300, ylim=(-2, 104),
+        xlim=(-0.03 * reach, reach))]}

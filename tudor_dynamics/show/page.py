@@ -16,25 +16,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import base64
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import hashlib
 import math
 from pathlib import Path
 from typing import Any
 
 import jinja2
-from matplotlib.figure import Figure
+from markupsafe import Markup
 import numpy as np
 
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.identification.detection import MethodResult
 from tudor_dynamics.identification.doctor.between import Evaluated
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
-from tudor_dynamics.identification.next_steps import assess, Assessment, Comparison, ErrorChange
+from tudor_dynamics.identification.next_steps import (
+    assess, Assessment, changes, Comparison, ErrorChange)
 from tudor_dynamics.identification.validation import (
     GOOD_FIT, Grade, LARGEST_CONDITION, USABLE_FIT, Validation)
-from tudor_dynamics.load.offline import Leftover, PayloadEstimate
+from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.comparison import (
@@ -45,8 +48,8 @@ from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.show import figures as report_data
 from tudor_dynamics.show.elastic import elastic_section
 from tudor_dynamics.show.figures import (
-    BLUE, density_figure, error_figure, label, new_cells, number, on_page, PAGE_MEASURED,
-    pair_figure, pretty_unit, signal_figure, thin)
+    arm_figure, decimated, density_figure, error_figure, event_figure, label, number, pair_figure,
+    panel, Plot, pretty_unit, roc_figure, signal_figure, threshold_figure, trace)
 
 
 UNCERTAIN = 30.0
@@ -55,6 +58,30 @@ SHOWN = 50
 """Bags that a page lists."""
 GOOD_CONDITION = 100.0
 """Condition number up to which least squares is said to be well conditioned (Gautier)."""
+
+
+@dataclass(frozen=True)
+class LastFit:
+    """A fit that another one is compared with."""
+
+    path: str  # of its bundle
+    facts: Mapping[str, Any]  # of its bundle
+
+    @property
+    def bags(self) -> list[str]:
+        """Bags that it was fitted to."""
+        return [str(bag.get('bag')) for bag in self.facts.get('training', ())]
+
+    @property
+    def judged(self) -> list[str]:
+        """Bags that it was judged by."""
+        return [str(bag.get('bag')) for bag in self.facts.get('test', ())] or self.bags
+
+    @property
+    def made(self) -> str:
+        """When and by what it was made; empty of bundles that do not say so."""
+        made = self.facts.get('made', {})
+        return ', '.join(str(made[key]) for key in ('date', 'version') if key in made)
 
 
 @dataclass(frozen=True)
@@ -119,29 +146,6 @@ def _conditioning(condition: float, excited: bool) -> str:
     return 'badly conditioned: predictions hold on similar motion only'
 
 
-def preprocessing_rows(spec: PreprocessingSpec, sample_rate: float) -> list[tuple[str, str]]:
-    """Describe filters and rate: sample_rate [Hz]."""
-    rows = []
-    if spec.filter == 'causal':
-        rows += [
-            ('Filters', 'causal, as they run next to the robot'),
-            ('Velocity', f'difference quotient, first-order low-pass {spec.velocity_cutoff:g} Hz'),
-            ('Acceleration', 'difference quotient of the velocity, first-order low-pass '
-                             f'{spec.acceleration_cutoff:g} Hz'),
-            ('Low-pass over positions, velocities and outputs',
-             'none' if spec.output_cutoff is None else f'{spec.output_cutoff:g} Hz')]
-    else:
-        cutoff = spec.cutoff or sample_rate / 10.0
-        rows += [('Filters', f'zero-phase (offline only), Butterworth {cutoff:g} Hz')]
-    rows += [
-        ('Velocity of the driver', 'used where a bag has it' if spec.measured_velocity else
-         'not used'),
-        ('Rate', 'every sample' if spec.rate is None else f'decimated to {spec.rate:g} Hz'),
-        ('Left out at the start of each stretch' +
-         (', and at its end' if spec.filter == 'zero_phase' else ''), f'{spec.settle:g} s')]
-    return rows
-
-
 def before_after(result: FitResult) -> dict[str, Any] | None:
     """
     Compare an arm as described with an arm as identified, for `before.html.j2`.
@@ -187,10 +191,15 @@ TITLES = {'effort': 'Effort', 'strain': 'Strain'}
 
 def render(
     result: FitResult, assessment: Assessment | None = None, planned: Comparison | None = None,
+    made: Mapping[str, str] | None = None, last: LastFit | None = None,
 ) -> str:
-    """Render the report of a fit: sections with their templates, and what all of them show."""
+    """
+    Render the report of a fit: sections with their templates, and what all of them show.
+
+    made: provenance, in words; last: the fit that this one is compared with.
+    """
     assessment = assess(result) if assessment is None else assessment
-    outputs = [_output(result, output) for output in
+    outputs = [_output(result, assessment, output) for output in
                dict.fromkeys(item.output for item in result.fitted)]
     elastic, before = elastic_section(result), before_after(result)
     bags = [('training', bag) for bag in result.learned]
@@ -199,51 +208,70 @@ def render(
     warnings = [warning for warning in result.warnings if warning not in of_bags]
     axes = report_data.joint_axes(result)
     pairs = report_data.joint_pairs(axes)
+    live = () if result.causal is None else result.causal.fitted
     sections = [
-        ('verdict', 'Verdict', True), ('doctor', 'Doctor', True), ('figures', 'Figures', True),
+        ('verdict', 'Verdict', True), ('next', 'What to do next', True),
+        ('figures', 'Figures', True), ('last', 'Compared with the last fit', last is not None),
+        ('doctor', 'Doctor', True),
         *((output['key'], f'{output["title"]} over time', True) for output in outputs),
+        ('thresholds', 'Collision thresholds', any(output['limits'] for output in outputs)),
         ('coefficients', 'Coefficients', any(output['groups'] for output in outputs)),
         ('before', 'Before and after', before is not None),
         ('planned', 'What was planned', planned is not None),
         ('elastic', 'Elastic arm', elastic is not None),
-        ('choices', 'What was chosen', bool(result.choices) or result.causal is not None),
+        ('choices', 'What was chosen', bool(result.choices)),
         ('coverage', 'Coverage', True), ('bags', 'Bags and warnings', True),
-        ('settings', 'Preprocessing and settings', True),
-        ('reading', 'How to read this', True), ('next', 'What to do next', True)]
+        ('settings', 'Settings and provenance', True), ('reading', 'How to read this', True)]
     return rendered(
         'page', arm=result.arm.name, joints=result.arm.active_joints,
         sections=[(anchor, title) for anchor, title, there in sections if there],
         overall=overall((result.causal or result).fitted, assessment.detects),
+        picture=arm_figure(result.arm, np.median(np.column_stack(
+            [axis.training for axis in axes])[:, result.arm.velocity_index], axis=0)),
         ringing=_ringing(result),
         analytical=any(item.kind == 'analytical' for item in result.fitted),
+        judged=[*((item, 'beside the robot') for item in live),
+                *((item, 'offline' if live else '') for item in result.fitted)],
         fitted=result.fitted, outputs=outputs, elastic=elastic, before=before,
         assessment=assessment, findings=result.findings, uncertain=UNCERTAIN,
         comparison=planned, ratios=None if planned is None else planned.ratios(),
-        choices=result.choices, causal=() if result.causal is None else result.causal.fitted,
-        separate=bool(result.test), coverage=report_data.coverage(result),
+        choices=result.choices, separate=bool(result.test), coverage=report_data.coverage(result),
         density=density_figure(axes), pairs=pair_figure(pairs) if pairs else None,
         bags=bags, warnings=warnings,
         n_warnings=len(warnings) + sum(len(bag.warnings) for _, bag in bags),
         unused=result.unused, shown=SHOWN, trained=len(result.learned),
         sampled=len(result.training) if len(result.learned) > len(result.training) else 0,
-        settings=result.settings, preprocessing=preprocessing_rows(
-            result.preprocessing, 1.0 / result.training[0].recording.dt),
-        good_fit=GOOD_FIT, usable_fit=USABLE_FIT, good_condition=GOOD_CONDITION,
-        steps=assessment.steps)
+        settings=result.settings, spec=result.preprocessing,
+        sample_rate=1.0 / result.training[0].recording.dt, good_fit=GOOD_FIT,
+        usable_fit=USABLE_FIT, good_condition=GOOD_CONDITION, steps=assessment.steps,
+        made=made or {}, last=last,
+        judged_by=[bag.bag for bag in result.judged or result.learned],
+        changes=() if last is None else changes(last.facts, {
+            output['key']: {item.kind: item.validation for item in output['fitted']}
+            for output in outputs}))
 
 
 def rendered(template: str, **values: Any) -> str:
     """Render a page; paths that are no UTF-8 do not stop it."""
+    from plotly.offline import get_plotlyjs  # slow to import
+
+    folder = Path(__file__).parent / 'templates'
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent / 'templates'), autoescape=True,
+        loader=jinja2.FileSystemLoader(folder), autoescape=True,
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {'number': number, 'unit': pretty_unit, 'in_words': in_words,
                             'kind': lambda kind: KINDS[kind].label}
-    text = environment.get_template(f'{template}.html.j2').render(version=__version__, **values)
+    # only these two scripts run, whatever stands in names
+    scripts = [get_plotlyjs().strip(), (folder / 'report.js').read_text().strip()]
+    allowed = [f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+               for script in scripts]
+    text = environment.get_template(f'{template}.html.j2').render(
+        version=__version__, allowed=' '.join(allowed),
+        scripts=[Markup(script) for script in scripts], **values)
     return text.encode('utf-8', errors='replace').decode()
 
 
-def _output(result: FitResult, output: str) -> dict[str, Any]:
+def _output(result: FitResult, assessment: Assessment, output: str) -> dict[str, Any]:
     """Collect what templates show of one output; ``unit`` is empty where channels differ in it."""
     fitted = tuple(item for item in result.fitted if item.output == output)
     units = output_units(result.arm, output)
@@ -251,12 +279,14 @@ def _output(result: FitResult, output: str) -> dict[str, Any]:
     trace = fitted[0].validation.traces[0]
     stretch = report_data.liveliest(trace, (*result.test, *result.training))
     judged = {item.kind: item.validation for item in fitted}
+    limits = (threshold_figure(result, assessment, output, item.kind) for item in fitted)
     return {
         'key': output, 'title': TITLES[output], 'units': units,
         'unit': unit if set(units.values()) == {unit} else '', 'fitted': fitted, 'bag': trace.bag,
         'signals': [(name, signal_figure(series, stretch)) for name, series
                     in report_data.channel_series(result.arm, output, judged).items()],
         'errors': error_figure(result.arm, output, judged),
+        'limits': next((found for found in limits if found is not None), None),
         'groups': [group for item in fitted for group in coefficient_groups(item, result.arm)]}
 
 
@@ -270,11 +300,6 @@ def _ringing(result: FitResult) -> list[dict[str, Any]]:
 
 
 # -- The page of an evaluation, with loads that the model did not know of
-
-WITH_LOAD: dict[str, Any] = {'color': BLUE, 'linewidth': 0.9, 'linestyle': '-'}
-COLUMNS = 2
-"""Channels beside each other."""
-
 
 def load_values(load: PayloadEstimate) -> list[tuple[str, str, float, float]]:
     """List what is known of a load: name, unit, value, standard deviation."""
@@ -300,23 +325,17 @@ def load_shares(arm: Arm, load: PayloadEstimate) -> list[tuple[str, str, float, 
                 strict=True)]
 
 
-@on_page
-def load_figure(arm: Arm, load: PayloadEstimate) -> Figure:
+def load_figure(arm: Arm, load: PayloadEstimate) -> Plot:
     """Draw the residual of each channel without and with the load."""
-    panels: list[tuple[Leftover, int, str]] = []
+    panels = []
     for item in load.outputs:
-        units = output_units(arm, item.output)
-        panels += [(item.leftover, place, units[name])
-                   for place, name in enumerate(item.leftover.channels)]
-    figure, cells = new_cells(len(panels), COLUMNS, 1.35, (0.45, 0.55), between=0.8)
-    for one, (left, place, unit) in zip(cells, panels, strict=True):
-        one.plot(*thin(left.t, left.before[:, place]), **PAGE_MEASURED, label='without the load')
-        one.plot(*thin(left.t, left.after[:, place]), **WITH_LOAD, label='with the load')
-        one.set_ylabel(label(left.channels[place], unit)).set_parse_math(False)
-        one.set_xlabel('time [s]')
-        one.margins(x=0.01)
-    figure.legend(*cells[0].get_legend_handles_labels(), loc='upper right', ncol=2)
-    return figure
+        left, units = item.leftover, output_units(arm, item.output)
+        for place, name in enumerate(left.channels):
+            t, before, after = decimated(left.t, left.before[:, place], left.after[:, place])
+            panels.append(panel('', 'time [s]', label(name, units[name]),
+                                trace('measured', t, before, 'without the load'),
+                                trace('analytical', t, after, 'with the load')))
+    return {'columns': 2, 'panels': panels, 'linked': True}
 
 
 def evaluation_page(
@@ -333,3 +352,20 @@ def evaluation_page(
              for bag, load in evaluated.loads.items()]
     return rendered('evaluation', arm=bundle.arm.name, bags=bags, rows=rows, worse=worse,
                     findings=evaluated.findings, loads=loads)
+
+
+MOST = 6
+"""Bags whose ratios a page draws."""
+
+
+def collision_page(
+    bundle: ModelBundle, bags: Sequence[str], results: Sequence[MethodResult], allowed: float,
+) -> str:
+    """Render the page of what a detector found; allowed: false alarms per hour."""
+    curves = {item.method: item.roc for item in results if item.roc.pushes}
+    pictures = [(f'{item.method}: {item.watched[bag].bag}', event_figure(item, bag))
+                for bag in range(min(len(bags), MOST)) for item in results]
+    return rendered(
+        'collisions', arm=bundle.arm.name, bags=bags, results=results, per_hour=allowed,
+        best=max(results, key=lambda item: (item.score.found, -(item.score.false_alarms or 0))),
+        roc=roc_figure(curves) if curves else None, pictures=pictures)

@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec
 
+import matplotlib
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -28,15 +30,85 @@ from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.detection import MethodResult
-from tudor_dynamics.show.figures import BLUE, P, plain_text, PRINT, style, VERMILION
+from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.show.figures import (
+    ComparedSignal, decimated, label, LOWEST, pretty_name, scale)
 from tudor_dynamics.signals.motion_profile import JointRange, MotionLimits, states
 from tudor_dynamics.typing import FloatArray
 
 
+# -- One style for files of their own, over two columns of a paper; drawn through matplotlib's
+# object interface, without pyplot and its global state.
+#
+# Every series has a line style, width or marker of its own, so that prints in grey stay legible;
+# the colours are those of Okabe and Ito, which colour-blind readers tell apart.
+
+P = ParamSpec('P')
+BLUE, VERMILION = '#0072b2', '#d55e00'
+PRINT: Any = {
+    'axes.axisbelow': True, 'axes.grid': True, 'axes.spines.right': False,
+    'axes.spines.top': False, 'axes.titlelocation': 'left', 'axes.titley': 1.0,  # not searched for
+    'grid.color': '#dddddd', 'grid.linewidth': 0.6, 'legend.frameon': False, 'path.simplify': True,
+    # ids come from the content alone, so that equal fits give equal files
+    'svg.hashsalt': 'tudor_dynamics', 'font.size': 9.0, 'axes.titlesize': 9.5,
+    'axes.labelsize': 9.0, 'legend.fontsize': 8.5, 'legend.handlelength': 2.8,
+    'xtick.labelsize': 8.5, 'ytick.labelsize': 8.5, 'svg.fonttype': 'path'}
+MODELS: dict[str, dict[str, Any]] = {
+    'analytical': {'color': BLUE, 'linewidth': 1.0, 'linestyle': '-'},
+    'elm': {'color': VERMILION, 'linewidth': 1.0, 'linestyle': (0, (3.5, 1.5))},
+    'elastic': {'color': '#007a57', 'linewidth': 1.3, 'linestyle': (0, (1, 0.8))}}
+OTHER: dict[str, Any] = {'color': '#7a4fa3', 'linewidth': 1.1, 'linestyle': (0, (6, 1.2))}
+"""Of a kind that has no look of its own."""
+
+
+@contextmanager
+def style(settings: Any) -> Iterator[None]:
+    """Draw in a style, whatever the user's matplotlibrc says."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(settings)
+        yield
+
+
+def plain_text(setter: Any, text: str) -> None:
+    """Set a text in which dollar signs are dollar signs: names are not ours."""
+    setter(text).set_parse_math(False)
+
+
+# -- Picture of a prediction
+
+def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
+    """Draw measured against predicted, the residual, and a stretch in detail: stretch [s]."""
+    figure = Figure(figsize=(7.2, 5.0), layout='constrained')
+    whole, rest, detail = figure.subplots(3, 1, height_ratios=(1.3, 0.8, 1.3))
+    rest.sharex(whole)
+    window = (series.t >= stretch[0]) & (series.t <= stretch[1])
+    for axes, part, title in (
+            (whole, slice(None), f'{pretty_name(series.name, 20)}, whole bag'),
+            (detail, window, 'Stretch with the most motion (shaded above)')):
+        t, measured = series.t[part], series.measured[part]
+        axes.plot(*decimated(t, measured), label='measured', color='#a3a3a3', linewidth=2.4)
+        for kind, values in series.predicted.items():
+            axes.plot(*decimated(t, values[part]), label=KINDS[kind].label,
+                      **MODELS.get(kind, OTHER))
+        axes.set_ylim(*scale(measured, [values[part] for values in series.predicted.values()]))
+        plain_text(axes.set_title, title)
+        plain_text(axes.set_ylabel, label(series.output, series.unit))
+    for kind, values in series.predicted.items():
+        rest.plot(*decimated(series.t, series.measured - values), **MODELS.get(kind, OTHER))
+    plain_text(rest.set_ylabel, label('residual', series.unit))
+    for axes in (whole, rest):
+        axes.axvspan(*stretch, color='#f0e442', alpha=0.25, linewidth=0)
+    whole.set_xlim(float(series.t[0]), float(series.t[-1]))
+    whole.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncol=4, borderpad=0.1)
+    rest.set_title('Residual, measured - predicted')
+    detail.set_xlim(*stretch)
+    detail.set_xlabel('time [s]')
+    return figure
+
+
 # -- Picture of collisions: how far each method stands above its thresholds, pushes, events
 
-LOWEST = 0.05
-"""Ratios below are drawn there."""
 MOST = 6
 """Bags that are drawn at most."""
 
@@ -107,20 +179,22 @@ def write_roc(results: Sequence[MethodResult], path: Path) -> None:
     figure = Figure(figsize=(6.4, 4.4), layout='constrained')
     axes = figure.add_subplot()
     for result, marker in zip(results, 'os^Dv', strict=False):
-        false = [point[1] for point in result.roc]
-        rate = [100.0 * point[2] for point in result.roc]
-        line, = axes.plot(false, rate, drawstyle='steps-post', label=result.method)
-        score = result.score
-        axes.plot(score.false_alarms_per_hour or 0.0, 100.0 * (score.detection_rate or 0.0),
-                  marker, color=line.get_color(), markersize=9, clip_on=False)
-    hours = results[0].score.hours
-    axes.set_xscale('symlog', linthresh=max(1.0 / max(hours, 1e-6), 1e-3))
-    axes.set_xlabel(f'false alarms per hour (from {60 * hours:.1f} min without a push)')
-    axes.set_ylabel('pushes found [%]')
+        roc = result.roc
+        line, = axes.plot(roc.per_hour(), roc.share(), drawstyle='steps-post', label=result.method)
+        axes.fill_between(roc.per_hour(), *roc.found_interval(), step='post', alpha=0.15,
+                          color=line.get_color(), linewidth=0)
+        low, high = roc.false_interval(roc.now)
+        at, share = roc.per_hour()[roc.now], roc.share()[roc.now]
+        axes.errorbar(at, share, xerr=[[at - low], [high - at]], marker=marker, capsize=3,
+                      color=line.get_color(), markersize=9, clip_on=False)
+    roc = results[0].roc
+    axes.set_xscale('symlog', linthresh=max(1.0 / max(roc.hours, 1e-6), 1e-3))
+    axes.set_xlabel(f'false events per hour (from {60 * roc.hours:.1f} min without a push)')
+    axes.set_ylabel(f'pushes found of {roc.pushes} [%]')
     axes.set_ylim(0, 103)
     axes.set_xlim(left=0)
     axes.grid(alpha=0.3)
-    axes.legend(title='marker: threshold in force')
+    axes.legend(title='marker: threshold in force; intervals: 90 %')
     write_figure(figure, path)
 
 
@@ -160,7 +234,7 @@ def draw_schedule(schedule: Schedule, fixed: FloatArray) -> Figure:
         ('damping ratio, first mode', [('scheduled gains', schedule.column('reached')),
                                        ('fixed gains', fixed)]),
         ('position gain [1/s]', [('position loop', schedule.column('position_gain'))]))
-    for axis, (label, series) in zip(axes.flat, panels, strict=True):
+    for axis, (title, series) in zip(axes.flat, panels, strict=True):
         for number, (name, values) in enumerate(series):
             look = LOOKS[number % len(LOOKS)]
             flat = values.reshape(len(schedule.payload), -1)
@@ -169,7 +243,7 @@ def draw_schedule(schedule: Schedule, fixed: FloatArray) -> Figure:
                       label=name.replace('$', r'\$'), **look)
             axis.fill_between(grams, flat.min(axis=1), flat.max(axis=1), color=look['color'],
                               alpha=0.15, linewidth=0.0)
-        axis.set_ylabel(label)
+        axis.set_ylabel(title)
         axis.set_ylim(bottom=0.0)
         axis.legend(loc='best')
     axes[1, 0].set_ylim(0.0, max(1.3 * asked, 1.1 * float(fixed.max())))
@@ -203,11 +277,11 @@ def draw_motion(
         for limit in (bounds.lower[j], bounds.upper[j]):
             left.axhline(limit, color='#777777', linewidth=0.9, linestyle=(0, (4, 2)))
         plain_text(left.set_ylabel, f'{name} [{units[name]}]')
-        for look, values, label in (
+        for look, values, what in (
                 (LOOKS[0], dq[::every, j] / limits.velocity[j], 'speed'),
                 (LOOKS[1], ddq[::every, j] / limits.acceleration[j], 'acceleration')):
             right.plot(t, values, color=look['color'], linestyle=look['linestyle'],
-                       linewidth=1.0, label=label)
+                       linewidth=1.0, label=what)
         right.set_ylim(-1.15, 1.15)
         right.set_yticks((-1.0, 0.0, 1.0))
     axes[0, 0].set_title('position, and its limits (dashed)')
