@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-import json
 from pathlib import Path
 import re
 from typing import Any
@@ -36,6 +35,7 @@ from tudor_dynamics.models.elastic.model import driven_arm, PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.show.elastic import (
     mode_figure, MOST_ROWS, NOT_SHOWN, start_rows, strongest, summary)
+from tudor_dynamics.show.figures import encoded
 from tudor_dynamics.show.page import render
 from tudor_dynamics.signals.filters import Vibration
 from tudor_dynamics.signals.preprocessing import prepare
@@ -212,6 +212,6 @@ def test_one_joint_is_a_line() -> None:
     edges = np.linspace(0.0, 1.0, 5)
     found = ModeMap((0,), (edges,), np.array([[3.0, 3.1, 3.2, 3.3], [9.0, np.nan, 8.0, 7.0]]),
                     np.full((2, 4), 0.02))
-    drawn = json.dumps(mode_figure(found, [('hinge', 'rad')], [ring(1.0)]))
+    drawn = encoded(mode_figure(found, [('hinge', 'rad')], [ring(1.0)]))
     for text in ('first mode', 'second mode', 'ring-down measured', 'hinge [rad]'):
         assert text in drawn

@@ -16,11 +16,9 @@
 
 from __future__ import annotations
 
-import base64
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
 import numpy as np
 import pytest
 
@@ -28,7 +26,7 @@ from tudor_dynamics.identification.detection import (
     CollisionScore, DetectedEvent, KnownPush, MethodResult, roc_of, Truth, WatchedBag)
 from tudor_dynamics.online.detector import CollisionEvent
 from tudor_dynamics.show.figures import event_figure, LOWEST, roc_figure
-from tudor_dynamics.show.pictures import _draw, draw_events, MOST, write_picture
+from tudor_dynamics.show.pictures import draw_events, draw_roc, MOST, write_picture
 
 BEGIN = 1_700_000_000_000_000_000
 
@@ -57,23 +55,22 @@ def result(*bags: WatchedBag, method: str = 'strain') -> MethodResult:
 
 def axes_of(bag: WatchedBag) -> Any:
     """Draw one bag."""
-    axes = Figure().subplots()
-    _draw(axes, result(bag), 0, first=True, last=True)
-    return axes
+    return draw_events([result(bag)]).axes[0]
 
 
 def test_events_and_pushes_stand_at_the_time_of_the_bag() -> None:
     """Zero is the first sample of the bag, also where the first ones are left out."""
+    panel, = event_figure(result(watched()), 0)['panels']
+    assert panel['traces'][1]['x'] == pytest.approx([4.2])
     axes = axes_of(watched())
-    ratio, threshold, events = axes.lines
+    ratio, events, threshold = axes.lines
     assert ratio.get_xdata()[0] == pytest.approx(1.0)
     assert events.get_xdata() == pytest.approx([4.2])
     assert list(threshold.get_ydata()) == [1.0, 1.0]
     push, = axes.patches
     box = push.get_extents().transformed(axes.transData.inverted())
     assert (box.x0, box.x1) == pytest.approx((4.0, 4.5), abs=1e-6)
-    assert axes.get_title() == ('strain: 1 of 1 pushes found, 1 events in run (yellow: pushes, '
-                                'triangles: events)')
+    assert axes.get_title() == 'strain: 1 of 1 pushes found, 1 events in run'
 
 
 def test_what_is_small_stands_at_the_lower_edge() -> None:
@@ -85,27 +82,18 @@ def test_what_is_small_stands_at_the_lower_edge() -> None:
 
 
 def test_nothing_found_and_nothing_watched() -> None:
-    """No triangle; a bag without samples leaves its place empty."""
-    axes = axes_of(watched(found=False))
-    assert len(axes.lines[2].get_xdata()) == 0 and ' 0 events in run' in axes.get_title()
-    empty = WatchedBag('run', np.zeros(0, np.int64), np.zeros(0), Truth(), ())
-    assert not axes_of(empty).lines
-
-
-def test_on_a_page() -> None:
-    """The same times, pushes and events; a method's curve with its intervals."""
-    shown = result(watched())
-    panel, = event_figure(shown, 0)['panels']
-    ratio, events = panel['traces']
-    assert np.frombuffer(base64.b64decode(events['x']), '<f4') == pytest.approx([4.2])
-    assert np.frombuffer(base64.b64decode(ratio['x']), '<f4')[0] == pytest.approx(1.0)
-    (begin, end, number), = panel['spans']
-    assert (begin, end, number) == (pytest.approx(4.0), pytest.approx(4.5), '1')
-    assert panel['at'] == 1.0 and panel['ylim'] == (LOWEST, pytest.approx(6.0))
+    """No triangle; a bag without samples has no picture."""
+    assert len(axes_of(watched(found=False)).lines[1].get_xdata()) == 0
     empty = WatchedBag('run', np.zeros(0, np.int64), np.zeros(0), Truth(), ())
     assert event_figure(result(empty), 0)['panels'] == []
-    curve, now = roc_figure({'strain': shown.roc})['panels'][0]['traces']
+
+
+def test_the_curve_of_a_method() -> None:
+    """A line with its band, and a point with its interval for the thresholds in force."""
+    curve, now = roc_figure({'strain': result(watched()).roc})['panels'][0]['traces']
     assert curve['name'] == 'strain' and now['name'] == 'strain, threshold in force'
+    assert now['x'] == [0.0] and now['y'] == [100.0]
+    assert draw_roc([result(watched())]).axes[0].get_ylabel() == 'pushes found of 1 [%]'
 
 
 @pytest.mark.parametrize('suffix', ['png', 'svg'])
@@ -119,14 +107,10 @@ def test_the_file(tmp_path: Path, suffix: str) -> None:
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_no_more_bags_than_can_be_looked_at(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_no_more_bags_than_can_be_looked_at() -> None:
     """The first ones, each method below the other."""
-    seen: list[tuple[str, int]] = []
-    monkeypatch.setattr('tudor_dynamics.show.pictures._draw',
-                        lambda _, result, bag, **__: seen.append((result.method, bag)))
     bags = [watched(f'run{i}') for i in range(MOST + 3)]
-    write_picture(tmp_path / 'events.png', draw_events,
-                  [result(*bags), result(*bags, method='effort')])
-    assert seen == [(method, bag) for bag in range(MOST) for method in ('strain', 'effort')]
+    drawn = draw_events([result(*bags), result(*bags, method='effort')]).axes
+    assert [axes.get_title() for axes in drawn] == [
+        f'{method}: 1 events in run{bag}' for bag in range(MOST)
+        for method in ('strain', 'effort')]

@@ -38,8 +38,8 @@ from tudor_dynamics.identification.ringdowns import Ringing
 from tudor_dynamics.identification.validation import Grade, Verdict
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.show.figures import (
-    arm_figure, coverage, decimated, joint_pairs, JointPositions, liveliest,
-    MAX_POINTS, number, pretty_unit)
+    arm_figure, coverage, decimated, encoded, joint_pairs, JointPositions, liveliest, MAX_POINTS,
+    number, panel, pretty_unit, trace)
 from tudor_dynamics.show.page import coefficient_groups, LastFit, overall, render
 from tudor_dynamics.signals.preprocessing import prepare
 
@@ -149,9 +149,9 @@ class Page(HTMLParser):
 
 def texts(figure: dict[str, Any]) -> set[str]:
     """Give titles, labels and names of traces of a figure."""
-    return {text for panel in figure['panels'] for text in (
-        panel['title'], panel['xlabel'], panel['ylabel'],
-        *(trace['name'] for trace in panel['traces']))}
+    return {text for drawn in figure['panels'] for text in (
+        drawn['title'], drawn['xlabel'], drawn['ylabel'],
+        *(line['name'] for line in drawn['traces']))}
 
 
 @pytest.fixture(scope='module')
@@ -268,6 +268,19 @@ def test_six_joints_without_test_bag() -> None:
     assert 'leave one bag out' in page.text
 
 
+def test_arrays_are_written_once() -> None:
+    """In single precision, those that traces share once; texts stay texts."""
+    t = np.array([0.0, 0.25, np.nan])
+    plot = {'panels': [panel('</script>', '', '', trace('a', t, 2.0 * t), trace('b', t, t))]}
+    text = encoded(plot)
+    assert '</script>' not in text
+    found = json.loads(text)
+    first, second = found['panels'][0]['traces']
+    assert first['x'] == second['x'] == second['y'] != first['y'] and len(found['data']) == 2
+    assert np.frombuffer(base64.b64decode(found['data'][first['y']]), '<f4') == pytest.approx(
+        [0.0, 0.5, np.nan], nan_ok=True)
+
+
 def test_one_joint_has_no_pairs() -> None:
     """A single joint cannot be paired, and the page says nothing about pairs."""
     page = Page(render(fit(planar_arm(1))))
@@ -307,28 +320,23 @@ def test_unexcited_coefficients_are_marked() -> None:
     assert Page(render(result)).values('class').count('unexcited') == len(marked)
 
 
-def values(text: str) -> np.ndarray:
-    """Read numbers of a figure."""
-    return np.frombuffer(base64.b64decode(text), '<f4')
-
-
 def test_picture_of_the_arm() -> None:
     """Links as long as described, upright against the weight, gauges on them; and from above."""
     figure = arm_figure(planar_arm(gauges=2), np.array([0.0, np.pi / 2]))
-    panel, = figure['panels']  # a plane that stands: nothing to be seen from above
-    links, joints, gauges = panel['traces']
-    place = np.column_stack([values(links['x']), values(links['y'])])
+    view, = figure['panels']  # a plane that stands: nothing to be seen from above
+    links, _, gauges = view['traces']
+    place = np.column_stack([links['x'], links['y']])
     assert place == pytest.approx(np.array([[0, 0], [0, 0], [0.5, 0], [0.5, 0.5]]), abs=1e-6)
     assert gauges['text'] == ['bridge1', 'bridge2']
-    assert values(gauges['x']) == pytest.approx([0.05, 0.5], abs=1e-6)
-    assert values(gauges['y']) == pytest.approx([0.0, 0.05], abs=1e-6)
+    assert gauges['x'] == pytest.approx([0.05, 0.5], abs=1e-6)
+    assert gauges['y'] == pytest.approx([0.0, 0.05], abs=1e-6)
     elsewhere = arm_from_dict({
         'name': 'turning', 'gravity': [0.0, 0.0, -9.81],
         'kinematics': {'dh': [[0.0, np.pi / 2, 0.4, 0.0], [0.3, np.pi / 2, 0.0, 0.0],
                               [0.2, 0.0, 0.1, 0.0]]},
         'joints': [{'name': f'j{i}', 'effort': {'unit': 'N m'}} for i in range(3)]},
         base=Path(), source='test')
-    titles = [panel['title'] for panel in arm_figure(
+    titles = [view['title'] for view in arm_figure(
         elsewhere, np.array([0.3, 0.4, 0.9]))['panels']]
     assert titles == ['from the side', 'from above']
 

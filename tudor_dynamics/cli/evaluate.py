@@ -95,7 +95,7 @@ def run_collisions(args: argparse.Namespace) -> int:
         raise UsageError(f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give '
                          'one for each, in their order')
     from tudor_dynamics.show.pictures import (  # plots are slow to import
-        draw_events, picture_path, write_picture, write_roc)
+        draw_events, draw_roc, picture_path, write_picture)
 
     plot = picture_path(args.roc) if args.roc else None
     picture = picture_path(args.plot) if args.plot else None
@@ -122,7 +122,7 @@ def run_collisions(args: argparse.Namespace) -> int:
         if not any(truth.known for truth in truths):
             msg = '--roc needs to know the pushes; give --pushes FILE.csv, --truth TOPIC or --free'
             raise UsageError(msg)
-        write_roc(results, plot)
+        write_picture(plot, draw_roc, results)
     if picture is not None:
         write_picture(picture, draw_events, results)
     if args.report:

@@ -34,7 +34,7 @@ from tudor_dynamics.models.elastic.model import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import kind_of
 from tudor_dynamics.models.estimation import Products
 from tudor_dynamics.models.regressor import output_units
-from tudor_dynamics.show.figures import label, packed, panel, Plot, trace
+from tudor_dynamics.show.figures import label, panel, Plot, trace
 from tudor_dynamics.show.page import rendered
 from tudor_dynamics.typing import FloatArray
 
@@ -484,7 +484,7 @@ def _figure(title: str, items: Sequence[Observation], named: Sequence[str]) -> P
                     [item.date.isoformat() for item in arms[arm]],
                     [item.quantity.value for item in arms[arm]],
                     arm if arm in named else 'the others', points=True,
-                    error=packed([item.quantity.error for item in arms[arm]]))
+                    error=np.array([item.quantity.error for item in arms[arm]]))
               for arm in [*others[:MOST], *named]]
     quantity = items[0].quantity
     return {'columns': 1, 'panels': [panel(

@@ -23,10 +23,13 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import json
 import math
 import re
 from typing import Any
 
+from jinja2.utils import htmlsafe_json_dumps
+from markupsafe import Markup
 import numpy as np
 import pinocchio as pin
 
@@ -87,16 +90,25 @@ MAX_POINTS = 2000
 SIGNAL_BINS = 60
 
 
-def packed(values: Any) -> str:
-    """Write numbers in single precision, a quarter of their digits as text."""
-    return base64.b64encode(np.asarray(values, dtype='<f4').tobytes()).decode('ascii')
+def encoded(plot: Plot) -> Markup:
+    """Write a figure as JSON for a page: each array once, in single precision as base64."""
+    arrays: dict[int, FloatArray] = {}
+
+    def name(array: FloatArray) -> str:
+        arrays[id(array)] = array
+        return f'#{id(array)}'
+    body = json.dumps(plot, default=name)
+    data = {}
+    for place, (key, array) in enumerate(arrays.items()):
+        body = body.replace(f'"#{key}"', f'"#{place}"')
+        data[f'#{place}'] = base64.b64encode(array.astype('<f4').tobytes()).decode('ascii')
+    return htmlsafe_json_dumps({**json.loads(body), 'data': data})
 
 
 def trace(look: str, x: Any, y: Any, name: str = '', **more: Any) -> Plot:
-    """Give one trace; x and y: numbers, texts, or ``#NAME`` of the figure's ``data``."""
+    """Give one trace; x and y: numbers, or texts."""
     def plain(values: Any) -> Any:
-        texts = isinstance(values, str) or (len(values) and isinstance(values[0], str))
-        return values if texts else packed(values)
+        return values if len(values) and isinstance(values[0], str) else np.asarray(values)
     return {'look': look, 'x': plain(x), 'y': plain(y), 'name': pretty_name(name), **more}
 
 
@@ -169,18 +181,15 @@ def signal_figure(series: ComparedSignal, stretch: tuple[float, float]) -> Plot:
     t, measured, *values = decimated(series.t, series.measured, *(
         series.predicted[kind] for kind in residuals), *residuals.values())
     kinds = list(residuals)
-    data = {'t': packed(t), 'measured': packed(measured),
-            **{kind: packed(x) for kind, x in zip(kinds, values, strict=False)},
-            **{f'-{kind}': packed(x) for kind, x in
-               zip(kinds, values[len(kinds):], strict=True)}}
     bound = 1.1 * _reach(residuals, 99.8)
-    return {'data': data, 'columns': 1, 'linked': True, 'stretch': stretch, 'panels': [
-        panel('', '', label(series.output, series.unit), *(
-            trace(name, '#t', f'#{name}', name) for name in ('measured', *kinds)),
-            ylim=scale(series.measured, list(series.predicted.values()))),
-        panel('measured − predicted', 'time [s]', label('residual', series.unit), *(
-            trace(name, '#t', f'#-{name}', name) for name in kinds), height=120,
-            ylim=(-bound, bound))]}
+    return {'columns': 1, 'linked': True, 'stretch': stretch, 'panels': [
+        panel('', '', label(series.output, series.unit),
+              *(trace(name, t, x, name) for name, x in zip(
+                  ['measured', *kinds], [measured, *values], strict=False)),
+              ylim=scale(series.measured, list(series.predicted.values()))),
+        panel('measured − predicted', 'time [s]', label('residual', series.unit),
+              *(trace(kind, t, x, kind) for kind, x in zip(
+                  kinds, values[len(kinds):], strict=True)), height=120, ylim=(-bound, bound))]}
 
 
 def error_figure(arm: Arm, output: str, judged: Mapping[str, Validation]) -> Plot:
@@ -330,7 +339,7 @@ def pair_figure(pairs: Sequence[tuple[JointPositions, JointPositions]]) -> Plot:
 
 def shades(x: FloatArray, y: FloatArray, values: FloatArray, name: str, **more: Any) -> Plot:
     """Give a map: x and y are edges of its cells, values (x, y), NaN where there is nothing."""
-    return trace('map', x, y, name, z=packed(values.T), **more)
+    return trace('map', x, y, name, z=values.T, **more)
 
 
 # -- The arm as it stands, seen from the side and from above
@@ -437,11 +446,11 @@ def roc_figure(curves: Mapping[str, Roc]) -> Plot:
     traces = []
     for (method, roc), look in zip(curves.items(), ('analytical', 'elm', 'elastic'), strict=False):
         low, high = roc.found_interval()
-        traces += [trace(look, roc.per_hour(), roc.share(), method, stairs=True, low=packed(low),
-                         high=packed(high)),
+        traces += [trace(look, roc.per_hour(), roc.share(), method, stairs=True, low=low,
+                         high=high),
                    trace(look, roc.per_hour()[[roc.now]], roc.share()[[roc.now]],
                          f'{method}, threshold in force', points=True,
-                         across=[packed(x) for x in roc.false_interval(roc.now)])]
+                         across=roc.false_interval(roc.now))]
     first = next(iter(curves.values()))
     # what matters stands left; the rest is there to be zoomed out to
     reach = 3.0 * max(10.0 * ALLOWED, *(roc.false_interval(roc.now)[1] for roc in curves.values()))

@@ -48,8 +48,8 @@ from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.show import figures as report_data
 from tudor_dynamics.show.elastic import elastic_section
 from tudor_dynamics.show.figures import (
-    arm_figure, decimated, density_figure, error_figure, event_figure, label, number, pair_figure,
-    panel, Plot, pretty_unit, roc_figure, signal_figure, threshold_figure, trace)
+    arm_figure, decimated, density_figure, encoded, error_figure, event_figure, label, number,
+    pair_figure, panel, Plot, pretty_unit, roc_figure, signal_figure, threshold_figure, trace)
 
 
 UNCERTAIN = 30.0
@@ -259,8 +259,8 @@ def rendered(template: str, **values: Any) -> str:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(folder), autoescape=True,
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {'number': number, 'unit': pretty_unit, 'in_words': in_words,
-                            'kind': lambda kind: KINDS[kind].label}
+    environment.filters |= {'encoded': encoded, 'number': number, 'unit': pretty_unit,
+                            'in_words': in_words, 'kind': lambda kind: KINDS[kind].label}
     # only these two scripts run, whatever stands in names
     scripts = [get_plotlyjs().strip(), (folder / 'report.js').read_text().strip()]
     allowed = [f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"

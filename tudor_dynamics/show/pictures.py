@@ -30,9 +30,8 @@ from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.detection import MethodResult
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.show.figures import (
-    ComparedSignal, decimated, label, LOWEST, pretty_name, scale)
+    ComparedSignal, event_figure, Plot, roc_figure, signal_figure)
 from tudor_dynamics.signals.motion_profile import JointRange, MotionLimits, states
 from tudor_dynamics.typing import FloatArray
 
@@ -53,12 +52,14 @@ PRINT: Any = {
     'svg.hashsalt': 'tudor_dynamics', 'font.size': 9.0, 'axes.titlesize': 9.5,
     'axes.labelsize': 9.0, 'legend.fontsize': 8.5, 'legend.handlelength': 2.8,
     'xtick.labelsize': 8.5, 'ytick.labelsize': 8.5, 'svg.fonttype': 'path'}
-MODELS: dict[str, dict[str, Any]] = {
-    'analytical': {'color': BLUE, 'linewidth': 1.0, 'linestyle': '-'},
+LINES: dict[str, dict[str, Any]] = {
+    'measured': {'color': '#a3a3a3', 'linewidth': 2.4},
+    'analytical': {'color': BLUE, 'linewidth': 1.0},
     'elm': {'color': VERMILION, 'linewidth': 1.0, 'linestyle': (0, (3.5, 1.5))},
-    'elastic': {'color': '#007a57', 'linewidth': 1.3, 'linestyle': (0, (1, 0.8))}}
+    'elastic': {'color': '#007a57', 'linewidth': 1.3, 'linestyle': (0, (1, 0.8))},
+    'event': {'color': VERMILION, 'linestyle': 'none', 'marker': 'v', 'clip_on': False}}
 OTHER: dict[str, Any] = {'color': '#7a4fa3', 'linewidth': 1.1, 'linestyle': (0, (6, 1.2))}
-"""Of a kind that has no look of its own."""
+"""Of a look that is not among these."""
 
 
 @contextmanager
@@ -75,88 +76,72 @@ def plain_text(setter: Any, text: str) -> None:
     setter(text).set_parse_math(False)
 
 
-# -- Picture of a prediction
-
-def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
-    """Draw measured against predicted, the residual, and a stretch in detail: stretch [s]."""
-    figure = Figure(figsize=(7.2, 5.0), layout='constrained')
-    whole, rest, detail = figure.subplots(3, 1, height_ratios=(1.3, 0.8, 1.3))
-    rest.sharex(whole)
-    window = (series.t >= stretch[0]) & (series.t <= stretch[1])
-    for axes, part, title in (
-            (whole, slice(None), f'{pretty_name(series.name, 20)}, whole bag'),
-            (detail, window, 'Stretch with the most motion (shaded above)')):
-        t, measured = series.t[part], series.measured[part]
-        axes.plot(*decimated(t, measured), label='measured', color='#a3a3a3', linewidth=2.4)
-        for kind, values in series.predicted.items():
-            axes.plot(*decimated(t, values[part]), label=KINDS[kind].label,
-                      **MODELS.get(kind, OTHER))
-        axes.set_ylim(*scale(measured, [values[part] for values in series.predicted.values()]))
-        plain_text(axes.set_title, title)
-        plain_text(axes.set_ylabel, label(series.output, series.unit))
-    for kind, values in series.predicted.items():
-        rest.plot(*decimated(series.t, series.measured - values), **MODELS.get(kind, OTHER))
-    plain_text(rest.set_ylabel, label('residual', series.unit))
-    for axes in (whole, rest):
-        axes.axvspan(*stretch, color='#f0e442', alpha=0.25, linewidth=0)
-    whole.set_xlim(float(series.t[0]), float(series.t[-1]))
-    whole.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncol=4, borderpad=0.1)
-    rest.set_title('Residual, measured - predicted')
-    detail.set_xlim(*stretch)
-    detail.set_xlabel('time [s]')
-    return figure
-
-
-# -- Picture of collisions: how far each method stands above its thresholds, pushes, events
+# -- Figures of a page, as files
 
 MOST = 6
 """Bags that are drawn at most."""
+SUFFIXES = ('.png', '.svg', '.pdf')
+
+
+def draw(plot: Plot) -> Figure:
+    """Draw lines of a page's figure, panels below each other; to be called within a style."""
+    panels = plot['panels']
+    heights = [panel.get('height', 190) / 110.0 for panel in panels]
+    figure = Figure(figsize=(7.2, 0.6 + sum(heights)), layout='constrained')
+    rows = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, panel in zip(rows, panels, strict=True):
+        for item in panel['traces']:
+            look = {**LINES.get(item['look'], OTHER), 'label': item['name'] or None}
+            if 'low' in item:
+                axes.fill_between(item['x'], item['low'], item['high'], step='post', alpha=0.15,
+                                  color=look['color'], linewidth=0)
+            if 'across' in item:
+                low, high = item['across']
+                axes.plot([low, high], [*item['y'], *item['y']], color=look['color'], marker='|')
+                look |= {'marker': 'o', 'markersize': 8}
+            axes.plot(item['x'], item['y'], **look, drawstyle=(
+                'steps-post' if item.get('stairs') else 'default'))
+        for begin, end, number in panel.get('spans', ()):
+            axes.axvspan(begin, end, color='#f0e442', alpha=0.6, linewidth=0)
+            axes.text(begin, panel['ylim'][0] * 1.15, number, fontsize=7.5)
+        if 'at' in panel:
+            axes.axhline(panel['at'], color='#333333', linewidth=0.8, linestyle=(0, (4, 2)))
+        if 'stretch' in plot:
+            axes.axvspan(*plot['stretch'], color='#f0e442', alpha=0.25, linewidth=0)
+        axes.set_yscale('log' if panel.get('scale') == 'log y' else 'linear')
+        axes.set(**{key: panel[key] for key in ('xlim', 'ylim') if key in panel})
+        for setter, text in ((axes.set_title, panel['title']), (axes.set_xlabel, panel['xlabel']),
+                             (axes.set_ylabel, panel['ylabel'])):
+            plain_text(setter, text)
+    handles, names = rows[0].get_legend_handles_labels()
+    if len(names) > 1:
+        for text in figure.legend(handles, names, loc='outside upper right', ncols=3).get_texts():
+            text.set_parse_math(False)
+    return figure
+
+
+def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
+    """Draw measured against predicted, and the residual; the stretch [s] is shaded."""
+    return draw(signal_figure(series, stretch))
 
 
 def draw_events(results: Sequence[MethodResult]) -> Figure:
     """Draw ratios, pushes and events of the first bags, all methods below each other."""
-    bags = min(len(results[0].watched), MOST)
-    figure = Figure(figsize=(7.2, 0.7 + 1.35 * bags * len(results)), layout='constrained')
-    rows = figure.subplots(bags * len(results), 1, squeeze=False)[:, 0]
-    for place, axes in enumerate(rows):
-        result, bag = results[place % len(results)], place // len(results)
-        _draw(axes, result, bag, first=place == 0, last=place == len(rows) - 1)
-    return figure
+    panels = []
+    for bag in range(min(len(results[0].watched), MOST)):
+        for result in results:
+            watched = result.watched[bag]
+            said = f'{result.score.found} of {result.score.pushes} pushes found, ' if (
+                watched.truth.pushes and len(result.watched) == 1) else ''
+            panels += [{**panel, 'title': f'{result.method}: {said}{len(watched.sightings)} '
+                        f'events in {Path(watched.bag).name}'}
+                       for panel in event_figure(result, bag)['panels']]
+    return draw({'columns': 1, 'panels': panels})
 
 
-def _draw(axes: Any, result: MethodResult, bag: int, *, first: bool, last: bool) -> None:
-    watched = result.watched[bag]
-    if not len(watched.stamp):
-        return
-    sightings = watched.sightings
-    # events have their time since the first sample of the bag, which settling leaves out
-    origin = (sightings[0].event.stamp - round(sightings[0].time * 1e9) if sightings
-              else int(watched.stamp[0]))
-    t = (watched.stamp - origin) * 1e-9
-    axes.semilogy(t, np.maximum(watched.ratio, LOWEST), color=BLUE, linewidth=0.8)
-    axes.axhline(1.0, color='#333333', linewidth=0.8, linestyle=(0, (4, 2)))
-    for number, push in enumerate(watched.truth.pushes, 1):
-        axes.axvspan((push.begin - origin) * 1e-9, (push.end - origin) * 1e-9, color='#f0e442',
-                     alpha=0.6, linewidth=0)
-        axes.text((push.begin - origin) * 1e-9, LOWEST * 1.15, f'{number}', fontsize=7.5)
-    top = 2.0 * max(float(watched.ratio.max(initial=0.0)), 1.5)
-    axes.plot([item.time for item in sightings], [0.7 * top] * len(sightings), 'v',
-              color=VERMILION, markersize=6, clip_on=False)
-    axes.set_ylim(LOWEST, top)
-    axes.set_xlim(float(t[0]), float(t[-1]))
-    axes.set_ylabel('ratio')
-    said = f'{result.score.found} of {result.score.pushes} pushes found, ' if (
-        watched.truth.pushes and len(result.watched) == 1) else ''
-    note = ' (yellow: pushes, triangles: events)' if first else ''
-    plain_text(axes.set_title, f'{result.method}: {said}{len(sightings)} events in '
-               f'{Path(watched.bag).name}{note}')
-    if last:
-        axes.set_xlabel('time [s]')
-
-
-# -- Plot of detection rate against false alarms, for each method
-
-SUFFIXES = ('.png', '.svg', '.pdf')
+def draw_roc(results: Sequence[MethodResult]) -> Figure:
+    """Draw pushes found against false events."""
+    return draw(roc_figure({item.method: item.roc for item in results}))
 
 
 def picture_path(path: str | Path) -> Path:
@@ -172,30 +157,6 @@ def write_picture(
     """Draw in the style of figures that are files of their own; written whole or not at all."""
     with style(PRINT):
         write_figure(draw(*args, **options), path)
-
-
-def write_roc(results: Sequence[MethodResult], path: Path) -> None:
-    """Write the plot, whole or not at all."""
-    figure = Figure(figsize=(6.4, 4.4), layout='constrained')
-    axes = figure.add_subplot()
-    for result, marker in zip(results, 'os^Dv', strict=False):
-        roc = result.roc
-        line, = axes.plot(roc.per_hour(), roc.share(), drawstyle='steps-post', label=result.method)
-        axes.fill_between(roc.per_hour(), *roc.found_interval(), step='post', alpha=0.15,
-                          color=line.get_color(), linewidth=0)
-        low, high = roc.false_interval(roc.now)
-        at, share = roc.per_hour()[roc.now], roc.share()[roc.now]
-        axes.errorbar(at, share, xerr=[[at - low], [high - at]], marker=marker, capsize=3,
-                      color=line.get_color(), markersize=9, clip_on=False)
-    roc = results[0].roc
-    axes.set_xscale('symlog', linthresh=max(1.0 / max(roc.hours, 1e-6), 1e-3))
-    axes.set_xlabel(f'false events per hour (from {60 * roc.hours:.1f} min without a push)')
-    axes.set_ylabel(f'pushes found of {roc.pushes} [%]')
-    axes.set_ylim(0, 103)
-    axes.set_xlim(left=0)
-    axes.grid(alpha=0.3)
-    axes.legend(title='marker: threshold in force; intervals: 90 %')
-    write_figure(figure, path)
 
 
 # -- A schedule of gains as a figure: what changes with the payload, and how much with the pose

@@ -35,8 +35,8 @@
 
   function drawing(content, width) {
     const data = {};
-    for (const [name, text] of Object.entries(content.data || {})) data['#' + name] = decode(text);
-    const values = v => (typeof v !== 'string' ? v : v[0] === '#' ? data[v] : decode(v));
+    for (const [name, text] of Object.entries(content.data || {})) data[name] = decode(text);
+    const values = v => (typeof v === 'string' ? data[v] : v);
     const columns = Math.max(1, Math.min(content.columns, Math.floor(width / LEAST),
                                          content.half ? 2 : content.panels.length));
     const rows = Math.ceil(content.panels.length / columns);
@@ -163,7 +163,7 @@
         }
         if (item.error) trace.error_y = {array: values(item.error), thickness: .8, width: 2, color: look.color};
         if (item.across) {
-          const [low, high] = item.across.map(v => values(v)[0]);
+          const [low, high] = item.across;
           trace.error_x = {array: [high - x[0]], arrayminus: [x[0] - low], type: 'data', symmetric: false,
                            color: look.color, thickness: 1.5};
         }
