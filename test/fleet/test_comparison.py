@@ -100,7 +100,7 @@ def test_page_shows_who_is_named() -> None:
     fleet = Fleet('line', ('cell <1>', 'cell_2'), numbers, (named,), ('filters: causal',), {},
                   (Unused('bag_7', 'cannot be read'),))
     page = page_of(fleet)
-    assert page.count('<img') == 1 and '1 of 2 arms' in page
+    assert page.count('<figure class="plot"') == 1 and '1 of 2 arms' in page
     assert 'cell &lt;1&gt;' in page and 'cell <1>' not in page
     assert 'bag_7' in page and 'cannot be read' in page
     content = fleet.as_dict()

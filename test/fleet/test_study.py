@@ -62,7 +62,7 @@ def test_who_is_unlike_is_named(
     drift, = (item for item in found['named'] if item['kind'] == 'drift')
     assert drift['value'] / drift['expected'] == pytest.approx(1.6, abs=0.2)
     page = (tmp_path / 'out/fleet.html').read_text()
-    assert '2 of 6 arms are named' in page and page.count('<img') >= 6
+    assert '2 of 6 arms are named' in page and page.count('<figure class="plot"') >= 6
     rings = [item for item in found['quantities'] if item['quantity'] == 'ring-down frequency']
     assert len(rings) == 2 * 6 * 4
     assert all(item['value'] == pytest.approx(3.0, abs=0.1) for item in rings)
