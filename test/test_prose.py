@@ -104,7 +104,7 @@ def test_guides_are_short_and_read_easily(page: Path) -> None:
 def test_all_guides_together_are_short() -> None:
     """Tutorials without what commands print, how-to, explanation, architecture; then nodes."""
     pages = [*EASY, *(DOCS / 'explanation').glob('*.md'), DOCS / 'architecture.md']
-    words = {page.stem: count(OUTPUT.sub('', text) if page.parent.name == 'tutorials' else text)
+    words = {str(page.relative_to(DOCS)): count(OUTPUT.sub('', text) if page.parent.name == 'tutorials' else text)
              for page in pages for text in [page.read_text(encoding='utf-8')]}
     assert sum(words.values()) <= ALL_GUIDES, words
     nodes = [DOCS / 'reference' / 'nodes.md', *(DOCS / 'reference' / 'nodes').glob('*.md')]
