@@ -17,8 +17,8 @@ Bags that lost messages, through the whole fit: no traceback, no hang, no model 
 
 Messages are lost at random, in gaps and in bursts, stamped in slots, late or twice, by a seed;
 each bag is fitted with its thresholds and report, then evaluated. Most bags are small: one joint
-or two, with gauges and without, 10 to 20 s at 50 to 100 Hz; the others are those of bags/. The
-figures of the report are drawn in one case of ten. 10 000 bags take 50 minutes of one core.
+or two, with gauges and without, 10 to 20 s at 50 to 100 Hz; the others are those of bags/.
+10 000 bags take about an hour of one core.
 
     python bench/fuzz_bags.py --losses 500 --seed 1
     python bench/fuzz_bags.py --only losses:17 --keep DIR

@@ -353,18 +353,20 @@ class Truths:
             truth = find_truth(str(path), 'applied_wrench')
         watched = WatchedBag('bag', self._stamp, self._ratio, truth, ())
         found = score([watched], [self._stamp[self._ratio > 0.9]])
-        return truth, [found, list(roc_of([watched], found.hours))]
+        return truth, found, list(roc_of([watched], found.hours))
 
     def compare(self, path, found):
         """Say which figure cannot be."""
-        truth, figures = found
-        for one in figures:
-            kept = one.kept(1.0)
-            if (not 0 <= one.found <= one.pushes == len(truth.pushes)
-                    or not 0.0 <= one.hours <= SECONDS / 3600.0
-                    or not 0 <= (one.false_alarms or 0) <= one.events
-                    or kept is not None and not kept['low'] <= kept['ratio'] <= kept['high']):
-                return f'{one}'
+        truth, one, curve = found
+        kept = one.kept(1.0)
+        if (not 0 <= one.found <= one.pushes == len(truth.pushes)
+                or not 0.0 <= one.hours <= SECONDS / 3600.0
+                or not 0 <= (one.false_alarms or 0) <= one.events
+                or kept is not None and not kept['low'] <= kept['ratio'] <= kept['high']):
+            return f'{one}'
+        for factor, per_hour, share in curve:
+            if not (factor > 0.0 and per_hour >= 0.0 and 0.0 <= share <= 1.0):
+                return f'at {factor} times the thresholds {per_hour} an hour, {share} found'
         return None if all(push.begin <= push.end for push in truth.pushes) else 'ends before'
 
 

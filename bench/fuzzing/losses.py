@@ -18,7 +18,6 @@ import contextlib
 import io
 import json
 import shutil
-from unittest import mock
 
 import numpy as np
 from tudor_dynamics.arm.description import load_arm
@@ -37,7 +36,6 @@ OFTEN = 12  # small bags for each of those shipped
 LENGTHS = {True: (10.0, 20.0), False: (5.0, 30.0)}
 """Seconds that are kept of small bags, and of those shipped."""
 RATES = (50.0, 100.0)  # of small bags [Hz]
-DRAWN = 0.1  # cases whose figures are drawn: that is half of the time of a fit
 PENDULUM = {
     'name': 'pendulum', 'kinematics': {'dh': [[0.4, 0.0, 0.0, 0.0]]}, 'gravity': [0.0, -9.81, 0.0],
     'joints': [{'name': 'hinge', 'effort': {'topic': 'joint_states', 'unit': 'N m'}}]}
@@ -80,9 +78,9 @@ class Losses:
         """Write a bag with losses; without a generator, a whole one."""
         path = folder / 'bag'
         shutil.rmtree(path, ignore_errors=True)
-        series, drawn = self._samples[sample], True
+        series = self._samples[sample]
         if rng is not None:
-            series, drawn = _part(rng, series, sample in SHAPES), rng.random() < DRAWN
+            series = _part(rng, series, sample in SHAPES)
             ways = rng.choice(len(WAYS), size=int(rng.integers(1, 4)))
             together = rng.random() < 0.3
             state = rng.bit_generator.state
@@ -95,17 +93,15 @@ class Losses:
                 lossy.append(item)
             series = [item for item in lossy if len(item.stamp) and rng.random() > 0.02]
         write_bag(path, series or self._samples[sample][:1])
-        (folder / 'arm').write_text(f'{int(drawn)} {self._arms[sample]}')
+        (folder / 'arm').write_text(str(self._arms[sample]))
         return path
 
     def use(self, path):
         """Fit, and evaluate on the same bag; a refusal must be one line."""
         model = path.with_name('model')
         shutil.rmtree(model, ignore_errors=True)
-        drawn, _, arm = path.with_name('arm').read_text().partition(' ')
-        with contextlib.nullcontext() if int(drawn) else mock.patch(
-                'tudor_dynamics.show.figures.to_uri', return_value=''):
-            found = _run(['fit', str(path), '--arm', arm, '--out', str(model), '--json'])
+        arm = path.with_name('arm').read_text()
+        found = _run(['fit', str(path), '--arm', arm, '--out', str(model), '--json'])
         load_arm(model / 'arm.yaml')
         _run(['evaluate', str(path), '--model', str(model), '--json'])
         return found

@@ -188,5 +188,7 @@ def test_curve_of_all_thresholds() -> None:
     assert (low[-1], high[-1]) == pytest.approx((36.840, 100.0), abs=1e-3)
     assert roc.false_interval(roc.now) == pytest.approx((5.129, 474.386), rel=1e-3)
     assert list(roc)[roc.now] == (1.0, pytest.approx(100.0), pytest.approx(1.0 / 3.0))
+    silent = roc_of([replace(item, ratio=np.zeros(2000))], 0.01)
+    assert np.all(silent.factor > 0.0) and not silent.found.any()
     unknown = roc_of([replace(item, truth=Truth())], 0.0)
     assert not unknown.pushes and not unknown.found.any() and not unknown.false.any()

@@ -362,8 +362,9 @@ def roc_of(watched: Sequence[WatchedBag], hours: float) -> Roc:
         if len(second):
             first = np.flatnonzero(np.diff(second, prepend=-1))
             free += np.maximum.reduceat(item.ratio[~near], first).tolist()
-    # each push has a point just below its peak
-    factor = np.unique([*np.geomspace(0.1, 10.0, 81), 1.0, *np.nextafter(touched, 0.0)])[::-1]
+    # each push that shows has a point just below its peak
+    shown = [peak for peak in touched if peak > 0.0]
+    factor = np.unique([*np.geomspace(0.1, 10.0, 81), 1.0, *np.nextafter(shown, 0.0)])[::-1]
     found, false = (np.asarray(np.sum(np.array(peaks)[:, None] > factor, axis=0))
                     for peaks in (touched, free))
     return Roc(factor, found, false, len(touched), hours)
