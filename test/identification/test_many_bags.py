@@ -251,7 +251,7 @@ def test_when_a_fit_goes_bag_by_bag() -> None:
     for bags, settings, word in ((FROM, FitSettings(kinds=('analytical', 'elm')), 'elm'),
                                  (FROM, FitSettings(random_split=True), 'random-split'),
                                  (FROM, FitSettings(estimator='huber'), 'Huber'),
-                                 (1, FitSettings(), 'single')):
+                                 (1, FitSettings(), 'two bags or more')):
         with pytest.raises(UsageError, match=word):
             streams(bags, settings, asked=bags < FROM)
 

@@ -294,7 +294,7 @@ class GaugeSpec(SourceSpec):
     @classmethod
     def _has_length(cls, vector: str | Vector3 | None) -> str | Vector3 | None:
         if isinstance(vector, tuple) and math.hypot(*vector) < 1e-12:
-            raise ValueError('a vector of no length gives no direction: give x, y, z or a vector')
+            raise ValueError('a vector of length 0 has no direction: give x, y, z or [0, 0, 1]')
         return vector
 
 
@@ -772,7 +772,7 @@ class ArmSpec(Spec):
         flange = self.kinematics.convention == 'modified'
         if rows is not None and len(rows) - len(names) not in (0, flange):
             raise ValueError(f'{len(rows)} D-H rows for {len(names)} joints: '
-                             'give one row a joint, base first'
+                             'give one row for each joint, base first'
                              + (', and one more at most, for the flange' if flange else ''))
         self._check_drives(names, gauges)
         return self
@@ -807,7 +807,7 @@ class ArmSpec(Spec):
         seen: list[str] = []
         for link in self.links:
             if link.joint not in joints:
-                raise ValueError(f'links: {link.joint!r} is not among the joints {joints}')
+                raise ValueError(f'links: {link.joint!r} is not a joint; use one of {joints}')
             if link.joint in seen:
                 raise ValueError(f'links: joint {link.joint!r} has two entries; merge them')
             if link.rigid is not None and link.flexible is not None:

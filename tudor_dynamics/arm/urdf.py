@@ -89,7 +89,7 @@ def parse(text: str, path: str) -> ElementTree.Element:
         root: ElementTree.Element = parser.close()
     except (ElementTree.ParseError, ValueError) as err:
         if isinstance(err, ArmError):
-            msg = f'{path}: {err}: this is no URDF of an arm'
+            msg = f'{path}: {err}: this is not a URDF of an arm'
         else:
             msg = f'{path}: no valid XML ({err}); for xacro files run xacro first'
         raise ArmError(msg) from None

@@ -73,14 +73,15 @@ def run(args: argparse.Namespace) -> int:
     path, out = Path(args.plan), Path(args.out)
     plan = load_plan(path)
     if out.exists() and not out.is_dir():
-        raise UsageError('is no directory', place=out, remedy='give another --out')
+        raise UsageError('is not a directory', place=out, remedy='give another --out')
     begun = time.perf_counter()
     total = 4 * sum(len(arm.bags) for arm in plan.arms) + 3
     with steps(total) as step, on_cluster(args.cluster):
         fleet = study(plan, StudySettings(path.parent, out, args.jobs, models=not args.no_models,
                                           elastic=args.elastic), step)
     if args.strict and fleet.unused:
-        raise FitError(f'--strict: {fleet.unused[0]}', remedy='leave it out, or --strict')
+        raise FitError(f'--strict: {fleet.unused[0]}',
+                       remedy='take this bag out of the plan, or leave out --strict')
     content = finite(fleet.as_dict())
     write_whole(out / 'fleet.json', json.dumps(content, indent=1).encode())
     write_whole(out / 'fleet.html', page_of(fleet).encode())

@@ -209,7 +209,7 @@ STRAIN_SCALE = {'um/m': 1e6, 'm/m': 1.0}
 def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
     """Take the damper's settings from an arm description."""
     if arm.spec.damper is None:
-        msg = f'{arm.source}: there is no damper; add damper: with the gains of its joints'
+        msg = f'{arm.source}: there is no damper; add damper: with a gain for each joint'
         raise ArmError(msg)
     gauges = {gauge.name: gauge for gauge in arm.gauges}
     limits = {joint.name: joint.limits for joint in arm.spec.joints}

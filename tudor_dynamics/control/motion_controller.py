@@ -187,7 +187,7 @@ class MotionController:
 
     def __init__(self, arm: Arm, share: float = 1.0, timeout: float = 0.1) -> None:
         if arm.spec.damper is None:
-            msg = f'{arm.source}: there is no damper; add damper: with the gains of its joints'
+            msg = f'{arm.source}: there is no damper; add damper: with a gain for each joint'
             raise ArmError(msg)
         self.joints, self.gauges = arm.active_joints, arm.gauge_names
         self.limits = hard_limits(arm)

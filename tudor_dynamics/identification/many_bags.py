@@ -126,7 +126,7 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
         raise UsageError(f'{said}, and the weights of {estimator.words} depend on all of them',
                          remedy=f'use wls or ols, or name fewer than {FROM} bags')
     if bags < 2:
-        raise UsageError('a single bag is not gone through bag by bag',
+        raise UsageError('--stream needs two bags or more, and there is one',
                          remedy='leave --stream out')
     return True
 

@@ -388,8 +388,8 @@ def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
               if isinstance(item.model, AnalyticalModel) and item.model.payload_range is None
               and len(plan.noise.size.get(item.output, ())) == len(item.model.channels)}
     if not models:
-        raise UsageError('no analytical model for one payload was fitted that a plan could be '
-                         'compared with', place=plan.path, remedy='leave out --plan')
+        raise UsageError('a plan is compared with an analytical model of one payload, and none '
+                         'was fitted', place=plan.path, remedy='leave out --plan')
     planned = sum(stretch.n_kept for stretch in prepare(
         played(trajectory, arm), result.preprocessing))
     runs = sum(facts.used for facts in result.learned) / planned

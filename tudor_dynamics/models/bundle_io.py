@@ -392,8 +392,9 @@ def load_bundle(
     # but for the friction of its joints, which a fit may choose
     if arm is not None and arm.with_friction_of(own).digest != own.digest:
         raise ModelError(
-            f'fitted for the arm {own.name!r} as it was described then, not for {arm.name!r} of '
-            f'{arm.source}', place=path, remedy='fit it again, or give the arm it was fitted for')
+            f'the model was fitted to another description of {own.name!r} than {arm.source} '
+            f'({arm.name!r})', place=path,
+            remedy='fit it again, or give the description that it was fitted to')
     try:
         arrays = load_npz(content['elm.npz'], path / 'elm.npz') if 'elm.npz' in content else {}
         models = _models(own, head, arrays, '')

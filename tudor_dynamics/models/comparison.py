@@ -252,8 +252,8 @@ def compare_bodies(one: Side, other: Side) -> list[BodyRow]:
     """Put bodies side by side."""
     if one.arm.active_joints != other.arm.active_joints:
         raise UsageError(
-            f'{one.name} has the joints {", ".join(one.arm.active_joints)}, {other.name} '
-            f'{", ".join(other.arm.active_joints)}', remedy='compare models of one arm')
+            f'{one.name} has the joints {", ".join(one.arm.active_joints)}, but {other.name} '
+            f'has {", ".join(other.arm.active_joints)}', remedy='compare models of the same arm')
     return [body_row(joint, (one.arm, other.arm), (one.bodies[joint], other.bodies[joint]))
             for joint in one.bodies]
 

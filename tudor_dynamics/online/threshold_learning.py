@@ -74,7 +74,7 @@ class ThresholdsPart(BundlePart):
                 ('profile', self.profile, (2 * n, 1 + 4 * joints)), ('usual', self.usual, (n,)),
                 ('reach', self.reach, (joints,)), ('stiction', self.stiction, (n,))):
             if value is not None and np.shape(value) != shape:
-                raise ValueError(f'{name} of another shape than {shape} do not fit the arm')
+                raise ValueError(f'{name} has the shape {np.shape(value)}; the arm needs {shape}')
         if len(self.tails) not in (2 * n, 3 * n):
             raise ValueError(f'{len(self.tails)} tails do not fit the arm; expected two or three '
                              'for each channel')

@@ -107,8 +107,8 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> Description:
     """Describe an arm as its elastic model has found it."""
     model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if model is None:
-        raise ModelError('there is no elastic model in the bundle, and a description has no '
-                         'place for what another one finds', remedy='fit one with --models '
+        raise ModelError('there is no elastic model in the bundle, and a description holds '
+                         'what that one finds only', remedy='fit one with --models '
                          'analytical elastic, or choose another --to')
     writer = _Writer(model)
     writer.physical()

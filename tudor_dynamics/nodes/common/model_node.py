@@ -274,7 +274,7 @@ class ModelNode(TudorNode):
 
         def refuse(why: str) -> None:
             self._reload_fault = why
-            self.get_logger().error(f'{why}; the model before stays in use')
+            self.get_logger().error(f'{why}; the previous model stays in use')
         self.in_background(load, refuse)
         return f'loading {self.source}'
 
