@@ -120,7 +120,7 @@ def test_round_trip(learned) -> None:
     assert np.allclose(again.ratios(1.0), learned.ratios(1.0), rtol=1e-9)
     assert np.allclose(again.taps, learned.taps, rtol=1e-9)
     for change, text in (
-            ({'taps': [[[1.0]]]}, 'taps of another shape'), ({'channels': ['a']}, 'channels'),
+            ({'taps': [[[1.0]]]}, 'taps has the shape'), ({'channels': ['a']}, 'channels'),
             ({'tails': []}, '0 tails do not fit'), ({'step': -1.0}, 'step: .* greater than 0'),
             ({'profile': 'no'}, 'profile: '), ({'profile': [[1.0], [1.0, 2.0]]}, 'top level'),
             ({'taps': [[[float('nan')]]]}, 'taps.0.0.0: .* finite number')):
