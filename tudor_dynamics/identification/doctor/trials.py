@@ -64,8 +64,9 @@ class Trials:
         for item in chain.from_iterable(proposed):
             groups.setdefault(item.what, []).append(item)
         likeliest = sorted(groups.values(), key=lambda group: -sum(one.gain for one in group))
+        spec = self._slower(usual, {}) if likeliest else self._spec
         tried = [(errors[::-1], group) for group in likeliest[:settings.LIKELIEST]
-                 if (errors := self._try(group[0], {}, settings.PAYING, usual)) is not None
+                 if (errors := self._try(group[0], {}, settings.PAYING, spec)) is not None
                  and (group[0].kind != 'joint_scale' or errors[1] < settings.RESCALED * errors[0])]
         (otherwise, now), best = min(tried, key=lambda item: item[0], default=((0.0, 0.0), []))
         return [next((replace(one, unseen=(now, otherwise)) for one in best
@@ -82,7 +83,8 @@ class Trials:
             sizes = [item.size or 0.0 for late in found for item, what, _ in late if what == name]
             lag = {name: float(np.median(sizes))} if sizes else {}
             if lag and (errors := self._try(
-                    base, lag, settings.PAYING_LAG, chosen, base)) is not None:
+                    base, lag, settings.PAYING_LAG, self._slower(chosen, lag),
+                    base)) is not None:
                 paid[name] = errors
         return [[replace(item, now=paid[name][0], otherwise=paid[name][1], measure=UNSEEN)
                  for item, name, _ in late if name in paid] for late in found]
@@ -96,16 +98,20 @@ class Trials:
                 return False
         return True
 
-    def _try(
-        self, remedy: Alternative | None, lags: Mapping[str, float], least: float,
-        chosen: Sequence[Alternative], base: Alternative | None = None,
-    ) -> tuple[float, float] | None:
-        """Give relative errors without a remedy and lags [s], and with; None if these lose."""
-        # an oscillation has a cause of its own: bodies have to explain what is slower
+    def _slower(
+        self, chosen: Sequence[Alternative], lags: Mapping[str, float],
+    ) -> PreprocessingSpec:
+        """Give filters below an oscillation: it has a cause of its own, bodies explain the rest."""
         peaks = [peak for one in chosen for name in self._sound
                  if (peak := ringing(one, name, lags.get(name, 0.0))) is not None]
-        spec = self._spec if not peaks else self._spec.model_copy(update={
+        return self._spec if not peaks else self._spec.model_copy(update={
             'filter': 'zero_phase', 'cutoff': settings.BELOW_RINGING * min(peaks)})
+
+    def _try(
+        self, remedy: Alternative | None, lags: Mapping[str, float], least: float,
+        spec: PreprocessingSpec, base: Alternative | None = None,
+    ) -> tuple[float, float] | None:
+        """Give relative errors without a remedy and lags [s], and with; None if these lose."""
         try:
             before, after = self._shares(base, {}, spec), self._shares(remedy, lags, spec)
         except TudorError:
