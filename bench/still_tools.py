@@ -37,7 +37,7 @@ sys.path.insert(0, str(ROOT))
 
 from tudor_dynamics.arm.description import load_arm  # noqa: E402
 from tudor_dynamics.identification.dataset import load, parse_choice  # noqa: E402
-from tudor_dynamics.identification.rings import Ring, ringing  # noqa: E402
+from tudor_dynamics.identification.rings import loudest_ring, Ring  # noqa: E402
 
 DATA = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT / '../shared/data'))
 FREQUENCY = {'up': 2.770, 'level': 2.943, 'down': 3.039}
@@ -51,7 +51,7 @@ def ring_of(bag: Path, arm_file: Path) -> Ring | None:
     """Find what rings in a bag."""
     arm = load_arm(arm_file)
     data = load(parse_choice(str(bag)), arm, arm.spec.preprocessing, learn=False)
-    return ringing(data.recording)
+    return loudest_ring(data.recording)
 
 
 def main() -> int:

@@ -27,7 +27,6 @@ import warnings
 
 import numpy as np
 
-
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory

@@ -27,13 +27,13 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.doctor import between
 from tudor_dynamics.identification.doctor.between import Pair
 from tudor_dynamics.identification.doctor.examine import examine_all, rings_on
-from tudor_dynamics.identification.rings import ringing
+from tudor_dynamics.identification.rings import loudest_ring
 
 
 def test_frequency_and_damping() -> None:
     """They are those of the tool, within the errors that are stated."""
     q = moves(1)
-    found = ringing(recording(q, tool_efforts(ARM, q)))
+    found = loudest_ring(recording(q, tool_efforts(ARM, q)))
     assert found is not None
     # gravity moves the frequency by 0.1 Hz over all poses
     assert found.frequency == pytest.approx(FREQUENCY, abs=0.1)
@@ -44,8 +44,8 @@ def test_frequency_and_damping() -> None:
 def test_an_arm_that_is_still_does_not_ring() -> None:
     """Noise, and what dies out at once, are no tool."""
     q = moves(1)
-    assert ringing(recording(q, np.zeros_like(q))) is None
-    assert ringing(recording(q, tool_efforts(ARM, q, damping=0.2))) is None
+    assert loudest_ring(recording(q, np.zeros_like(q))) is None
+    assert loudest_ring(recording(q, tool_efforts(ARM, q, damping=0.2))) is None
     assert rings_on(ARM, replace(recording(q, np.zeros_like(q)), effort=None)) == []
 
 

@@ -57,7 +57,7 @@ def standing(t: FloatArray, dq: FloatArray) -> list[tuple[int, slice]]:
     return found
 
 
-def fewer(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def block_means(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Average blocks of samples (samples, channels), of which the fastest ring needs few."""
     every = max(1, int(len(t) / (settings.RING_RATE * (t[-1] - t[0]))))
     n = len(t) // every
@@ -116,7 +116,7 @@ def _loudest(t: FloatArray, values: FloatArray) -> float | None:
     return float(frequency[inside][np.argmax(power[inside])]) if inside.any() else None
 
 
-def ringing(recording: Recording) -> Ring | None:
+def loudest_ring(recording: Recording) -> Ring | None:
     """Give the loudest of what rings on in a bag after motion; None where hardly a rest does."""
     found, rests = [], 0
     for part in recording.segments:
@@ -126,7 +126,7 @@ def ringing(recording: Recording) -> Ring | None:
         states = zero_phase(t, recording.q[part], min(settings.CUTOFF, 0.2 / recording.dt))
         for _, rest in standing(t, states.dq):
             rests += 1
-            ring = ring_of(*fewer(t[rest], recording.effort[part][rest]))
+            ring = ring_of(*block_means(t[rest], recording.effort[part][rest]))
             if ring is not None:
                 found.append(ring)
     if len(found) <= settings.RING_OFTEN * rests:

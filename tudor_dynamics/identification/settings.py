@@ -271,7 +271,7 @@ RING_STILL, RING_SPEED = 0.02, 0.05
 # modes of an arm in its own drives lie over those of the tool.
 RING_AFTER, RING_UNTIL, RING_LEAST = 1.2, 6.0, 1.0
 RING_LOWEST, RING_HIGHEST = 0.7, 15.0  # frequencies [Hz]
-RING_CLEAR = 0.5  # share of the variance that one oscillation explains, or it is none
+RING_CLEAR = 0.5  # least share of the variance that one oscillation explains
 RING_LOUD = 4.0  # amplitude over what is left, of the clearest joint
 RING_DAMPED = 0.08  # damping ratio from which on it is no tool's
 RING_OFTEN = 0.4  # share of rests that show it

@@ -92,17 +92,16 @@ SIGNAL_BINS = 60
 
 def encoded(plot: Plot) -> Markup:
     """Write a figure as JSON for a page: each array once, in single precision as base64."""
-    arrays: dict[int, FloatArray] = {}
+    names: dict[int, str] = {}
+    data: dict[str, str] = {}
 
     def name(array: FloatArray) -> str:
-        arrays[id(array)] = array
-        return f'#{id(array)}'
-    body = json.dumps(plot, default=name)
-    data = {}
-    for place, (key, array) in enumerate(arrays.items()):
-        body = body.replace(f'"#{key}"', f'"#{place}"')
-        data[f'#{place}'] = base64.b64encode(array.astype('<f4').tobytes()).decode('ascii')
-    return htmlsafe_json_dumps({**json.loads(body), 'data': data})
+        own = names.setdefault(id(array), f'#{len(names)}')
+        if own not in data:
+            data[own] = base64.b64encode(array.astype('<f4').tobytes()).decode('ascii')
+        return own
+    plain = json.loads(json.dumps(plot, default=name))
+    return htmlsafe_json_dumps({**plain, 'data': data})
 
 
 def trace(look: str, x: Any, y: Any, name: str = '', **more: Any) -> Plot:
