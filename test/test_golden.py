@@ -30,7 +30,8 @@ TOOLS = str(Path(__file__).resolve().parents[1] / 'tools')
 sys.path.insert(0, TOOLS)
 golden = importlib.import_module('golden')
 read_table = importlib.import_module('golden_cases').read_table
-of_folder = importlib.import_module('golden_files').of_folder
+files = importlib.import_module('golden_files')
+dropped, of_folder = files.dropped, files.of_folder
 sys.path.remove(TOOLS)
 
 VALUES: dict[str, Any] = {'exit code': 0, 'stdout:error': 0.1, 'out.npz:q': np.array([[1.0, 2.0]]),
@@ -106,6 +107,22 @@ def test_a_bag_is_compared_by_its_messages(root: Path, tmp_path: Path) -> None:
     found = of_folder(tmp_path)
     assert found['bag:/joint_states.count'] == len(found['bag:/joint_states.numbers']) == 2400
     assert found['page.html:text'] == 'one load [picture]'
+
+
+def test_when_and_by_which_commit_a_model_was_fitted_is_not_compared(tmp_path: Path) -> None:
+    """Two commits that do the same give equal records, in a page and in a bundle."""
+    for place, commit, date in (('a', '0123456789ab', '2026-11-25 22:32 UTC'),
+                                ('b', 'ba9876543210, changed', '2026-11-26 08:01 UTC')):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / 'page.html').write_text(
+            f'<p>{date}</p><tr><th>Commit</th><td><code>{commit}</code></td></tr>error 0.5')
+        (tmp_path / place / 'model.yaml').write_text(
+            f'facts:\n  made: {{commit: "{commit}", date: "{date}", python: "3.11"}}\n')
+    found, other = ({key: value for key, value in of_folder(tmp_path / place).items()
+                     if not dropped(key)} for place in 'ab')
+    assert found == other
+    assert 'error 0.5' in found['page.html:text']
+    assert found['model.yaml:facts.made.python'] == '3.11'
 
 
 def test_cases_come_after_what_they_need() -> None:

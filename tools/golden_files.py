@@ -44,6 +44,8 @@ TEXT: tuple[tuple[str, str, str], ...] = (
     (r'/[\w/.+-]*/golden_\w{8}(?=/)', 'WORK', 'temporary folder'),
     (r'(?<=search: )[\d.]+ s', '# s', 'seconds that a search took'),
     (r'tudor_dynamics \d+\.\d+\.\d+\w*', 'tudor_dynamics #', 'version'),
+    (r'\d{4}-\d\d-\d\d \d\d:\d\d UTC', 'DATE', 'when a model was fitted'),
+    (r'(?<=\bCommit)((?:\s|<[^>]*>)+)[0-9a-f]{12}(, changed)?', r'\1#', 'commit that fitted it'),
     (r'(?<=\] \[)\d+\.\d+(?=\])', '#', 'time of a line in the log of a node'),
     (r'<(style|script)\b.*?</\1>', '', 'how a page looks'),
 )
@@ -51,6 +53,7 @@ TEXT: tuple[tuple[str, str, str], ...] = (
 KEYS: tuple[tuple[str, str], ...] = (
     (r'^stdout:(search_)?seconds(\.|$)', 'seconds that a command took'),
     (r'model\.yaml:(checksum$|files\.)', 'checksums of what is compared itself'),
+    (r'model\.yaml:facts\.made\.commit$', 'commit that fitted a model'),
 )
 """Regular expression of a key, what it is: values that are not compared."""
 CACHES = r'(^|/)(sums|stages|[^/]*\.sums)/'
