@@ -101,7 +101,7 @@ class Trials:
     def _slower(
         self, chosen: Sequence[Alternative], lags: Mapping[str, float],
     ) -> PreprocessingSpec:
-        """Give filters below an oscillation: it has a cause of its own, bodies explain the rest."""
+        """Give filters below an oscillation: it has its own cause, bodies explain the rest."""
         peaks = [peak for one in chosen for name in self._sound
                  if (peak := ringing(one, name, lags.get(name, 0.0))) is not None]
         return self._spec if not peaks else self._spec.model_copy(update={
