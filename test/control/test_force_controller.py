@@ -126,6 +126,19 @@ def test_no_surface_and_a_lost_one() -> None:
     assert 'lost' in bench.controller.cause or 'gives way' in bench.controller.cause
 
 
+def test_the_reference_does_not_leave_an_arm_that_does_not_follow() -> None:
+    """Where the damper holds, the reference stops near the arm, and says which joint is away."""
+    bench = ForceRig(tudor(), 500.0)
+    bench.run(0.5)
+    start = bench.controller.pose.copy()
+    assert bench.controller.press(2.0) == ''
+    bench.process.command = lambda command: None
+    bench.run(6.0)
+    assert bench.controller.phase is Phase.HELD
+    assert 'away from its reference' in bench.controller.cause
+    assert np.abs(bench.controller.pose - start).max() < np.radians(5.5)
+
+
 def test_what_is_refused() -> None:
     """Forces that cannot be held, and arms whose gauges have no gain."""
     arm = tudor()

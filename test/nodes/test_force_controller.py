@@ -34,9 +34,11 @@ def state_of(world: World) -> dict[str, str]:  # noqa: F811
 def test_approach_hold_and_retreat(world: World, root: Path) -> None:  # noqa: F811
     """A force on the topic is held on a floor of unknown height; the service leads back."""
     arm = str(root / 'config/tudor.yaml')
-    simulator = world.add(node_class('arm_simulator'), arm=arm, rate=200.0, factor=0.5, clock=True)
-    damper = world.add(node_class('oscillation_damper'), arm=arm)
-    node = world.add(node_class('force_controller'), arm=arm, approach_speed=0.05)
+    simulator = world.add(node_class('arm_simulator'), arm=arm, rate=200.0, clock=True,
+                          lockstep=True)
+    damper = world.add(node_class('oscillation_damper'), arm=arm, use_sim_time=True)
+    node = world.add(node_class('force_controller'), arm=arm, approach_speed=0.05,
+                     use_sim_time=True)
     felt = world.listen('/tip_force', WrenchStamped)
     world.output('/wanted_force', Float64)
     assert world.spin(lambda: node.controller.pose is not None
@@ -45,8 +47,10 @@ def test_approach_hold_and_retreat(world: World, root: Path) -> None:  # noqa: F
     simulator.arm.floor = Floor(float(simulator.arm.tip()[2]) - 0.01, 1000.0)
     world.output('/wanted_force', Float64).publish(Float64(data=2.0))
     assert world.spin(lambda: node.controller.phase.name == 'HOLD'), node.controller.cause
-    assert world.spin(lambda: bool(felt) and abs(felt[-1].wrench.force.z - 2.0) < 0.2)
-    assert state_of(world)['state'] == 'hold'
+    assert world.spin(lambda: bool(felt) and abs(felt[-1].wrench.force.z - 2.0) < 0.2), (
+        node.controller.cause)
+    state = state_of(world)
+    assert state['state'] == 'hold', state
     world.call(Trigger, '/force_controller/retreat')
     assert world.spin(lambda: node.controller.phase.name == 'IDLE'), node.controller.cause
     world.end(simulator)

@@ -196,6 +196,7 @@ class ForceController:
         self.settings = settings
         self.sensing = TipSensing(arm, np.array(normal) / length)
         self.limits, self._planned = hard_limits(arm), motion_limits(arm)
+        self._names = arm.active_joints
         self.phase, self.cause = Phase.IDLE, 'no positions yet'
         self.force = self.wanted = 0.0
         self._target = 0.0
@@ -266,10 +267,19 @@ class ForceController:
             self._brake = None
             if self.phase is Phase.IDLE:
                 self.cause = 'waits for a force'
-        elif self.phase in (Phase.IDLE, Phase.HELD) or not self._press(
-                self._q, dt, strain, share):
+        elif self.phase in (Phase.IDLE, Phase.HELD) or self._strayed(q, self._q) or (
+                not self._press(self._q, dt, strain, share)):
             self._rest(dt)
         return self._q.copy(), self._dq.copy()
+
+    def _strayed(self, q: FloatArray, place: FloatArray) -> bool:
+        """Stop where the arm does not follow its reference: its tip is elsewhere [rad]."""
+        away = np.abs(place - q)
+        joint = int(np.argmax(away / self._planned.velocity))
+        if away[joint] <= settings.NEAR_TIME * self._planned.velocity[joint]:
+            return False
+        self.stop(f'{self._names[joint]} is {away[joint]:.3g} away from its reference')
+        return True
 
     def _press(
         self, place: FloatArray, dt: float, strain: FloatArray, share: FloatArray | None,
