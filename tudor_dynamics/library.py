@@ -50,7 +50,6 @@ from tudor_dynamics.identification.loads import bare_bundle_of, bundle_of, paylo
 from tudor_dynamics.identification.many_bags import ManyBags, Streaming, streams
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, compare_with_plan, Comparison)
-from tudor_dynamics.identification.passes import Spool
 from tudor_dynamics.identification.validation import cases_of, validated, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.bundle import ModelBundle
@@ -290,8 +289,7 @@ def _source(
     """Read the bags, or, of many, look at them and be ready to go through them."""
     check_kinds(settings.kinds, arm)
     if streams(len(training), settings, asked=streaming is not None):
-        return ManyBags(arm, training, test, spec, payloads, streaming or Streaming(Spool()),
-                        progress)
+        return ManyBags(arm, training, test, spec, payloads, streaming or Streaming(), progress)
     return HeldBags(arm, training, test, spec, payloads, progress)
 
 

@@ -28,7 +28,7 @@ from tudor_dynamics.cli.main import main
 from tudor_dynamics.fleet.study import load_plan, study, StudySettings
 from tudor_dynamics.identification.choice import Choices
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.identification.passes import Task
+from tudor_dynamics.identification.passes import Gathering
 from tudor_dynamics.models.bundle_io import load_bundle
 
 
@@ -142,7 +142,7 @@ def test_all_that_was_chosen_of_friction_is_taken(
         return Choices(given[0], arm.spec.preprocessing, FitSettings().settled(), ())
 
     monkeypatch.setattr('tudor_dynamics.fleet.study.choose', chosen)
-    monkeypatch.setattr('tudor_dynamics.fleet.study.gather', taken := Taken())
+    monkeypatch.setattr('tudor_dynamics.fleet.study.go_through', taken := Taken())
     with pytest.raises(Taken.Here):
         study(load_plan(plan), StudySettings(plan.parent, tmp_path, models=False))
     assert taken.joints == given[0].joints
@@ -154,7 +154,7 @@ class Taken:
     class Here(Exception):
         """Raised there, as the rest is of no concern."""
 
-    def __call__(self, asked: list[tuple[Task, object]], *_: object) -> None:
+    def __call__(self, asked: list[Gathering], *_: object) -> None:
         """Stand in for the pass over all bags."""
-        self.joints = asked[0][0].arm.joints
+        self.joints = asked[0].task.arm.joints
         raise self.Here

@@ -23,6 +23,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from typing import Any
 import warnings
@@ -37,11 +38,10 @@ from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import FitError, TudorWarning, UsageError
-from tudor_dynamics.identification import passes
 from tudor_dynamics.identification.dataset import BagChoice, cut
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
-from tudor_dynamics.identification.passes import Folder, Memory, Spool
+from tudor_dynamics.identification.passes import Folder
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 
@@ -106,30 +106,17 @@ def test_one_by_one_is_as_all_at_once(parts: list[str], root: Path, tmp_path: Pa
     assert_same(fitted(parts, root, tmp_path / 'sums', jobs=2), fitted(parts, root, None))
 
 
-def test_memory_keeps_as_much_as_a_folder(
-    parts: list[str], usual: tuple[ModelBundle, Path], root: Path, monkeypatch: pytest.MonkeyPatch,
+def test_without_a_folder_nothing_stays(
+    parts: list[str], usual: tuple[ModelBundle, Path], root: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Without a folder the models are the same, also where memory is full at once."""
+    """The models are the same, and what bags came to is removed."""
     arm = settled(root)
     spec = arm.spec.preprocessing.model_copy(update={'filter': 'causal'})
-    monkeypatch.setattr(passes, 'SPOOLED', 100)
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
     assert_same(fit(parts, arm, preprocessing=spec, settings=FitSettings(estimator='wls'),
-                    streaming=Streaming(passes.Spool(), jobs=2)), usual[0])
-
-
-@pytest.mark.parametrize('store', ['memory', 'spool', 'folder'])
-def test_stores(store: str, tmp_path: Path) -> None:
-    """What was written last is read; nothing is read as nothing; other files stay."""
-    made = {'memory': Memory, 'spool': Spool, 'folder': lambda: Folder(tmp_path / 'sums')}[store]()
-    name = f'{"a" * 24}-{"b" * 16}.json'
-    assert made.read(name) is None
-    for content in (b'one', b'another'):
-        made.write(name, content)
-        made.write('second', b'2')
-        assert made.read(name) == content and made.read('second') == b'2'
-    made.forget({'second'})
-    assert made.read('second') == b'2' and name in made.place(name)
-    assert made.shared == (store == 'folder') == (made.read(name) is None)
+                    streaming=Streaming(jobs=2)), usual[0])
+    assert not list(tmp_path.glob('tudor_*'))
 
 
 def test_test_bags_judge(root: Path, tmp_path: Path) -> None:

@@ -44,7 +44,8 @@ from tudor_dynamics.identification.elastic_search import identify
 from tudor_dynamics.identification.fit import check_arm, FitSettings, RowTrainer
 from tudor_dynamics.identification.many_bags import fold_models
 from tudor_dynamics.identification.next_steps import ErrorChange
-from tudor_dynamics.identification.passes import Folder, gather, Part, survey, Task
+from tudor_dynamics.identification.passes import (
+    Folder, Gathering, go_through, Part, survey, Task)
 from tudor_dynamics.library import fit
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -390,8 +391,9 @@ class _Study:
     def _gather(self, outputs: tuple[str, ...]) -> None:
         """Multiply out all parts, and fit each date."""
         tasks = self._tasks(outputs)
-        asked = [(tasks[name], date.sights) for (name, _), date in self.dates.items()]
-        facts = iter(gather(asked, self.run.jobs, lambda done: self.progress('multiply out')))
+        facts = iter(go_through(
+            [Gathering(tasks[name], tuple(date.sights)) for (name, _), date in self.dates.items()],
+            self.run.jobs, lambda done: self.progress('multiply out')))
         for (name, when), date in list(self.dates.items()):
             pairs = [(sight, next(facts)) for sight in date.sights]
             used = [sight for sight, fact in pairs if not isinstance(fact, Unused)]
@@ -412,10 +414,11 @@ class _Study:
         date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
         if len(used) < 2:
             raise FitError(f'{len(used)} parts of bags can be used', remedy='give others')
-        for (_, output), (model, others) in fold_models(task, date.sights).items():
+        gathered = Gathering(task, tuple(date.sights))
+        for (_, output), (model, others) in fold_models(gathered).items():
             date.models[output], date.others[output] = model, list(others.values())
-        for sight in date.sights:
-            for (_, output), part in task.kept(sight).parts.items():
+        for sight in gathered.bags:
+            for (_, output), part in gathered.kept(sight).parts.items():
                 date.parts.setdefault(output, []).append(part)
 
     def _rings(self) -> list[Observation]:

@@ -20,7 +20,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 import warnings
 
 from tudor_dynamics.arm.description import Arm
@@ -33,12 +34,13 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.fit import (
     enough, FitResult, FitSettings, FittedOutput, result_of, RowTrainer)
 from tudor_dynamics.identification.passes import (
-    gather, judge, Judging, names_of, Part, Place, Store, survey, Task)
+    Folder, Gathering, go_through, Judging, Part, Pass, Place, survey, Task)
 from tudor_dynamics.identification.validation import (
     cases_of, method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.estimation import ESTIMATORS, Products, summed
 from tudor_dynamics.models.friction import term_names
+from tudor_dynamics.parallel import workers
 from tudor_dynamics.typing import Progress
 
 
@@ -54,29 +56,28 @@ class FoldModels(NamedTuple):
 
 
 def fold_models(
-    task: Task, bags: Sequence[SurveyedBag], progress: Progress = lambda _: None,
+    gathered: Gathering, progress: Progress = lambda _: None,
 ) -> dict[Place, FoldModels]:
     """Add up what groups of bags came to, in their order; fit all, and all but each group."""
     parts: dict[Place, dict[int, Part]] = {}
-    for seen in bags:
+    for seen in gathered.bags:
         progress('add up')
-        for place, part in task.kept(seen).parts.items():
+        for place, part in gathered.kept(seen).parts.items():
             folds = parts.setdefault(place, {})
             known = folds.get(seen.fold)
             folds[seen.fold] = part if known is None else summed([known, part])
     progress('fit')
     found = {}
     for (number, output), folds in parts.items():
-        trainer = RowTrainer('analytical', task.arm, task.settings)
-        names = {fold: f'group {fold + 1}' for fold in folds}
-        sums = trainer.sums.setdefault(output, {})
+        trainer = RowTrainer('analytical', gathered.task.arm, gathered.task.settings)
+        trainer.sums[output] = {}
         for fold, part in folds.items():
-            sums[names[fold], True] = part
-            sums[names[fold], False] = [[Products(item.gram, item.n) for item in group]
-                                        for group in part]
+            trainer.sums[output][str(fold), True] = part
+            trainer.sums[output][str(fold), False] = [
+                [Products(item.gram, item.n) for item in group] for group in part]
 
         def fit(some: Iterable[int]) -> AnalyticalModel:
-            model = trainer.fit_sums([names[fold] for fold in some], output)
+            model = trainer.fit_sums(map(str, some), output)
             assert isinstance(model, AnalyticalModel)
             return model
 
@@ -105,8 +106,9 @@ WARNED = 5
 class Streaming:
     """How many bags are gone through."""
 
-    # Where what each bag came to is kept; to go on after an interruption, where that outlives it.
-    store: Store
+    # Where what each bag came to is kept, to go on after an interruption; else in a folder that is
+    # removed.
+    store: Folder | None = None
     jobs: int = 1  # number of processes
     strict: bool = False  # refuse a bag that cannot be used, in place of leaving it out
 
@@ -170,11 +172,15 @@ class ManyBags:
 
     def fits(self, chosen: Choices, specs: Sequence[PreprocessingSpec]) -> list[FitResult]:
         """Go through all bags twice more: multiplied out, judged."""
-        task = Task(chosen.arm, tuple(specs), self.outputs, chosen.settings, self.base,
-                    self.streaming.store)
-        known, learned = self._gathered(task)
-        models = fold_models(task, known, self.progress)
-        judged, unseen, seen = self._judged(task, known, models)
+        # other machines see the paths that bags are named relative to
+        place = None if workers() is None else self.base
+        with TemporaryDirectory(prefix='tudor_', dir=place) as scratch:
+            task = Task(chosen.arm, tuple(specs), self.outputs, chosen.settings, self.base,
+                        self.streaming.store or Folder(Path(scratch)))
+            gathered, learned = self._gathered(task)
+            models = fold_models(gathered, self.progress)
+            judged, unseen, seen = self._judged(gathered, models)
+        known = gathered.bags
         folds = {str(bag.choice): bag.fold for bag in known}
         method = method_of([bag.bag for bag in judged], len(known), len({*folds.values()}))
         results = []
@@ -200,23 +206,26 @@ class ManyBags:
                 unused=tuple(self.unused)))
         return results
 
-    def _gathered(self, task: Task) -> tuple[list[SurveyedBag], list[BagFacts]]:
+    def _gathered(self, task: Task) -> tuple[Gathering, list[BagFacts]]:
         """Multiply out the training bags; give those that can be used, and their facts."""
-        facts = gather([(task, self.training)], self.streaming.jobs, self._count('multiply out'))
+        facts = go_through([Gathering(task, tuple(self.training))], self.streaming.jobs,
+                           self._count('multiply out'))
         used = [seen for seen, item in zip(self.training, facts, strict=True)
                 if not isinstance(item, Unused)]
         self._leave_out([item for item in facts if isinstance(item, Unused)])
         self._refuse_few(used, self.training)
         folds = min(FOLDS, len(used))
-        return ([replace(seen, fold=i * folds // len(used)) for i, seen in enumerate(used)],
+        return (Gathering(task, tuple(replace(seen, fold=i * folds // len(used))
+                                      for i, seen in enumerate(used))),
                 [item for item in facts if not isinstance(item, Unused)])
 
     def _judged(
-        self, task: Task, known: Sequence[SurveyedBag], models: Mapping[Place, FoldModels],
+        self, gathered: Gathering, models: Mapping[Place, FoldModels],
     ) -> tuple[list[BagFacts], dict[Place, Tally], dict[Place, Tally]]:
         """Let models predict all; gives test bags, errors by models blind to a bag, by others."""
-        trials = _trials(task, known, self.test, models)
-        answers = judge(trials, self.streaming.jobs, self._count('judge'))
+        known = gathered.bags
+        trials = _trials(gathered, self.test, models)
+        answers = go_through(trials, self.streaming.jobs, self._count('judge'))
         lost = [item for item in answers[:len(known)] if isinstance(item, Unused)]
         if lost:
             raise FitError(f'{lost[0]}, though it could be read before',
@@ -232,7 +241,8 @@ class ManyBags:
                 for total, found in zip(sums, (errors.unseen, errors.seen), strict=True):
                     for place, tally in found.items():
                         total[place] = total[place] + tally if place in total else tally
-        task.store.forget(names_of(trials))
+        passes: list[Pass[Any]] = [gathered, *trials]
+        gathered.task.store.forget({each.name(seen) for each in passes for seen in each.bags})
         return judged, *sums
 
     def _refuse_few(self, used: Sequence[object], given: Sequence[object]) -> None:
@@ -312,14 +322,13 @@ class ManyBags:
 
 
 def _trials(
-    task: Task, known: Sequence[SurveyedBag], test: Sequence[SurveyedBag],
-    models: Mapping[Place, FoldModels],
+    gathered: Gathering, test: Sequence[SurveyedBag], models: Mapping[Place, FoldModels],
 ) -> list[Judging]:
     """Let each group of bags be judged by models of the others, or test bags by those of all."""
-    whole = {place: light(model) for place, (model, _) in models.items()}
+    task, whole = gathered.task, {place: light(model) for place, (model, _) in models.items()}
     found = []
-    for fold in dict.fromkeys(seen.fold for seen in known):
+    for fold in dict.fromkeys(seen.fold for seen in gathered.bags):
         blind = {} if test else {place: light(of[fold]) for place, (_, of) in models.items()}
-        bags = tuple(seen for seen in known if seen.fold == fold)
+        bags = tuple(seen for seen in gathered.bags if seen.fold == fold)
         found.append(Judging(task, bags, blind, whole))
     return [*found, Judging(task, tuple(test), whole, {})] if test else found

@@ -15,22 +15,21 @@
 """
 Passes over many bags: survey, products, errors of models; one bag after the other.
 
-What a bag comes to is bytes in a `Store`, under a name of all that it depends on: in memory, or on
-disk, so that an interrupted fit goes on.
+What a bag comes to is a file in a `Folder`, under a name of all that it depends on: memory does
+not grow with the number of bags, and an interrupted fit goes on.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 import hashlib
 import json
-from os import SEEK_END
 from pathlib import Path
 import re
-from tempfile import SpooledTemporaryFile
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -42,7 +41,7 @@ from tudor_dynamics.files import read_bounded, source_digest, write_whole
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, BagFacts, facts_of, filtered, load, model_for, OUTPUTS, SurveyedBag,
     training_blocks, Unused)
-from tudor_dynamics.identification.fit import blank, FitSettings
+from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.validation import Tally, trace
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_io import dump_npz, load_npz
@@ -52,8 +51,6 @@ from tudor_dynamics.parallel import Count, in_processes, in_threads, width
 
 PARTS = ('arm', 'bags', 'signals', 'models', 'identification')
 """Parts of the package that sums depend on."""
-SPOOLED = 256_000_000
-"""Bytes of what bags came to that stay in memory."""
 LARGEST = 200_000_000
 """Bytes of what one bag came to."""
 NAME = re.compile(r'[0-9a-f]{24}-[0-9a-f]{16}\.(npz|json)')
@@ -64,53 +61,11 @@ Place = tuple[int, str]
 """Number of the filters among those of a task, and the output."""
 
 
-class Memory(dict[str, bytes]):
-    """What bags came to, in memory."""
-
-    shared = False  # what other processes find is sent back
-
-    def read(self, name: str) -> bytes | None:
-        """Read what was kept; None where nothing is."""
-        return self.get(name)
-
-    def write(self, name: str, content: bytes) -> None:
-        """Keep something."""
-        self[name] = content
-
-    def forget(self, used: Collection[str]) -> None:
-        """Keep all: nothing is there from before."""
-
-    def place(self, name: str) -> str:
-        """Say where something is kept, in words."""
-        return f'{name} in memory'
-
-
-class Spool(Memory):
-    """The same for many bags: what is more than memory should hold is in a nameless file."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._file = SpooledTemporaryFile(SPOOLED)
-        self._places: dict[str, tuple[int, int]] = {}
-
-    def read(self, name: str) -> bytes | None:
-        """Read what was kept; None where nothing is."""
-        begin, size = self._places.get(name, (0, 0))
-        self._file.seek(begin)
-        return self._file.read(size) or None
-
-    def write(self, name: str, content: bytes) -> None:
-        """Keep something."""
-        self._places[name] = self._file.seek(0, SEEK_END), len(content)
-        self._file.write(content)
-
-
 @dataclass(frozen=True)
 class Folder:
-    """The same on disk: a directory with a file for each bag, made where it is not."""
+    """What bags came to: a directory with a file for each, made where it is not."""
 
-    path: Path
-    shared = True  # other processes and machines write into it
+    path: Path  # processes and machines that go through the bags all see it
 
     def read(self, name: str) -> bytes | None:
         """Read what was kept; None where nothing is."""
@@ -129,13 +84,6 @@ class Folder:
             if file.name not in used and NAME.fullmatch(file.name):
                 file.unlink(missing_ok=True)
 
-    def place(self, name: str) -> str:
-        """Say where something is kept, in words."""
-        return str(self.path / name)
-
-
-Store = Memory | Folder
-
 
 @dataclass(frozen=True, eq=False)
 class Task:
@@ -146,7 +94,7 @@ class Task:
     outputs: tuple[str, ...]  # outputs that every bag must have
     settings: FitSettings  # settings with nothing left open
     base: Path  # directory that the names of bags are relative to
-    store: Store  # where sums are kept
+    store: Folder  # where sums are kept
     # Version of the package, by its sources.
     source: str = field(default_factory=lambda: source_digest(PARTS))
 
@@ -168,11 +116,6 @@ class Task:
                           self._digest, depends])
         return f'{seen.checksum[:24]}-{hashlib.sha256(own.encode()).hexdigest()[:16]}{suffix}'
 
-    def kept(self, seen: SurveyedBag) -> BagSums:
-        """Read what a bag came to, which has to be there."""
-        name = self.name(seen, '.npz')
-        return _there(loaded_sums(self.store.read(name) or b''), self.store, name)
-
     @cached_property
     def _digest(self) -> str:
         arm, settings = self.arm, self.settings
@@ -182,42 +125,6 @@ class Task:
             settings.shared, self.with_payload])
 
 
-Models = Mapping[Place, AnalyticalModel]
-
-
-def digest_of(models: Models) -> str:
-    """Give a digest of what models predict."""
-    digest = hashlib.sha256()
-    for place, model in models.items():
-        digest.update(repr(place).encode() + model.coefficients().tobytes())
-    return digest.hexdigest()
-
-
-@dataclass(frozen=True, eq=False)
-class Judging:
-    """Bags with the models that are judged by them."""
-
-    task: Task  # what is asked of every bag
-    bags: tuple[SurveyedBag, ...]  # bags to predict
-    # Models that have not seen these bags, and models that have; either may be none.
-    unseen: Models
-    seen: Models
-
-    def name(self, seen: SurveyedBag) -> str:
-        """Name how the models did on a bag."""
-        return self.task.name(seen, '.json', self._digest)
-
-    def kept(self, seen: SurveyedBag) -> BagErrors:
-        """Read how the models did on a bag, which has to be there."""
-        name, store = self.name(seen), self.task.store
-        return _there(loaded_errors(store.read(name) or b''), store, name)
-
-    @cached_property
-    def _digest(self) -> str:
-        return digest_of(self.unseen) + digest_of(self.seen)
-
-
-Item = TypeVar('Item')
 Part = list[list[Products]]
 """Products of each group and channel."""
 
@@ -229,6 +136,38 @@ class BagSums:
     facts: BagFacts  # what is known of it
     parts: Mapping[Place, Part]  # Gram matrices with triangular factors
 
+    def dumped(self) -> bytes:
+        """Write Gram matrices, and triangular factors filled up with zeros."""
+        arrays: dict[str, Any] = {'facts': np.frombuffer(json.dumps(
+            asdict(self.facts)).encode(), np.uint8)}
+        for (number, output), part in self.parts.items():
+            for i, group in enumerate(part):
+                matrices = np.zeros((len(group), 2, *group[0].gram.shape))
+                for both, item in zip(matrices, group, strict=True):
+                    assert item.triangle is not None
+                    both[0], both[1, :len(item.triangle)] = item.gram, item.triangle
+                arrays[f'{number} {output} {i}'] = matrices
+                arrays[f'{number} {output} {i} n'] = np.array([item.n for item in group])
+        return dump_npz(arrays)
+
+    @classmethod
+    def loaded(cls, content: bytes) -> BagSums:
+        """Read what was written; whatever is wrong with it is an error."""
+        arrays = load_npz(content, Path('sums'))
+        facts = _facts(json.loads(arrays.pop('facts').astype(np.uint8).tobytes()))
+        parts: dict[Place, Part] = {}
+        for name, values in arrays.items():
+            number, output, _, *rest = name.split()
+            if rest:
+                continue
+            if not np.all(np.isfinite(values)):
+                raise ValueError(f'{name} is not finite')
+            counts = arrays[f'{name} n'].tolist()
+            parts.setdefault((int(number), output), []).append(
+                [Products(gram, int(n), factor) for (gram, factor), n in
+                 zip(values, counts, strict=True)])
+        return cls(facts, parts)
+
 
 @dataclass(frozen=True, eq=False)
 class BagErrors:
@@ -239,60 +178,20 @@ class BagErrors:
     unseen: Mapping[Place, Tally]
     seen: Mapping[Place, Tally]
 
+    def dumped(self) -> bytes:
+        """Write the sums as JSON."""
+        return json.dumps({'facts': asdict(self.facts)} | {
+            models: [[*place, asdict(tally)] for place, tally in getattr(self, models).items()]
+            for models in ('unseen', 'seen')}, default=np.ndarray.tolist).encode()
 
-def dumped_sums(bag: BagSums) -> bytes:
-    """Write what a bag came to: Gram matrices, triangular factors filled up with zeros."""
-    arrays: dict[str, Any] = {'facts': np.frombuffer(json.dumps(
-        asdict(bag.facts)).encode(), np.uint8)}
-    for (number, output), part in bag.parts.items():
-        for i, group in enumerate(part):
-            matrices = np.zeros((len(group), 2, *group[0].gram.shape))
-            for both, item in zip(matrices, group, strict=True):
-                assert item.triangle is not None
-                both[0], both[1, :len(item.triangle)] = item.gram, item.triangle
-            arrays[f'{number} {output} {i}'] = matrices
-            arrays[f'{number} {output} {i} n'] = np.array([item.n for item in group])
-    return dump_npz(arrays)
-
-
-def loaded_sums(content: bytes) -> BagSums | None:
-    """Read what a bag came to; None where nothing whole is kept."""
-    try:
-        arrays = load_npz(content, Path('sums'))
-        facts = _facts(json.loads(arrays.pop('facts').astype(np.uint8).tobytes()))
-        parts: dict[Place, Part] = {}
-        for name, values in arrays.items():
-            number, output, _, *rest = name.split()
-            if rest:
-                continue
-            if not np.all(np.isfinite(values)):
-                return None
-            counts = arrays[f'{name} n'].tolist()
-            parts.setdefault((int(number), output), []).append(
-                [Products(gram, int(n), factor) for (gram, factor), n in
-                 zip(values, counts, strict=True)])
-    except (TudorError, ValueError, KeyError, TypeError):
-        return None
-    return BagSums(facts, parts)
-
-
-def dumped_errors(judged: BagErrors) -> bytes:
-    """Write how models did on a bag."""
-    return json.dumps({'facts': asdict(judged.facts)} | {
-        models: [[*place, asdict(tally)] for place, tally in getattr(judged, models).items()]
-        for models in ('unseen', 'seen')}, default=np.ndarray.tolist).encode()
-
-
-def loaded_errors(content: bytes) -> BagErrors | None:
-    """Read how models did on a bag; None where nothing whole is kept."""
-    try:
+    @classmethod
+    def loaded(cls, content: bytes) -> BagErrors:
+        """Read what was written; whatever is wrong with it is an error."""
         found = json.loads(content)
         unseen, seen = ({(int(number), str(output)): _tally(values)
                          for number, output, values in found[models]}
                         for models in ('unseen', 'seen'))
-        return BagErrors(_facts(found['facts']), unseen, seen)
-    except (ValueError, KeyError, TypeError):
-        return None
+        return cls(_facts(found['facts']), unseen, seen)
 
 
 def _tally(content: dict[str, Any]) -> Tally:
@@ -301,25 +200,127 @@ def _tally(content: dict[str, Any]) -> Tally:
     return Tally(**arrays)
 
 
-def _there(found: Item | None, store: Store, name: str) -> Item:
-    if found is None:
-        raise FitError('what a bag came to cannot be read any more', place=store.place(name),
-                       remedy='fit again, leave that directory alone meanwhile, and let all '
-                              'machines see it')
-    return found
-
-
 def _facts(content: dict[str, Any]) -> BagFacts:
     return BagFacts(**{**content, 'warnings': tuple(content['warnings'])})
 
 
+Kept = TypeVar('Kept', BagSums, BagErrors)
+Models = Mapping[Place, AnalyticalModel]
+
+
+@dataclass(frozen=True, eq=False)
+class Pass(ABC, Generic[Kept]):
+    """A pass over bags, and what it keeps of each."""
+
+    task: Task  # what is asked of every bag
+    bags: tuple[SurveyedBag, ...]
+
+    @abstractmethod
+    def name(self, seen: SurveyedBag) -> str:
+        """Name what is kept of a bag."""
+
+    @abstractmethod
+    def made(self, seen: SurveyedBag) -> Kept:
+        """Read a bag, and make of it what is kept."""
+
+    @abstractmethod
+    def loaded(self, content: bytes) -> Kept:
+        """Read what is kept; whatever is wrong with it is an error."""
+
+    def found(self, seen: SurveyedBag) -> Kept | None:
+        """Read what is kept of a bag; None where nothing whole is."""
+        try:
+            return self.loaded(self.task.store.read(self.name(seen)) or b'')
+        except (TudorError, ValueError, KeyError, TypeError):
+            return None
+
+    def kept(self, seen: SurveyedBag) -> Kept:
+        """Read what is kept of a bag, which has to be there."""
+        found = self.found(seen)
+        if found is None:
+            raise FitError('what a bag came to cannot be read any more',
+                           place=self.task.store.path / self.name(seen),
+                           remedy='fit again, leave that directory alone meanwhile, and let all '
+                                  'machines see it')
+        return found
+
+    def by_each_filter(self, seen: SurveyedBag) -> list[BagData]:
+        """Read a bag once, and filter it in all the ways that are asked for."""
+        bag: BagData = self.task.read(seen)
+        lacking = [output for output in OUTPUTS
+                   if output in self.task.outputs and not bag.has(output)]
+        if lacking:
+            raise BagError(f'no {" and no ".join(lacking)}, which other bags have',
+                           place=str(bag.choice), remedy='fit it apart')
+        return [bag, *(filtered(bag, spec) for spec in self.task.specs[1:])]
+
+
+class Gathering(Pass[BagSums]):
+    """Bags that are multiplied out."""
+
+    def name(self, seen: SurveyedBag) -> str:
+        """Name the sums of a bag."""
+        return self.task.name(seen, '.npz')
+
+    def loaded(self, content: bytes) -> BagSums:
+        """Read the sums of a bag."""
+        return BagSums.loaded(content)
+
+    def made(self, seen: SurveyedBag) -> BagSums:
+        """Multiply a bag out."""
+        data = self.by_each_filter(seen)
+        return BagSums(facts_of(data[0]), {
+            (number, output): model.products(training_blocks(
+                [bag], output, with_payload=self.task.with_payload, inputs=model.inputs),
+                triangular=True)
+            for number, bag in enumerate(data) for output, model in self._models.items()})
+
+    @cached_property
+    def _models(self) -> dict[str, AnalyticalModel]:
+        task = self.task
+        return {output: AnalyticalModel.new(task.arm, output, task.settings)
+                for output in task.outputs}
+
+
+@dataclass(frozen=True, eq=False)
+class Judging(Pass[BagErrors]):
+    """Bags with the models that are judged by them."""
+
+    # Models that have not seen these bags, and models that have; either may be none.
+    unseen: Models
+    seen: Models
+
+    def name(self, seen: SurveyedBag) -> str:
+        """Name how the models did on a bag."""
+        return self.task.name(seen, '.json', self._digest)
+
+    def loaded(self, content: bytes) -> BagErrors:
+        """Read how the models did on a bag."""
+        return BagErrors.loaded(content)
+
+    def made(self, seen: SurveyedBag) -> BagErrors:
+        """Let the models predict a bag."""
+        data = self.by_each_filter(seen)
+        return BagErrors(facts_of(data[0]), *(
+            {(number, output): trace(model_for(model, data[0]), data[number], output).tally()
+             for (number, output), model in models.items()}
+            for models in (self.unseen, self.seen)))
+
+    @cached_property
+    def _digest(self) -> str:
+        """Give a digest of what the models predict."""
+        digest = hashlib.sha256()
+        for models in (self.unseen, self.seen):
+            for place, model in models.items():
+                digest.update(repr(place).encode() + model.coefficients().tobytes())
+            digest.update(b';')
+        return digest.hexdigest()
+
+
+Item = TypeVar('Item')
 EACH = 8
 """Pieces of work for each process."""
 Found = list[BagFacts | Unused]
-Work = Callable[[Judging, Count], Found]
-Answer = tuple[Found, Mapping[str, bytes]]
-"""What is known of bags, and what is to be kept of them."""
-Kept = TypeVar('Kept', BagSums, BagErrors)
 Progress = Callable[[int], None]
 
 
@@ -346,110 +347,27 @@ def survey(
     return found
 
 
-def gather(
-    asked: Sequence[tuple[Task, Sequence[SurveyedBag]]], jobs: int, progress: Progress,
-) -> Found:
-    """Multiply out many bags, and keep what each came to."""
-    trials = [Judging(task, tuple(bags), {}, {}) for task, bags in asked]
-    return _gone_through(_gather, trials, jobs, progress)
+def go_through(passes: Sequence[Pass[Any]], jobs: int, progress: Progress) -> Found:
+    """Go through the bags of some passes, and keep what each bag comes to."""
+    pieces = [replace(each, bags=tuple(part)) for each in passes
+              for part in _divided(each.bags, width(jobs), len(passes))]
+    return [item for found in in_processes(_gone_through, pieces, jobs, progress)
+            for item in found]
 
 
-def _sums(trial: Judging, seen: SurveyedBag) -> str:
-    return trial.task.name(seen, '.npz')
-
-
-def _gather(trial: Judging, count: Count) -> Found:
-    task = trial.task
-    models: dict[str, AnalyticalModel] = {}
-
-    def products(seen: SurveyedBag) -> BagSums:
-        for output in () if models else task.outputs:  # only where there is anything to do
-            model = blank('analytical', task.arm, output, task.settings)
-            assert isinstance(model, AnalyticalModel)
-            models[output] = model
-        data = _by_each_filter(task, seen)
-        return BagSums(facts_of(data[0]), {
-            (number, output): model.products(training_blocks(
-                [bag], output, with_payload=task.with_payload, inputs=model.inputs),
-                triangular=True)
-            for number, bag in enumerate(data) for output, model in models.items()})
-    return _each(trial, _sums, loaded_sums, dumped_sums, products, count)
-
-
-def _by_each_filter(task: Task, seen: SurveyedBag) -> list[BagData]:
-    """Read a bag once, and filter it in all the ways that are asked for."""
-    bag = task.read(seen)
-    lacking = [output for output in OUTPUTS if output in task.outputs and not bag.has(output)]
-    if lacking:
-        raise BagError(f'no {" and no ".join(lacking)}, which other bags have',
-                       place=str(bag.choice), remedy='fit it apart')
-    return [bag, *(filtered(bag, spec) for spec in task.specs[1:])]
-
-
-def judge(trials: Sequence[Judging], jobs: int, progress: Progress) -> Found:
-    """Let models predict many bags, and keep how they did."""
-    return _gone_through(_judge, trials, jobs, progress)
-
-
-def _gone_through(
-    work: Work, trials: Sequence[Judging], jobs: int, progress: Progress,
-) -> Found:
-    store = trials[0].task.store
-    pieces = [replace(trial, bags=tuple(part)) for trial in trials
-              for part in _divided(trial.bags, width(jobs), len(trials))]
-    if store.shared:
-        return _joined(in_processes(work, pieces, jobs, progress))
-    return _joined([_taken(store, answer) for answer in in_processes(
-        partial(_returned, work), [replace(piece, task=replace(piece.task, store=Memory()))
-                                   for piece in pieces], jobs, progress)])
-
-
-def _returned(work: Work, trial: Judging, count: Count) -> Answer:
-    assert isinstance(trial.task.store, Memory)
-    return work(trial, count), trial.task.store
-
-
-def _taken(store: Store, answer: Answer) -> Found:
-    found, files = answer
-    for name, content in files.items():
-        store.write(name, content)
-    return found
-
-
-def _judge(trial: Judging, count: Count) -> Found:
-    def tallies(seen: SurveyedBag) -> BagErrors:
-        data = _by_each_filter(trial.task, seen)
-        return BagErrors(facts_of(data[0]), *(
-            {(number, output): trace(model_for(model, data[0]), data[number], output).tally()
-             for (number, output), model in models.items()}
-            for models in (trial.unseen, trial.seen)))
-    return _each(trial, Judging.name, loaded_errors, dumped_errors, tallies, count)
-
-
-def names_of(trials: Sequence[Judging]) -> set[str]:
-    """Name all that a fit has used."""
-    return {name for trial in trials for seen in trial.bags
-            for name in (_sums(trial, seen), trial.name(seen))}
-
-
-def _each(
-    trial: Judging, name: Callable[[Judging, SurveyedBag], str],
-    load: Callable[[bytes], Kept | None], dump: Callable[[Kept], bytes],
-    make: Callable[[SurveyedBag], Kept], count: Count,
-) -> Found:
-    """Read what each bag comes to, or make and keep it; what is wrong with one says so instead."""
+def _gone_through(piece: Pass[Any], count: Count) -> Found:
+    """Make what is not kept yet of each bag; what is wrong with one says so instead."""
     found: Found = []
-    store = trial.task.store
     with quiet():
-        for seen in trial.bags:
+        for seen in piece.bags:
             try:
-                kept = load(store.read(name(trial, seen)) or b'')
+                kept = piece.found(seen)
                 if kept is None:
-                    kept = make(seen)
-                    store.write(name(trial, seen), dump(kept))
+                    kept = piece.made(seen)
+                    piece.task.store.write(piece.name(seen), kept.dumped())
                 found.append(kept.facts)
             except TudorError as err:
-                found.append(_unused(str(seen.choice), err, trial.task.base))
+                found.append(_unused(str(seen.choice), err, piece.task.base))
             count(1)
     return found
 
@@ -462,7 +380,3 @@ def _divided(items: Sequence[Item], jobs: int, parts: int = 1) -> list[Sequence[
     """Divide what is one of some parts of all; not finer, as models go with each piece."""
     size = max(1, len(items) * parts // (EACH * jobs))
     return [items[first:first + size] for first in range(0, len(items), size)]
-
-
-def _joined(parts: Sequence[Sequence[Item]]) -> list[Item]:
-    return [item for part in parts for item in part]
