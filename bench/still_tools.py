@@ -37,7 +37,7 @@ sys.path.insert(0, str(ROOT))
 
 from tudor_dynamics.arm.description import load_arm  # noqa: E402
 from tudor_dynamics.identification.dataset import load, parse_choice  # noqa: E402
-from tudor_dynamics.identification.rings import loudest_ring, Ring  # noqa: E402
+from tudor_dynamics.identification.ringdowns import loudest_ring, Ring  # noqa: E402
 
 DATA = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT / '../shared/data'))
 FREQUENCY = {'up': 2.770, 'level': 2.943, 'down': 3.039}

@@ -27,7 +27,7 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.doctor import between
 from tudor_dynamics.identification.doctor.between import Pair
 from tudor_dynamics.identification.doctor.examine import examine_all, rings_on
-from tudor_dynamics.identification.rings import loudest_ring
+from tudor_dynamics.identification.ringdowns import loudest_ring
 
 
 def test_frequency_and_damping() -> None:

@@ -12,17 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What subcommands share: progress on a terminal, tables of figures, JSON."""
+"""What subcommands share: options, progress on a terminal, tables of figures, JSON."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 import json
 import math
 import os
+from pathlib import Path
 import sys
 from typing import Any
 
@@ -33,7 +35,8 @@ from rich.progress import (
     BarColumn, Progress, ProgressColumn, SpinnerColumn, TimeElapsedColumn)
 from rich.table import Column, Table
 
-from tudor_dynamics.errors import printable, UsageError
+from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, Trajectory
+from tudor_dynamics.errors import printable, TudorError, UsageError
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.validation import Score
 
@@ -173,6 +176,41 @@ def add_bags_and_model(parser: Any) -> None:
     parser.add_argument('--model', required=True, metavar='MODEL', help='bundle of tudor fit')
     parser.add_argument('--arm', metavar='YAML',
                         help='refuse the model if it is not of this arm (it carries its own)')
+
+
+def add_trajectories(parser: Any) -> None:
+    """Add the options that name trajectories, and where those that are changed go."""
+    parser.add_argument('trajectory', metavar='TRAJECTORY', help='CSV file, or bag')
+    parser.add_argument('--out', metavar='FILE', required=True,
+                        help='CSV file, or directory of a bag')
+    parser.add_argument('--topic', default='', metavar='TOPIC',
+                        help='topic of the bag (the only one with trajectories)')
+    parser.add_argument('--overwrite', action='store_true', help='replace a CSV file')
+
+
+def check_trajectories(args: argparse.Namespace) -> None:
+    """Refuse a table for a bag, and what would be overwritten."""
+    source, out = Path(args.trajectory), Path(args.out)
+    if is_table(source) != is_table(out):
+        raise UsageError(f'{source} and {out} are not of one kind', remedy='a table (.csv) gives '
+                         'a table, a bag a bag')
+    if out.exists() and not (args.overwrite and is_table(out)):
+        raise UsageError('exists already', place=out,
+                         remedy='choose another --out' + (', or add --overwrite'
+                                                          if is_table(out) else ''))
+
+
+def changed_trajectories(
+    args: argparse.Namespace, change: Callable[[Trajectory], Trajectory],
+) -> list[Sent]:
+    """Read trajectories and change each; what is wrong with one says which it is."""
+    done = []
+    for number, sent in enumerate(read_trajectories(Path(args.trajectory), args.topic), start=1):
+        try:
+            done.append(replace(sent, trajectory=change(sent.trajectory)))
+        except TudorError as err:
+            raise err.at(f'{args.trajectory}, trajectory {number}') from None
+    return done
 
 
 def add_running(parser: Any) -> None:

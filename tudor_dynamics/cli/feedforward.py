@@ -18,14 +18,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, write_trajectories
-from tudor_dynamics.cli.console import new_table, print_table
-from tudor_dynamics.errors import TudorError, UsageError
+from tudor_dynamics.bags.trajectory import Sent, write_trajectories
+from tudor_dynamics.cli.console import (
+    add_trajectories, changed_trajectories, check_trajectories, new_table, print_table)
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.online.feedforward import AT_REST, Feedforward, POSITIONS, UNITS
@@ -49,10 +48,8 @@ kind, with efforts. See docs/explanation/feedforward.md.
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor feedforward``."""
-    parser.add_argument('trajectory', metavar='TRAJECTORY', help='CSV file, or bag')
+    add_trajectories(parser)
     parser.add_argument('--model', metavar='MODEL', required=True, help='bundle of tudor fit')
-    parser.add_argument('--out', metavar='FILE', required=True,
-                        help='CSV file, or directory of a bag')
     parser.add_argument('--payload', type=float, metavar='KG',
                         help='mass at the tip (that of the training bags)')
     parser.add_argument('--kind', choices=KINDS, default='analytical',
@@ -67,40 +64,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='none, or kept: that of the last motion (%(default)s)')
     parser.add_argument('--rate', type=float, metavar='HZ',
                         help='put points onto the splines, so many a second')
-    parser.add_argument('--topic', default='', metavar='TOPIC',
-                        help='topic of the bag (the only one with trajectories)')
-    parser.add_argument('--overwrite', action='store_true', help='replace a CSV file')
-
-
-def check_files(source: Path, out: Path, *, overwrite: bool) -> None:
-    """Refuse a table for a bag, and what would be overwritten."""
-    if is_table(source) != is_table(out):
-        raise UsageError(f'{source} and {out} are not of one kind', remedy='a table (.csv) gives '
-                         'a table, a bag a bag')
-    if out.exists() and not (overwrite and is_table(out)):
-        raise UsageError('exists already', place=out,
-                         remedy='choose another --out' + (', or add --overwrite'
-                                                          if is_table(out) else ''))
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, compute, write."""
-    source, out = Path(args.trajectory), Path(args.out)
-    check_files(source, out, overwrite=args.overwrite)
+    check_trajectories(args)
     ahead = Feedforward(load_bundle(args.model), kind=args.kind, unit=args.unit,
                         positions=args.positions, friction_at_rest=args.friction_at_rest,
                         payload=args.payload)
-    done = []
-    for number, sent in enumerate(read_trajectories(source, args.topic), start=1):
-        wanted = sent.trajectory if args.rate is None else denser(sent.trajectory, args.rate)
-        try:
-            done.append(replace(sent, trajectory=ahead.along(wanted)))
-        except TudorError as err:
-            raise err.at(f'{source}, trajectory {number}') from None
-    write_trajectories(out, done)
+    done = changed_trajectories(args, lambda wanted: ahead.along(
+        wanted if args.rate is None else denser(wanted, args.rate)))
+    write_trajectories(Path(args.out), done)
     _print(ahead, done)
     print(f'{sum(len(item.trajectory.t) for item in done)} points, payload {ahead.payload:g} kg: '
-          f'{out}')
+          f'{args.out}')
     return 0
 
 

@@ -17,13 +17,11 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
-from tudor_dynamics.bags.trajectory import read_trajectories, write_trajectories
-from tudor_dynamics.cli.console import new_table, print_table
-from tudor_dynamics.cli.feedforward import check_files
-from tudor_dynamics.errors import TudorError
+from tudor_dynamics.bags.trajectory import write_trajectories
+from tudor_dynamics.cli.console import (
+    add_trajectories, changed_trajectories, check_trajectories, new_table, print_table)
 from tudor_dynamics.signals.shaping import convolved, impulses, KINDS, remains
 
 EXAMPLES = """\
@@ -41,32 +39,21 @@ OFF = (-0.05, 0.0, 0.05)
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor shape``."""
-    parser.add_argument('trajectory', metavar='TRAJECTORY', help='CSV file, or bag')
+    add_trajectories(parser)
     parser.add_argument('--frequency', type=float, metavar='HZ', required=True,
                         help='at which the tool rings where the arm stops')
     parser.add_argument('--damping', type=float, default=0.02, metavar='RATIO',
                         help='its damping ratio (%(default)s)')
-    parser.add_argument('--out', metavar='FILE', required=True,
-                        help='CSV file, or directory of a bag')
     parser.add_argument('--by', choices=KINDS, default='zv',
                         help='two impulses, half a period longer; or three, a period longer, for '
                              'a frequency less well known (%(default)s)')
-    parser.add_argument('--topic', default='', metavar='TOPIC',
-                        help='topic of the bag (the only one with trajectories)')
-    parser.add_argument('--overwrite', action='store_true', help='replace a CSV file')
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, shape, say what it brings, write."""
-    source, out = Path(args.trajectory), Path(args.out)
-    check_files(source, out, overwrite=args.overwrite)
+    check_trajectories(args)
     shaper = impulses(args.by, args.frequency, args.damping)
-    done = []
-    for number, sent in enumerate(read_trajectories(source, args.topic), start=1):
-        try:
-            done.append(replace(sent, trajectory=convolved(sent.trajectory, shaper)))
-        except TudorError as err:
-            raise err.at(f'{source}, trajectory {number}') from None
+    done = changed_trajectories(args, lambda wanted: convolved(wanted, shaper))
     table = new_table(f'{args.by}, {shaper.time[-1]:.3f} s longer', names=('the tool rings at',),
                       figures=('remains [%]',))
     for off in OFF:
@@ -74,6 +61,6 @@ def run(args: argparse.Namespace) -> int:
         table.add_row(f'{frequency:.3g} Hz',
                       f'{100.0 * remains(shaper, frequency, args.damping):.1f}')
     print_table(table)
-    write_trajectories(out, done)
-    print(f'{sum(len(item.trajectory.t) for item in done)} points: {out}')
+    write_trajectories(Path(args.out), done)
+    print(f'{sum(len(item.trajectory.t) for item in done)} points: {args.out}')
     return 0

@@ -153,16 +153,14 @@ class Knowledge:
         """Give the standard deviations of the logarithms, shape (n_names,)."""
         return np.array([self.width[name] for name in self.names])
 
-    def without(self, kind: str) -> Knowledge:
-        """Leave a parameter out of the search."""
-        return Knowledge({k: v for k, v in self.start.items() if k != kind},
-                         {k: v for k, v in self.width.items() if k != kind}, self.held)
+    def without(self, *kinds: str) -> Knowledge:
+        """Leave parameters out of the search."""
+        return replace(self, start={k: v for k, v in self.start.items() if k not in kinds},
+                       width={k: v for k, v in self.width.items() if k not in kinds})
 
     def holding(self, values: dict[str, float]) -> Knowledge:
         """Hold parameters at values instead of searching for them."""
-        return Knowledge({k: v for k, v in self.start.items() if k not in values},
-                         {k: v for k, v in self.width.items() if k not in values},
-                         {**self.held, **values})
+        return replace(self.without(*values), held={**self.held, **values})
 
 
 def record_of(stretch: Stretch, payload: float | None) -> Record | None:

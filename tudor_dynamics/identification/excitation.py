@@ -185,12 +185,8 @@ class Information:
 
     def matrices(self, motion: FloatArray) -> list[FloatArray]:
         """Give the information matrix of each group of channels of all models."""
-        return [_square(rows) for rows in self.rows(motion)]
-
-    def rows(self, motion: FloatArray) -> list[FloatArray]:
-        """Give each group's rows in units of its noise, (samples, channels, parameters)."""
         found = [(regressor.rows(motion), groups) for regressor, groups in self._parts]
-        return [group.rows(rows) for rows, groups in found for group in groups]
+        return [_square(group.rows(rows)) for rows, groups in found for group in groups]
 
     def cost(
         self, motion: FloatArray, criterion: Criterion = mean_error,

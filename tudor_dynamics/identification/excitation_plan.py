@@ -348,9 +348,7 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
             if output == 'effort':
                 known = model.coefficients()
             found[output] = model if model.states is None else _planned(bundle.arm, output)
-            noise[output] = np.zeros(len(model.channels))
-            for group in model.groups_:
-                noise[output][list(group.base.channels)] = np.sqrt(group.estimate.variances)
+            noise[output] = model.deviations()
     if not found:
         raise UsageError('there is no analytical model for one payload in the bundle',
                          remedy='give --noise in place of --model')

@@ -393,12 +393,9 @@ def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
     planned = sum(stretch.n_kept for stretch in prepare(
         played(trajectory, arm), result.preprocessing))
     runs = sum(facts.used for facts in result.learned) / planned
-    residual = {output: np.zeros(len(model.channels)) for output, model in models.items()}
-    reached: list[float] = []
-    for output, model in models.items():
-        for group in model.groups_:
-            residual[output][list(group.base.channels)] = np.sqrt(group.estimate.variances)
-            reached += group.estimate.standard_errors.tolist()
+    residual = {output: model.deviations() for output, model in models.items()}
+    reached = [error for model in models.values() for group in model.groups_
+               for error in group.estimate.standard_errors.tolist()]
     promised, honest = (expected_errors(models, arm, trajectory, result.preprocessing, noise)
                         for noise in (plan.noise, Noise(residual, residual=True)))
     return Comparison(tuple(

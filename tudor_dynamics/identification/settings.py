@@ -262,8 +262,8 @@ DIFFERENT = 0.15  # relative error from which on two bags differ in load (bench/
 COMPARED = 400  # samples of a recording that are looked for in another one
 SAME_SHARE = 0.9  # part of the samples that a copy has in common with its original (bench/doctor)
 
-# -- What rings on after motion (rings.py); chosen on recordings of a beam held up and down, judged
-# on those of the same beam level and on arms that are still (bench/still_tools.py)
+# -- What rings on after motion (ringdowns.py); chosen on recordings of a beam held up and down,
+# judged on those of the same beam level and on arms that are still (bench/still_tools.py)
 
 # Speed below which a joint stands [rad/s or m/s], and its share of the largest speed.
 RING_STILL, RING_SPEED = 0.02, 0.05

@@ -339,6 +339,13 @@ class AnalyticalModel(MemorylessModel):
         model.groups_ = tuple(groups)
         return model
 
+    def deviations(self) -> FloatArray:
+        """Give the standard deviation of the residual of each channel, (n_channels,)."""
+        found = np.zeros(len(self.channels))
+        for group in self.groups_:
+            found[list(group.base.channels)] = np.sqrt(group.estimate.variances)
+        return found
+
     def conditioning(self) -> Conditioning:
         """Give the largest condition number of its groups, and what they do not show."""
         return Conditioning(

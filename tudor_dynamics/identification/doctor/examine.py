@@ -38,7 +38,7 @@ from tudor_dynamics.identification.doctor.findings import Finding, found, RESIDU
 from tudor_dynamics.identification.doctor.residuals import trends
 from tudor_dynamics.identification.doctor.samples import look_at_samples, sizes
 from tudor_dynamics.identification.doctor.trials import Trials
-from tudor_dynamics.identification.rings import loudest_ring
+from tudor_dynamics.identification.ringdowns import loudest_ring
 from tudor_dynamics.load.rows import LoadRows
 from tudor_dynamics.signals.preprocessing import Timing
 from tudor_dynamics.typing import FloatArray

@@ -55,6 +55,7 @@ class Trials:
         self._settings = None if chosen is None else chosen.settings
         self._sound = {name: np.all([case.sound[name] for case in cases], axis=0)
                        for name in cases[0].outputs if all(name in one.outputs for one in cases)}
+        self._before: dict[tuple[int, str], FloatArray] = {}  # errors by remedy and filters
 
     def paying(
         self, usual: Sequence[Alternative], proposed: Sequence[Sequence[Alternative]],
@@ -113,7 +114,10 @@ class Trials:
     ) -> tuple[float, float] | None:
         """Give relative errors without a remedy and lags [s], and with; None if these lose."""
         try:
-            before, after = self._shares(base, {}, spec), self._shares(remedy, lags, spec)
+            without = id(base), spec.model_dump_json()
+            if without not in self._before:
+                self._before[without] = self._shares(base, {}, spec)
+            before, after = self._before[without], self._shares(remedy, lags, spec)
         except TudorError:
             return None  # too short for the filters, or nothing is left to be predicted
         # every channel and part counts alike, whatever its error
