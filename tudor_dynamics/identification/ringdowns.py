@@ -339,8 +339,8 @@ def _ringdown(
         None if same is None else _nearest([same], measured.frequency))
 
 
-# -- What rings on while an arm stands, such as a tool that no gauge is on: frequency and damping by
-#    the efforts of all joints
+# -- What rings on while an arm stands, such as a tool without gauges: frequency and damping by the
+#    efforts of all joints
 
 @dataclass(frozen=True, eq=False)
 class Ring:
