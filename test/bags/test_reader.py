@@ -273,6 +273,14 @@ def test_degrees_without_velocity_are_refused(tmp_path):
         read_recording(bag, plain_arm())
 
 
+def test_wrapped_positions_are_no_degrees(tmp_path):
+    """Positions in [0, 2 pi) of a joint that may go from -1 to 1 rad are read."""
+    q, dq = motion(times())
+    bag = make_bag(tmp_path / 'b', joint_states(position=q % (2.0 * np.pi), velocity=None))
+    limited = plain_arm(limits={'lower': -1.0, 'upper': 1.0})
+    assert np.ptp(read_recording(bag, limited).q[:, 0]) > 6.0
+
+
 def test_small_degrees_show_against_the_limits(tmp_path):
     """Nine degrees are no turn: a warning for the speed; far beyond limits of one radian."""
     q, dq = motion(times())

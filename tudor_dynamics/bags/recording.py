@@ -238,7 +238,10 @@ def check_units(recording: Recording, plan: Sources, notes: Notes) -> None:
     for column, (name, slides, reach) in enumerate(
             zip(plan.joints, plan.prismatic, plan.reach, strict=True)):
         size = float(np.percentile(np.abs(recording.q[:, column]), 95))
-        if not slides and reach is not None and size > reach:
+        # within a turn, by steps of more than half of one: wrapped
+        steps = np.abs(np.diff(recording.q[:, column])).max(initial=0.0)
+        if not slides and reach is not None and size > reach and not (
+                steps > math.pi > 0.5 * size):
             suspects.append(f'{name} goes to {size:.4g}, beyond {reach:.4g} rad')
         elif slides and reach is not None and size > reach:
             notes.add(f'{name} goes to {size:.4g} m, twice its limits or more; check the units')

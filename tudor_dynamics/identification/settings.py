@@ -157,6 +157,7 @@ REFINED_GAIN = 0.5  # the same for gravity that is turned away from an axis (ben
 FIRST_TURN = 0.35  # first step of that search [rad] (bench/doctor)
 LAST_TURN = 0.04  # its last step [rad] (bench/doctor)
 DRIVING = -0.5  # correlation of friction and speed below which friction drives (bench/doctor)
+AGAINST = 0.5  # what a correlation of strain and effort may be above -1 to be of opposite signs
 DRIVING_SHARE = 0.1  # by which the residual grows without such friction (bench/doctor)
 # Factors between units of efforts that are tried: those of gears with motors, and thousandths.
 SCALES = tuple(10.0 ** (sign * exponent) for sign in (1.0, -1.0)
@@ -199,6 +200,8 @@ FOLLOWS = 0.7  # slope of measured over expected output while a channel lives (b
 # -- Units of efforts by their size (doctor/samples.py)
 # No joint of an arm has more; source: data sheets of the largest industrial arms.
 LARGEST_EFFORT = {'A': 150.0, 'N m': 3000.0, 'N': 20000.0}
+# Strain that no link survives: spring steel yields below 1 %, foil gauges tear at 3 to 5 %.
+LARGEST_STRAIN = 0.02
 BEYOND_LIMIT = 10.0  # as many times the effort limit of the URDF is another unit (bench/doctor)
 UNLIMITED = 1e6  # limits of a URDF from here on are none [N m or N]
 FEW_TIMES = 3.3  # masses of a URDF are wrong by less (bench/doctor)
@@ -232,8 +235,9 @@ AT_ONCE = 0.25  # part of the time by which changes of one load may be apart
 STEPPED = (0.25, 0.42)  # residual's power after over before it: short, long recordings
 STEP_LONG = 40.0  # longer recordings show more [s]
 STEP_SHARE = 1e-3  # part of the variance that it explains
-WAVE, WAVE_ABOVE = 0.3, 0.5  # part of a residual's power in a wave, above [Hz]
-WAVE_WINDOWS = 5  # of `RINGING_SECONDS` that overlap by half, in which it lasts
+WAVE, WAVE_ABOVE = 0.5, 0.5  # part of a residual's power in a wave, above [Hz]
+# Periods that it lasts at least; parts of the record in which it is the same, within a half.
+WAVE_CYCLES, WAVE_PARTS, WAVE_EVEN = 10, 4, 0.5
 UNEXPLAINED = 0.6  # relative residual beyond which nothing is explained: a fit below 40 %
 # (doctor/readings.py; chosen with bench/lab_faults)
 COPIED, COPIED_EXACTLY = 0.05, 1e-3  # part of an effort, of a gauge, in which copies differ

@@ -67,12 +67,12 @@ def test_nothing_is_wrong(options: dict[str, Any]) -> None:
     lambda r: replace(r, strain=late(r.strain, r.t, 0.008)),
     _strain(0, lambda t, x: x + 1e3),
     _strain(1, lambda t, x: 1e-3 * x),
-    _strain(1, lambda t, x: -x),
+    lambda r: replace(_strain(1, lambda t, x: -x)(r), effort=None),
     lambda r: replace(r, strain=None),
     lambda r: replace(r, effort=None),
     lambda r: replace(r, effort=None, strain=None)],
     ids=['scale', 'driver filter', 'amplifier filter', 'zero', 'unit of a gauge',
-         'sign of a gauge', 'no strain', 'no effort', 'positions alone'])
+         'sign of a gauge alone', 'no strain', 'no effort', 'positions alone'])
 def test_what_is_no_fault(changed: Change) -> None:
     """Lags of drivers, scales and zeros of gauges, and missing outputs are usual."""
     assert _findings(changed(healthy())) == ()

@@ -72,12 +72,41 @@ def test_positions(change: Change, kind: str, size: float) -> None:
     (lambda t, x: np.where(t > 20.0, 0.4, 1.0) * x, 'gain_step'),
     (lambda t, x: x + 0.3 * np.ptp(x) * (t > 20.0), 'offset_step'),
     (lambda t, x: x + 0.2 * np.ptp(x) * np.sin(2.0 * np.pi * 7.3 * t), 'hum'),
+    (lambda t, x: x + 0.2 * np.ptp(x) * np.sin(2.0 * np.pi * 1.3 * t), 'hum'),
     (lambda t, x: np.random.default_rng(2).permutation(np.repeat(x[::50], 50).reshape(-1, 50))
      .ravel()[:len(x)], 'unexplained')], ids=lambda item: item if isinstance(item, str) else '')
 @pytest.mark.parametrize('field', ['effort', 'strain'])
 def test_channels(field: str, change: Change, kind: str) -> None:
     """What an amplifier or a driver does and no arm."""
     assert kind in found(of(field, change))
+
+
+@pytest.mark.parametrize('seconds', [12.0, 40.0])
+def test_what_rings_after_each_move_is_no_hum(seconds: float) -> None:
+    """It dies out and begins again, where a wave of the mains goes on."""
+    one, random = healthy(seconds=seconds), np.random.default_rng(0)
+    since = one.t - np.cumsum(random.uniform(2.0, 5.0, 20))[:, None]
+    ringing = np.where(since > 0.0, np.exp(-0.35 * np.maximum(since, 0.0)) * np.sin(
+        2.0 * np.pi * 2.8 * since), 0.0).sum(axis=0)
+    assert 'hum' not in found(replace(
+        one, effort=column(one.effort, 0, lambda x: x + np.std(x) * ringing)))
+
+
+@pytest.mark.parametrize('gauge', [0, 1])
+def test_a_gauge_with_its_sign_turned(gauge: int) -> None:
+    """The effort of its joint says which sign a load has; without it nothing does."""
+    one = healthy()
+    turned = replace(one, strain=column(one.strain, gauge, lambda x: -x))
+    assert found(turned)['gauge_sign'].channels == (('g1', 'g2')[gauge],)
+    assert 'gauge_sign' not in found(replace(turned, effort=None))
+    assert 'gauge_sign' not in found(one)
+
+
+def test_strain_that_no_link_survives() -> None:
+    """A gauge in thousandths of its unit; the other one is left alone."""
+    one = healthy()
+    item = found(replace(one, strain=column(one.strain, 1, lambda x: 1e3 * x)))['strain_unit']
+    assert item.channels == ('g2',) and item.size == 1e3
 
 
 @pytest.mark.parametrize('far', [0.3, 30.0])

@@ -335,6 +335,8 @@ def opposite(case: Case, hinted: Mapping[int, float]) -> list[Finding]:
             for i, power in hinted.items()]
     if 'effort' not in case.outputs:
         return []
+    if turned := _gauges_turned(case):
+        return turned
     known = described_masses(case.arm, case.motion, case.outputs['effort'])
     if known is None or not len(known.believed) or not np.all(known.believed < 0.0):
         return []
@@ -410,3 +412,19 @@ def _late(
     return found(
         f'{name}_late', f'{PLURAL[name]} come {abs(size) * 1e3:.0f} ms {way} against the '
         'positions', recording.path, time=0.0, size=size, now=now, otherwise=otherwise), better
+
+
+def _gauges_turned(case: Case) -> list[Finding]:
+    """Report gauges that count against the effort of their joint: a load makes both positive."""
+    findings, of = [], case.usual['effort'].freed
+    for g, gauge in enumerate(case.arm.gauges if 'strain' in case.outputs else ()):
+        if gauge.axis is None and gauge.joint in case.arm.active_joints:
+            i = case.arm.active_joints.index(gauge.joint)
+            x, y = of(i, case.outputs['strain'][:, g]), of(i, case.outputs['effort'][:, i])
+            together = float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
+            if together < -1.0 + settings.AGAINST / case.brevity:
+                findings.append(found(
+                    'gauge_sign', f'gauge {gauge.name} and effort of {gauge.joint} count in '
+                    'opposite directions', case.recording.path, (gauge.name,), size=-1.0,
+                    now=together, otherwise=-together, measure='correlation without friction'))
+    return findings

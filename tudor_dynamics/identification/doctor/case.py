@@ -196,11 +196,6 @@ class Explained:
         columns = np.column_stack([self.bodies[channel], self.own[channel]])
         return np.asarray(columns @ _fitted(columns[known], values[known], settings.PREDICTING))
 
-    def extended(self, column: FloatArray) -> Explained:
-        """Give each channel one more column to itself: column (n,)."""
-        return Explained(np.stack(self.bodies, axis=1),
-                         [np.column_stack([own, column]) for own in self.own], self.groups)
-
     def friction(self, channel: int, output: FloatArray) -> tuple[float, float]:
         """Correlate friction with speed; say how much larger the residual is without friction."""
         own, rows = self.own[channel], self.bodies[channel]

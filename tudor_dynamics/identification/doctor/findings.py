@@ -55,6 +55,8 @@ CHECKS = {
     'joint_sign': Check(
         'joint counted in the other direction', 'turn the sign of the position in the driver, or '
         'the axis of the joint in the kinematics', '', RESIDUAL),
+    'strain_unit': Check('strain in another unit than described', 'correct gauges[].unit, or '
+                         'scale the readings in the amplifier'),
     'gauge_sign': Check('gauge with its sign turned',
                         'find out which of them is right, and turn the other'),
     'efforts_exchanged': Check('efforts of two joints exchanged', NAMES, '', RESIDUAL),

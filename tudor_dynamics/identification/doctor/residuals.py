@@ -20,11 +20,11 @@ import numpy as np
 
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.alternatives import Alternative
-from tudor_dynamics.identification.doctor.case import Case, Explained, share_of
+from tudor_dynamics.identification.doctor.case import Explained, share_of
 from tudor_dynamics.identification.doctor.findings import Finding, found
 from tudor_dynamics.identification.doctor.readings import SINGULAR, until
 from tudor_dynamics.identification.ringdowns import (
-    HALF_WIDTH, oscillation, power_density, SMALLEST_AMPLITUDE)
+    oscillation, power_density, SMALLEST_AMPLITUDE)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -33,8 +33,7 @@ def trends(chosen: Alternative) -> list[Finding]:
     case, t = chosen.case, chosen.case.decimated.t
     findings = []
     for name, explained in chosen.explained.items():
-        output, shares, line = chosen.output(name), chosen.shares_of(name), t - t.mean()
-        straight = explained.extended(line)
+        output, shares, line = chosen.output(name), chosen.shares_of(name).tolist(), t - t.mean()
         for i in np.flatnonzero(case.sound[name]).tolist():
             channel, y = case.bodies[name].channels[i], output[:, i]
             dead = _dies(explained, i, t, y)
@@ -48,8 +47,9 @@ def trends(chosen: Alternative) -> list[Finding]:
                 continue
             # the slope by Frisch and Waugh: both sides freed of all other columns
             x, left = explained.rest(i, line), explained.rest(i, y)
-            rise = float(x @ left) / max(float(x @ x), 1e-300) * float(t[-1] - t[0])
-            now, both = float(share_of(left, y)), float(share_of(straight.rest(i, y), y))
+            slope = float(x @ left) / max(float(x @ x), 1e-300)
+            rise = slope * float(t[-1] - t[0])
+            now, both = float(share_of(left, y)), float(share_of(left - slope * x, y))
             step = _step(chosen, name, i, left)
             if (np.log(now / both) > settings.DRIFT_GAIN * case.brevity
                     and abs(rise) > settings.DRIFT_SIZE * float(np.std(y))
@@ -58,8 +58,8 @@ def trends(chosen: Alternative) -> list[Finding]:
                     chosen, 'drift', name, i, f'drifts by {rise:.4g} in {t[-1] - t[0]:.4g} s',
                     rise, now, both))
                 continue
-            odd = (_without_sign(chosen, name, i) or step or _wave(chosen, name, i, left)
-                   or _unexplained(chosen, name, i, float(shares[i])))
+            odd = (_without_sign(chosen, name, i) or step or _wave(chosen, name, i, shares[i])
+                   or _unexplained(chosen, name, i, shares[i]))
             findings += [] if odd is None else [odd]
     return _at_once(findings)
 
@@ -178,25 +178,18 @@ def _step(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding |
                   now, now * share, at)
 
 
-def _spectra(case: Case, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Give frequencies, and densities of values and of all speeds in windows that overlap."""
-    step, n = float(np.median(np.diff(case.decimated.t))), case.motion.shape[1] // 3
-    length = min(len(values), round(settings.RINGING_SECONDS / step))
-    both = np.hstack([values, case.motion[:, n:2 * n]])
-    pieces = [power_density(both[k:k + length], 1.0 / step, length)
-              for k in range(0, len(both) - length + 1, length - length // 2)]
-    densities = np.array([density for _, density in pieces])
-    own = values.shape[1]
-    return pieces[0][0], densities[:, :, :own], densities[:, :, own:].mean(axis=0).sum(axis=1)
-
-
 def ringing(chosen: Alternative, output: str, lag: float = 0.0) -> float | None:
     """Give the frequency of an oscillation that is most of a residual, faster than the motion."""
     case, measured = chosen.case, chosen.output(output, lag)
-    frequency, densities, motion = _spectra(case, chosen.explained[output].residuals(measured))
+    rate = 1.0 / float(np.median(np.diff(case.decimated.t)))
+    frequency, densities = power_density(
+        np.hstack([chosen.explained[output].residuals(measured),
+                   np.split(case.motion, 3, axis=1)[1]]),
+        rate, min(len(measured), round(settings.RINGING_SECONDS * rate)))
+    motion = densities[:, measured.shape[1]:].sum(axis=1)
     found = []
     for i in np.flatnonzero(case.sound[output]).tolist():
-        peak, rms, share = oscillation(frequency, densities[:, :, i].mean(axis=0))
+        peak, rms, share = oscillation(frequency, densities[:, i])
         moved = motion[frequency >= settings.BELOW_RINGING * peak].sum() / motion.sum()
         if (share > settings.RINGING_SHARE and moved < settings.RINGING_MOVED
                 and rms > SMALLEST_AMPLITUDE * float(np.std(measured[:, i]))):
@@ -204,19 +197,28 @@ def ringing(chosen: Alternative, output: str, lag: float = 0.0) -> float | None:
     return min(found, default=None)
 
 
-def _wave(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding | None:
-    """Find one frequency in all of a residual, at which the joints do not move."""
-    frequency, densities, motion = _spectra(chosen.case, left[:, None])
-    if len(densities) < settings.WAVE_WINDOWS:
+def _wave(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
+    """Find a wave that goes on through most of a residual, and is none of the motion."""
+    case, t = chosen.case, chosen.case.decimated.t
+    seconds = float(t[-1] - t[0])
+    if seconds < settings.RINGING_SECONDS:
         return None
-    # what rings dies out, or comes with motion
-    lasting = np.where(frequency > settings.WAVE_ABOVE, densities[:, :, 0].min(axis=0), 0.0)
-    peak = int(np.argmax(lasting))
-    near = np.abs(frequency - frequency[peak]) <= HALF_WIDTH * frequency[peak]
-    line = float(lasting[near].sum() / densities[:, :, 0].mean(axis=0).sum())
-    if line < settings.WAVE or motion[near].sum() > settings.RINGING_MOVED * motion.sum():
+    left = chosen.explained[name].residuals(chosen.output(name))[:, i]
+    both = np.column_stack([left, np.split(case.motion, 3, axis=1)[1][:, case.moves]])
+    both -= both.mean(axis=0)
+    frequency = np.arange(max(settings.WAVE_ABOVE, settings.WAVE_CYCLES / seconds),
+                          settings.CUTOFF, 0.1 / seconds)
+    waves = np.exp(-2j * np.pi * np.outer(frequency, t))
+    shares = 2.0 * np.abs(waves @ both / len(t)) ** 2 / np.maximum(
+        np.mean(both ** 2, axis=0), 1e-300)
+    peak = int(np.argmax(shares[:, 0]))
+    # what rings dies out, or begins again with each motion
+    parts = np.array([part.mean() for part in np.array_split(
+        waves[peak] * left, settings.WAVE_PARTS)])
+    line, uneven = float(shares[peak, 0]), np.abs(parts / parts.mean() - 1.0).max()
+    if (line < settings.WAVE or uneven > settings.WAVE_EVEN
+            or shares[peak, 1:].max(initial=0.0) > settings.RINGING_MOVED):
         return None
-    now = float(share_of(left, chosen.output(name)[:, i]))
     return _found(chosen, 'hum', name, i, f'has a wave of {frequency[peak]:.3g} Hz throughout',
                   float(frequency[peak]), now, now * (1.0 - line))
 

@@ -17,12 +17,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.doctor.case import Case
@@ -49,7 +51,18 @@ def look_at_samples(
 
 
 def sizes(case: Case) -> list[Finding]:
-    """Find efforts whose size is that of another unit."""
+    """Find efforts and strains whose size is that of another unit."""
+    read = np.abs(case.outputs.get('strain', np.zeros((1, len(case.arm.gauges))))).max(axis=0)
+    over = {gauge.name: strain for gauge, x in zip(case.arm.gauges, read.tolist(), strict=True)
+            if (strain := x / STRAIN_SCALE.get(gauge.unit, math.inf)) > settings.LARGEST_STRAIN}
+    most = max(over.values(), default=0.0)
+    return _efforts(case) if not over else [*_efforts(case), found(
+        'strain_unit', f'gauge {", ".join(over)} reads {100.0 * most:.3g} % of strain, which no '
+        'link survives: another unit', case.recording.path, tuple(over),
+        size=1e3 if most < 1e3 * settings.LARGEST_STRAIN else 1e6)]
+
+
+def _efforts(case: Case) -> list[Finding]:
     if 'effort' not in case.outputs:
         return []
     arm, effort = case.arm, case.outputs['effort']
