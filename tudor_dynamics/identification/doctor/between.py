@@ -143,8 +143,8 @@ def _scales(cases: Sequence[Case], pairs: Pairs, output: str) -> list[Finding]:
         if of_unit:
             size = float(np.median([size for _, size in found_there]))
             findings.append(found(
-                f'{output}_unit', f'{what} is {size:.3g} times that in {there}: another unit', here,
-                names, size=size, now=size, otherwise=1.0, measure=SLOPE,
+                f'{output}_unit', f'{what} is {size:.3g} times that in {there}: another unit',
+                here, names, size=size, now=size, otherwise=1.0, measure=SLOPE,
                 remedy='bring the bags to one unit, that of the description'))
         else:
             findings.append(found(
