@@ -83,7 +83,8 @@ def test_cut_by_time() -> None:
     first = cut(whole, BagChoice('bag', 0.0, 0.5))
     assert len(first.q) == 100 and first.segments == (slice(0, 100),)
     assert cut(whole, BagChoice('bag')) is whole
-    with pytest.raises(UsageError, match='bag@20-80%: nothing was recorded in this part'):
+    with pytest.raises(UsageError, match='bag: nothing was recorded from 0.99 to 9 s; give .* '
+                                         'bag@0s-0.99s bag@9s-9.99s'):
         cut(whole, BagChoice('bag', 0.2, 0.8))
 
 

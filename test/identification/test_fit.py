@@ -30,7 +30,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
 from tudor_dynamics.identification.fit import (
-    _tell, fit_models, FitResult, FitSettings, HeldOut)
+    _tell, fit_models, FitResult, FitSettings, HeldOut, left_out)
 from tudor_dynamics.identification.loads import bundle_of, figures
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -191,3 +191,12 @@ def test_compliance_that_strain_does_not_separate(root: Path, name: str, asked: 
                 for kind in ('gear', 'bending')]
     with pytest.warns(TudorWarning, match=asked):
         _tell(arm, SimpleNamespace(physical=physical, untold=()))  # type: ignore[arg-type]
+
+
+def test_a_part_without_samples_is_not_left_out() -> None:
+    """An only bag is judged by the parts in which something was recorded."""
+    q = multisine(np.arange(2000) / 100.0, 2, 0)[:, :2]
+    gapped = recording_of(q, 100.0, effort=q, gaps=(1000,), gap=15.0)
+    bag = BagData(BagChoice('bag'), gapped, tuple(prepare(gapped, SPEC)))
+    assert [str(part.choice) for _, part in left_out([bag], SPEC)] == [
+        'bag@0-20%', 'bag@20-40%', 'bag@60-80%', 'bag@80-100%']

@@ -114,8 +114,8 @@ def left_out(
                 rest = [part(bag, *piece, preprocessing)
                         for piece in ((0.0, begin), (end, 1.0)) if piece[0] < piece[1]]
                 found.append(([*others, *rest], part(bag, begin, end, preprocessing)))
-            except SignalError:
-                continue  # a part in which nothing is long enough
+            except (SignalError, UsageError):
+                continue  # a part in which nothing is long enough, or nothing was recorded
     return found
 
 
