@@ -266,8 +266,8 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
             segments.append(slice(start - int(first), stop - int(first)))
     if not segments:
         before, after = float(t[first - 1]), float(t[first])
-        raise UsageError(f'{choice.path}: nothing was recorded from {before:.4g} to {after:.4g} s; '
-                         'give what is before and after as two bags: '
+        raise UsageError(f'{choice.path}: nothing was recorded from {before:.4g} to '
+                         f'{after:.4g} s; give what is before and after as two bags: '
                          f'{choice.path}@0s-{before:.4g}s {choice.path}@{after:.4g}s-{t[-1]:.4g}s')
 
     start = next((part.start for part in recording.segments
