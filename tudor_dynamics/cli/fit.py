@@ -219,7 +219,7 @@ def _print(result: FitResult, assessment: Assessment, report: Path) -> None:
                          item.random.score, units))
     print_table(score_table(f'{result.arm.name}: {result.fitted[0].validation.method}', rows))
     for item, where in judged:
-        print(f'{item.output} {item.kind}{where}: {item.verdict}')
+        print(f'{item.output} {item.kind}{where}, prediction: {item.verdict}')
     for choice in result.choices:
         print(f'chosen: {choice}')
     for use in assessment.uses:
