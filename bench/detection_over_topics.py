@@ -39,9 +39,9 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis
-from tudor_dynamics.mechanics.campaign import START
 from tudor_dynamics.mechanics.closed_loop import Sample
 from tudor_dynamics.mechanics.rig import Rig, RigLog
+from tudor_dynamics.mechanics.run import FIRST_STAMP
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.online.detector import Level
@@ -142,11 +142,11 @@ def watch(bundle: ModelBundle, settings: MonitorSettings, signals: Signals) -> d
     events, flags = [], []
     since = None
     for k, t in enumerate(signals.t.tolist()):
-        stamp = START + round(t * 1e9)
+        stamp = FIRST_STAMP + round(t * 1e9)
         # in the order of arm_simulator's messages
         found = [monitor.add_measured(output, stamp, values[k]) for output, values in outputs]
         found.append(monitor.add_joints(stamp, signals.q[k], signals.dq[k]))
-        events += [((event.stamp - START) * 1e-9, event.method)
+        events += [((event.stamp - FIRST_STAMP) * 1e-9, event.method)
                    for item in found for event in item.events]
         up = monitor.watch.level is Level.COLLISION
         if up and since is None:

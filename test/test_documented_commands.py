@@ -15,7 +15,9 @@
 """
 Every command that README and docs show is run, or at least understood.
 
-Blocks of shell carry ``sh``. What follows, or a comment in the line above where the fence has to
+Commands in the text, in tables, and below figures (``docs/figures``) are parsed: by the parser of
+``tudor`` or of the script that they name; there, words in capitals stand for any value. Names in
+the text are ones that the code knows. Blocks of shell carry ``sh``. What follows, or a comment in the line above where the fence has to
 stay plain, says why a block is not run here: ``long`` takes more than some seconds, ``own`` needs
 bags of the reader, ``ros`` needs a running ROS or a workspace. Of those the ``tudor`` commands are
 still parsed, so that no option in them is out of date.
@@ -23,9 +25,12 @@ still parsed, so that no option in them is out of date.
 
 from __future__ import annotations
 
+from argparse import _SubParsersAction, ArgumentParser
+import json
 import os
 from pathlib import Path
 import re
+import runpy
 import shlex
 import shutil
 import signal
@@ -45,6 +50,14 @@ PAGES = sorted([ROOT / 'README.md', ROOT / 'bags' / 'README.md', ROOT / 'example
                   if 'generated' not in page.parts)])
 REASONS = ('long', 'own', 'ros')
 FENCE = re.compile(r'^(?:<!-- (\w+) -->\n)?```([^\n]*)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r'^ *(```|~~~).*?^ *\1 *$', re.MULTILINE | re.DOTALL)
+STANDS_FOR = re.compile(r'[A-Z]+(\.\w+)?')
+"""A word of a command in the text that stands for a value of the reader."""
+
+
+OF_OTHERS = ('friction_model_controller', 'unit03_mult_lin_reg', 'out/figures.json',
+             'docs/figures/NAME.json')
+"""Names between backticks that belong to other software, or to the reader."""
 
 
 def blocks() -> list[tuple[str, str, str]]:
@@ -63,6 +76,54 @@ def commands(text: str) -> list[list[str]]:
     """Split a block into commands and words."""
     lines = text.replace('\\\n', ' ').splitlines()
     return [words for words in (shlex.split(line, comments=True) for line in lines) if words]
+
+
+def named() -> list[tuple[str, str]]:
+    """Give page and text of what stands between backticks, in one line; of figures the command."""
+    texts = [(page, BLOCK.sub('', page.read_text(encoding='utf-8')))
+             for page in [*PAGES, ROOT / 'CONTRIBUTING.md', ROOT / 'QUALITY_DECLARATION.md']]
+    for file in sorted((ROOT / 'docs' / 'figures').glob('*.json')):
+        data = json.loads(file.read_text(encoding='utf-8'))
+        texts.append((file, '\n'.join([f'`{command.strip()}`' for command in
+                                      data['command'].split(';')] + sum(data['rows'], []))))
+    return [(str(file.relative_to(ROOT)), ' '.join(match[1].split()))
+            for file, text in texts for match in re.finditer(r'`([^`]+)`', text)]
+
+
+def inline() -> list[tuple[str, list[str]]]:
+    """Give page and words of the commands between backticks."""
+    found = [(page, shlex.split(text)) for page, text in named()
+             if re.match(rf'(tudor|ros2|python|make|{"|".join(NODES)}|bench/\S+ --\w+)( |$)', text)]
+    return [(page, ['python'] * words[0].startswith('bench/') + words) for page, words in found]
+
+
+def shown(start: str) -> list[tuple[str, list[str]]]:
+    """Give page and words of each command that begins so, of blocks and text."""
+    found = [(page, words) for run in (True, False) for page, text in shell(run=run)
+             for words in commands(text)]
+    return [(page, words) for page, words in (*found, *inline()) if words[0] == start]
+
+
+@pytest.fixture
+def any_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let parsers take words in capitals for any value."""
+    get, check = ArgumentParser._get_value, ArgumentParser._check_value
+    monkeypatch.setattr(ArgumentParser, '_get_value', lambda self, action, text: (
+        text if STANDS_FOR.fullmatch(text) else get(self, action, text)))
+    monkeypatch.setattr(ArgumentParser, '_check_value', lambda self, action, value: (
+        None if STANDS_FOR.fullmatch(str(value)) else check(self, action, value)))
+
+
+def lenient(parser: ArgumentParser) -> ArgumentParser:
+    """Make a parser take a command that is only spoken of: nothing is required."""
+    for action in parser._actions:
+        action.required = False
+        if isinstance(action, _SubParsersAction):
+            for sub in action.choices.values():
+                lenient(sub)
+        elif action.nargs in (None, '+'):
+            action.nargs = '*'
+    return parser
 
 
 def test_blocks_say_what_they_are() -> None:
@@ -100,14 +161,34 @@ def test_options_are_known(run: bool, capsys: pytest.CaptureFixture[str]) -> Non
     assert parsed > 3
 
 
+@pytest.mark.usefixtures('any_value')
+def test_commands_in_the_text_are_known(capsys: pytest.CaptureFixture[str]) -> None:
+    """What the text says of ``tudor`` is what its parsers take, if only a part of a command."""
+    seen = 0
+    for page, words in inline():
+        if words[0] != 'tudor' or len(words) == 1:
+            continue
+        assert words[1] in SUBCOMMANDS or words[1:] in (['--help'], ['--version']), (page, words)
+        try:
+            lenient(build_parser(words[1])).parse_args(words[1:])
+        except SystemExit as done:
+            assert done.code == 0, f'{page}: {words}: {capsys.readouterr().err}'
+        seen += 1
+    assert seen > 50
+
+
 def test_nodes_and_parameters_are_known() -> None:
     """Every node that a command starts is there, and so are the parameters that it sets."""
     seen = 0
-    for page, text in shell(run=True) + shell(run=False):
-        for words in commands(text):
-            words = words[3:] if words[:3] == ['ros2', 'run', 'tudor_dynamics'] else words
-            if words[0] not in NODES:
+    for page, words in [*shown('ros2'), *(pair for node in NODES for pair in shown(node))]:
+        if words[0] == 'ros2':
+            assert words[1:2] in (['run'], ['bag'], ['topic'], ['service'], ['action'],
+                                  ['daemon'], ['param'], ['node'], ['control']), (page, words)
+            if words[1:3] != ['run', 'tudor_dynamics']:
                 continue
+            words = words[3:]
+            assert words[0] in (*NODES, 'tudor', 'NAME', 'NODE'), (page, words)
+        if words[0] in NODES:
             known = {'use_sim_time', *(param.name for param in NODES[words[0]])}
             assert {word.partition(':=')[0] for flag, word in zip(words, words[1:], strict=False)
                     if flag == '-p'} <= known, (page, words)
@@ -115,20 +196,91 @@ def test_nodes_and_parameters_are_known() -> None:
     assert seen > 5
 
 
-def test_scripts_and_their_options_are_known() -> None:
-    """Every script that a command runs is there, and speaks of each option that it is given."""
-    seen = 0
-    for page, text in shell(run=True) + shell(run=False):
-        for words in commands(text):
-            for at, word in enumerate(words):
-                if not word.startswith(('bench/', 'tools/')) or words[at - 1] != 'python':
-                    continue
-                source = (ROOT / word).read_text(encoding='utf-8')
-                unknown = [option for option in words[at + 1:]
-                           if option.startswith('--') and f"'{option}'" not in source]
-                assert not unknown, (page, words)
-                seen += 1
-    assert seen > 5
+def test_targets_are_known() -> None:
+    """Every target of make that a page names is there, and so is each variable."""
+    text = (ROOT / 'Makefile').read_text(encoding='utf-8')
+    targets = set(re.findall(r'^(\w+):', text, re.MULTILINE))
+    variables = {'PYTHON', *re.findall(r'^(\w+) \?=', text, re.MULTILINE)}  # tools/find_python
+    seen = shown('make')
+    for page, words in seen:
+        assert {word for word in words[1:] if '=' not in word} <= targets, (page, words)
+        assert {word.split('=')[0] for word in words if '=' in word} <= variables, (page, words)
+    assert len(seen) > 10
+
+
+PARSES = r"\.parse_args\(|\bdata_directory\(|^ *(?:sys\.exit\()?main\(__doc__"
+"""Whether a script of ``bench`` parses options, by itself or by what its likes share."""
+
+
+class Parsed(Exception):  # noqa: N818
+    """A script has parsed its options; it goes no further."""
+
+
+def parse(words: list[str], patch: pytest.MonkeyPatch) -> None:
+    """Let a script parse its words; those without a parser are imported, and take no option."""
+    real = ArgumentParser.parse_args
+
+    def stop(self: ArgumentParser, args: list[str] | None = None, *_: object) -> None:
+        raise Parsed(real(self, args))
+
+    patch.setattr(ArgumentParser, 'parse_args', stop)
+    if words[0] == '-m':
+        patch.setattr(sys, 'argv', words[1:])
+        patch.delitem(sys.modules, f'{words[1]}.__main__', raising=False)
+        with pytest.raises(Parsed):
+            runpy.run_module(words[1], run_name='__main__', alter_sys=True)
+        return
+    script = ROOT / words[0]
+    source = script.read_text(encoding='utf-8')
+    patch.setattr(sys, 'argv', [str(script), *words[1:]])
+    patch.syspath_prepend(str(script.parent))
+    if re.search(PARSES, source, re.MULTILINE):
+        with pytest.raises(Parsed):
+            runpy.run_path(str(script), run_name='__main__')
+    else:
+        assert words[1:] == [] or ('sys.argv' in source and '--' not in ' '.join(words)), words
+        runpy.run_path(str(script))
+
+
+@pytest.mark.usefixtures('any_value')
+def test_scripts_and_their_options_are_known(capsys: pytest.CaptureFixture[str]) -> None:
+    """Every script that a page names is there, and its own parser takes what it is given."""
+    seen: set[tuple[str, ...]] = set()
+    for page, words in shown('python'):
+        if tuple(words) in seen or words[1] in ('-', 'examples/NAME.py'):
+            continue
+        seen.add(tuple(words))
+        try:
+            with pytest.MonkeyPatch.context() as patch:
+                parse(words[1:], patch)
+        except SystemExit as done:
+            assert done.code == 0, f'{page}: {words}: {capsys.readouterr().err}'
+    assert len(seen) > 40
+
+
+def test_names_are_known() -> None:
+    """Options, files and names with an underscore, a slash or brackets are ones of the code."""
+    code = '\n'.join(file.read_text(encoding='utf-8') for folder in (
+        'tudor_dynamics', 'bench', 'papers', 'tools', 'examples', 'config', 'test')
+        for file in (ROOT / folder).rglob('*') if file.suffix in ('.py', '.yaml', '.html'))
+    code += ' '.join((ROOT / name).read_text(encoding='utf-8') for name in (
+        'Makefile', 'setup.cfg', 'setup.py', 'package.xml'))
+    words, options = set(re.findall(r'\w+', code)), set(re.findall(r"'(--[\w-]+)'", code))
+    unknown = []
+    for page, text in named():
+        word = text.split()[0].partition(':=')[0].rstrip('[],:')
+        word = word.rpartition('[].')[2].removeprefix('~/').removeprefix('/')
+        if re.fullmatch(r'[\w./-]+/[\w.-]+\.(py|md|yaml|json|txt|cfg|ipynb)', word):
+            known = any((ROOT / folder / word).exists() for folder in ('', 'tudor_dynamics'))
+        elif re.fullmatch(r'--[a-z][\w-]*', word):
+            known = word in options
+        elif re.fullmatch(r'[a-z]\w*_\w+(\.\w+)*', word):
+            known = words.issuperset(word.split('.'))
+        else:
+            continue
+        if not known and text not in OF_OTHERS:
+            unknown.append((page, text))
+    assert unknown == []
 
 
 PAGE = 240.0
