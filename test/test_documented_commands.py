@@ -17,7 +17,9 @@ Every command that README and docs show is run, or at least understood.
 
 Commands in the text, in tables, and below figures (``docs/figures``) are parsed: by the parser of
 ``tudor`` or of the script that they name; there, words in capitals stand for any value. Names in
-the text are ones that the code knows. Blocks of shell carry ``sh``. What follows, or a comment in the line above where the fence has to
+the text are ones that the code knows.
+
+Blocks of shell carry ``sh``. What follows, or a comment in the line above where the fence has to
 stay plain, says why a block is not run here: ``long`` takes more than some seconds, ``own`` needs
 bags of the reader, ``ros`` needs a running ROS or a workspace. Of those the ``tudor`` commands are
 still parsed, so that no option in them is out of date.
@@ -92,8 +94,8 @@ def named() -> list[tuple[str, str]]:
 
 def inline() -> list[tuple[str, list[str]]]:
     """Give page and words of the commands between backticks."""
-    found = [(page, shlex.split(text)) for page, text in named()
-             if re.match(rf'(tudor|ros2|python|make|{"|".join(NODES)}|bench/\S+ --\w+)( |$)', text)]
+    begins = rf'(tudor|ros2|python|make|{"|".join(NODES)}|bench/\S+ --\w+)( |$)'
+    found = [(page, shlex.split(text)) for page, text in named() if re.match(begins, text)]
     return [(page, ['python'] * words[0].startswith('bench/') + words) for page, words in found]
 
 
@@ -208,7 +210,7 @@ def test_targets_are_known() -> None:
     assert len(seen) > 10
 
 
-PARSES = r"\.parse_args\(|\bdata_directory\(|^ *(?:sys\.exit\()?main\(__doc__"
+PARSES = r'\.parse_args\(|\bdata_directory\(|^ *(?:sys\.exit\()?main\(__doc__'
 """Whether a script of ``bench`` parses options, by itself or by what its likes share."""
 
 

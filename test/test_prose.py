@@ -24,6 +24,10 @@ import sys
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / 'tools'))
+
+from messages import messages  # noqa: E402, I100
+
 DOCS = ROOT / 'docs'
 EASY = sorted([*(DOCS / 'tutorials').glob('*.md'), *(DOCS / 'howto').glob('*.md')])
 PAGES = sorted([ROOT / 'README.md', DOCS / 'index.md', *EASY, *(DOCS / 'explanation').glob('*.md'),
@@ -35,6 +39,9 @@ PHRASES = (r'\bwhat came\b', r'\bis none\b', r'\bno matter\b', r'\bworth\b',
            r'\bbehind (?:a|an|it|the (?:move|push|start|filter|gap|end)|this|each)\b',
            r'\bcomes? to rest\b', r'\bbeyond reason\b', r'\ball but \d')
 """Phrases that the glossary replaces; single words stand in ``tools/words.txt``."""
+SAID = (*PHRASES, r'\btells?\b', r'\bfeels?\b', r'\bfelt\b', r'\bswings?\b', r'\bwants?\b',
+        r'\bcomes out\b', r'\bwhat is left\b', r'\bnothing pays\b', r'\bodd\b', r'\bunlike\b')
+"""Those and what they lead to: nobody is told or feels anything in a message."""
 LONGEST = 400
 ALL_GUIDES = 25000
 BY_HAND = 4000
@@ -124,14 +131,24 @@ def test_words_of_the_glossary(page: Path) -> None:
 
 
 @pytest.mark.linter
+def test_words_of_messages() -> None:
+    """Errors, warnings, log lines, diagnostics, help and reports keep to the glossary, too."""
+    found = [(message.place, match[0]) for message in messages() for phrase in SAID
+             for match in re.finditer(phrase, message.text)]
+    assert not found
+
+
+@pytest.mark.linter
 def test_spelling(tmp_path: Path) -> None:
-    """The spelling of codespell, with the words of ``tools/words.txt``; of what people wrote."""
+    """The spelling of codespell, with the words of ``tools/words.txt``; pages and messages."""
     pytest.importorskip('codespell_lib')
     copies = []
     for page in [*PAGES, DOCS / 'architecture.md']:
         copies.append(tmp_path / '_'.join(page.relative_to(ROOT).parts))
         copies[-1].write_text(WRITTEN.sub('', OUTPUT.sub('', page.read_text(encoding='utf-8'))),
                               encoding='utf-8')
+    copies.append(tmp_path / 'messages')
+    copies[-1].write_text('\n'.join(f'{message.place}: {message.text}' for message in messages()))
     done = subprocess.run(
         [sys.executable, '-m', 'codespell_lib', '-D', '-', '-D', str(ROOT / 'tools/words.txt'),
          *map(str, copies)], capture_output=True, text=True)

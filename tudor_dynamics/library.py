@@ -213,8 +213,8 @@ def fit(
     masses = _by_path(payloads or {}, [*training, *judging])
     if bare:
         if out is not None:
-            raise UsageError('bare models have no report to be written',
-                             remedy='leave bare or out')
+            raise UsageError('bare=True keeps no data for the report in out',
+                             remedy='leave one of the two out')
         check_choices(training, judging)
         source = _source(arm, training, judging, spec, settings, masses, streaming, progress)
         return bare_bundle_of(fit_bags(source, settings, progress, ignore_payload=ignore_payload,

@@ -140,7 +140,7 @@ def test_a_load_that_the_model_does_not_know(arm: str, tmp_path: Path, capsys) -
     assert 'The arm carries what the model does not know' in text
     assert main(['evaluate', '--model', model, full]) == 1
     printed = capsys.readouterr().out
-    assert 'load in' in printed and 'Mass beyond what the model knows' in printed
+    assert 'load in' in printed and 'Mass beyond that of the model' in printed
     assert main(['evaluate', '--model', model, empty, '--report', str(page), '--json']) == 0
     assert json.loads(capsys.readouterr().out)['loads'] == {}
     assert 'id="load"' not in page.read_text(encoding='utf-8')

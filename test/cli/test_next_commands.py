@@ -109,7 +109,7 @@ def test_more_false_alarms_than_promised(
     assert main(command[1:]) in (0, 1) and (tmp_path / 'a model_2').exists()
     # 24 s without any alarm: even 400 times as many would be no surprise
     main([*words[:3], str(bags / 'two_blade_test'), '--collisions', '--free'])
-    assert 'promised: too short to tell (' in capsys.readouterr().out
+    assert 'promised: too short to judge (' in capsys.readouterr().out
     # without --free the bag says itself that it was pushed: no cause for another fit
     main(words)
     said = capsys.readouterr().out

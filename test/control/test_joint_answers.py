@@ -141,8 +141,8 @@ def told(**change: Callable[[Sample], np.ndarray]) -> Callable[[Sample], Sample]
 AT = np.radians([45.0, 30.0])
 FIRST = np.array([1.0, 0.0])
 DRIVES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], float, str]] = {
-    'negated': (lambda u: u * [-1.0, 1.0], -1.0, 'it moves the other way, the sign is turned'),
-    'all negated': (lambda u: -u, -1.0, 'it moves the other way, the sign is turned'),
+    'negated': (lambda u: u * [-1.0, 1.0], -1.0, 'it moves the other way: a sign is wrong'),
+    'all negated': (lambda u: -u, -1.0, 'it moves the other way: a sign is wrong'),
     'degrees': (lambda u: u * 57.3, 57.3, '(degrees and radians?)'),
     'radians': (lambda u: u / 57.3, 1.0 / 57.3, '(degrees and radians?)'),
     'half': (lambda u: 0.5 * u, 0.5, 'times as far as commanded'),
@@ -150,7 +150,7 @@ DRIVES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], float, str]] = {
     'negated tenth': (lambda u: -0.1 * u, -0.1, 'the other way')}
 ENCODERS: dict[str, tuple[float, str]] = {
     'a tenth': (0.1, 'a decimal place?'), 'a half': (0.5, 'times as far as commanded'),
-    'backwards': (-1.0, 'it moves the other way, the sign is turned')}
+    'backwards': (-1.0, 'it moves the other way: a sign is wrong')}
 BOUND = 1.0
 """How far the true joint goes at most until it is found [deg]."""
 
@@ -344,4 +344,4 @@ def test_what_answers_its_own_commands_is_not_moved_by_others() -> None:
         q = q + dt * speed * [1.0, -1.0]
     answer = record.judge()
     assert answer.right is False and answer.joint == 'joint3', answer
-    assert 'it moves the other way, the sign is turned' in answer.text
+    assert 'it moves the other way: a sign is wrong' in answer.text

@@ -120,7 +120,7 @@ def test_points_that_are_over_are_left_out(driver: Driver) -> None:
     rows = driver.run(2.0)
     assert rows[49, :2] == pytest.approx(POSE + [0.1, 0.0])
     assert rows[:, 0].max() < POSE[0] + 0.2 + 1e-9
-    assert 'all points are over' in driver.source.take(late, since=2.5)
+    assert 'all points are in the past' in driver.source.take(late, since=2.5)
 
 
 def test_a_new_one_takes_over_with_the_speed(driver: Driver) -> None:
@@ -197,7 +197,7 @@ def test_a_later_one_that_does_not_fit_brakes(driver: Driver) -> None:
     driver.source.go(POSE + [0.5, 0.0])  # on the way, so that the place at its start is open
     assert driver.source.take(points([0.05, 2.0], [-0.3, 0.0], [0.0, 0.0]), since=-0.5) == ''
     rows = driver.run(2.0)
-    assert driver.source.outcome.startswith('not begun: joint2 comes to velocity')
+    assert driver.source.outcome.startswith('not begun: joint2 reaches velocity')
     assert not rows[-1, 2:].any()
     place = driver.q - POSE
     assert driver.source.take(points([1.0, 2.0], place, place + [0.1, 0.0])) == ''

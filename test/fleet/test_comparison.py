@@ -86,7 +86,7 @@ def test_an_outlier_is_named_in_words() -> None:
                             for arm in arms for day in DAYS])
     assert [(item.arm, item.kind) for item in found] == [('cell_2', 'unlike')]
     assert str(found[0]).startswith(
-        'cell_2: unlike the others: friction, elbow (effort): 1.5 A, the others 1 (+')
+        'cell_2: differs from the others: friction, elbow (effort): 1.5 A, the others 1 (+')
     assert named_outliers([seen(arm, DAYS[0], 9.0 if arm == 'cell_2' else 1.0, np.inf)
                            for arm in arms]) == []
     assert named_outliers([]) == []

@@ -106,7 +106,7 @@ def test_what_was_done_is_not_done_again(tmp_path: Path) -> None:
     assert first.as_dict() == again.as_dict()
     unused = {item.bag: item.why for item in first.unused}
     assert any('cell_3/2026-03-10/run' in bag for bag in unused)
-    assert 'very bytes of a bag of cell_1 2026-01-10' in unused['cell_2/2026-01-10/copy']
+    assert 'is a copy of a bag of cell_1 2026-01-10' in unused['cell_2/2026-01-10/copy']
 
 
 @pytest.mark.parametrize(('text', 'words'), [

@@ -169,7 +169,7 @@ def test_broken_bags_and_copies_are_left_out(
     assert main([*words, str(tmp_path / 'model')]) == 0
     said = capsys.readouterr()
     unused = {Path(item['bag']).name: item['why'] for item in json.loads(said.out)['unused']}
-    assert set(unused) == {'bag_0', 'bag_1', 'copy'} and 'very bytes' in unused['copy']
+    assert set(unused) == {'bag_0', 'bag_1', 'copy'} and 'is a copy of' in unused['copy']
     assert said.err.count('left out: ') == 3 and 'Traceback' not in said.err
     page = (tmp_path / 'model/report.html').read_text()
     assert 'Left out' in page and 'tuesday/copy' in page
@@ -256,6 +256,6 @@ def test_a_copy_is_no_test(root: Path, tmp_path: Path) -> None:
     """A test bag with the bytes of a training bag is refused, as in the ordinary fit."""
     bags = [root / f'bags/two_blade_train_{number}' for number in (1, 2)]
     shutil.copytree(bags[0], tmp_path / 'copy')
-    with pytest.raises(FitError, match='a copy is no test'):
+    with pytest.raises(FitError, match='a test needs another recording'):
         fit(bags, load_arm(root / 'config/two_blade_arm.yaml'), test=tmp_path / 'copy',
             streaming=Streaming(Folder(tmp_path / 'sums')))

@@ -46,7 +46,7 @@ def test_levels(fit: float, level: Grade, text: str) -> None:
 @pytest.mark.parametrize(('more', 'text'), [
     ({'unexcited': ['a', 'b', 'c', 'd']}, 'does not excite a, b, c ...: trust it on similar'),
     ({'condition': 2e4}, 'condition number 20000: richer motion'),
-    ({'training_fit': 99.5}, '10 points worse than in training')])
+    ({'training_fit': 99.5}, '10 points below training')])
 def test_doubts(more: dict[str, Any], text: str) -> None:
     """A good figure with a doubt is usable; the doubt is named."""
     verdict = judge(_validation(89.2), **{'training_fit': 90.0, **more})

@@ -332,7 +332,7 @@ def test_damper_that_excites_is_switched_off() -> None:
     rig.run(1.0)
     go(rig, FIRST + [0.2, 0.2])
     rig.run(8.0)
-    assert 'swing' in rig.controller.gains.excited or 'limits' in rig.controller.gains.excited
+    assert 'oscillation' in rig.controller.gains.excited or 'limits' in rig.controller.gains.excited
     assert rig.controller.gains.allowed_share == 0.0
     assert not broken_limits(rig)
     rig.run(8.0)
@@ -356,7 +356,7 @@ def test_collision_before_the_first_positions() -> None:
 def test_nobody_watches() -> None:
     """Without a monitor that is asked for, it brakes and takes no goals."""
     rig = moving()
-    rig.source.halt('it gives no sign of life')
+    rig.source.halt('it sends no diagnostics')
     rig.run(2.0)
     assert 'no sign of life' in rig.source.go(FIRST)
     still(rig)

@@ -67,7 +67,7 @@ def test_from_fit_to_evaluation(
 def test_a_bundle_of_a_kind_that_is_gone(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the entry the bundle is refused with what this version knows."""
     monkeypatch.delitem(KINDS, 'harmonic')
-    with pytest.raises(ModelError, match="'harmonic'; this version knows analytical, elm, ela"):
+    with pytest.raises(ModelError, match="'harmonic'; this version reads analytical, elm, ela"):
         load_bundle(model)
     with pytest.raises(UsageError, match='harmonic'):
         FitSettings(kinds=('harmonic',))

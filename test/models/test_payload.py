@@ -140,7 +140,7 @@ def test_a_model_of_one_payload_takes_that() -> None:
     assert bundle.at(0.2) is bundle and bundle.at(0.0) is bundle
     with pytest.raises(ModelError, match=r'0\.3 kg cannot.*0\.2 kg: ask for that.*--payload-of'):
         bundle.at(0.3)
-    with pytest.raises(ModelError, match=r'do not tell: leave the payload out.*--payload-of'):
+    with pytest.raises(ModelError, match=r'do not state: leave the payload out.*--payload-of'):
         of_one(None).at(0.2)
     for facts in ({}, {'training': 'bags'}, {'training': [3]}):
         assert ModelBundle(ARM, PreprocessingSpec(), bundle.models, facts).payload is None

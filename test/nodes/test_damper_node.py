@@ -427,7 +427,7 @@ def test_gains_follow_the_payload(world: World, tudor: Path, schedule: Path) -> 
     told.inertia.m = 40.0
     teller.publish(told)
     assert world.spin(lambda: arm.node.drops['payload_refused'] == 1)
-    assert 'none of the 0 to 0.4 kg' in arm.node.status()[1]
+    assert 'outside the 0 to 0.4 kg' in arm.node.status()[1]
 
 
 def test_schedule_that_cannot_be_read(world: World, tudor: Path, tmp_path: Path) -> None:

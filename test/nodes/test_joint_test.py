@@ -61,7 +61,7 @@ LIES = {
     'swapped': ('lambda u: u[::-1]', TRUE,
                 'joint2: its commands move joint3: the order of the commands is swapped'),
     'negated': ('lambda u: [u[0], -u[1]]', TRUE,
-                'joint3: it moves the other way, the sign is turned'),
+                'joint3: it moves the other way: a sign is wrong'),
     'a tenth': (TRUE, 'lambda q: [q[0], 0.7 + 0.1 * q[1], q[2]]',
                 "in the positions: the driver's own velocity is right"),
     'deaf': ('lambda u: [0.0, 0.0]', TRUE, 'joint2: it does not answer')}

@@ -104,8 +104,8 @@ def test_begins_again_where_the_arm_is(world: World, tudor: Path) -> None:
     seen = generator.run(120)
     assert np.abs(seen - POSE).max() < 0.45
     assert seen[-1] == pytest.approx(POSE)
-    assert 'begins again where the arm is' in {
-        item.key: item.value for item in generator.told().values}['begun again'].replace('it ', '')
+    assert 'restarted where the arm is' in {
+        item.key: item.value for item in generator.told().values}['begun again']
 
 
 def test_collision_before_the_first_positions(world: World, tudor: Path) -> None:

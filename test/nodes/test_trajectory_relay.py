@@ -91,13 +91,13 @@ def test_it_forwards_what_is_right(world: World, root: Path) -> None:
 
 REFUSED: dict[str, tuple[tuple[Any, ...], dict[str, Any], str]] = {
     'beyond a limit': ((point(20.0, 9.0, 0.1), point(30.0, 0.9, 0.1)), {},
-                       'joint2 comes to position 9, outside'),
+                       'joint2 reaches position 9, outside'),
     'too fast': ((point(0.0, 0.8, 0.1), point(0.1, 1.6, 0.1)), {},
-                 'joint2 comes to velocity 12, outside'),
+                 'joint2 reaches velocity 12, outside'),
     'far from the arm': ((point(0.0, 1.0, 0.1), point(2.0, 1.2, 0.1)), {},
-                         'the trajectory is under way at once, and joint2 is 0.2 off'),
+                         'the first point is due at once, and joint2 is 0.2 away'),
     'unknown joint': (LONG, {'names': ['joint2', 'wrist']}, 'wrong joints, unknown: wrist'),
-    'all over': (LONG, {'stamp': 10**18}, 'all points are over'),
+    'all over': (LONG, {'stamp': 10**18}, 'all points are in the past'),
     'times': ((point(1.0, 0.8, 0.1), point(1.0, 0.9, 0.1)), {}, 'time does not increase')}
 
 
@@ -119,7 +119,7 @@ def test_without_positions(world: World, root: Path) -> None:
     chain.controller._timer.cancel()
     world.rest(0.4)
     chain.send(*MOVEIT)
-    assert chain.relay.refused == 'no positions come: where the arm is, is not known'
+    assert chain.relay.refused == 'no positions come: start the driver of the arm'
 
 
 @pytest.mark.parametrize('newer', [False, True])

@@ -118,7 +118,7 @@ def test_payload_beside_a_model_of_one() -> None:
               for name in JOINTS]
     unknown = bundle(planar_arm(joints), payload=0.2)
     assert Feedforward(unknown).payload == 0.2
-    with pytest.raises(ModelError, match='0.2 kg, and nothing tells'):
+    with pytest.raises(ModelError, match='0.2 kg, and its efforts have no scale'):
         Feedforward(unknown, payload=0.3)
     with pytest.raises(ModelError, match='impossible'):
         Feedforward(unknown, payload=-1.0)

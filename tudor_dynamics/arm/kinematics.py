@@ -108,13 +108,13 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
         if joint.name not in known:
             raise ArmError(f'{source}: joint {joint.name!r} is not in the kinematics, '
                            f'whose joints are {known}; correct joints[].name '
-                           '(fixed joints, and those that mimic another, are none)')
+                           '(fixed joints and those that mimic another do not count)')
     for joint in spec.joints:
         prismatic = is_prismatic(model, joint.name)
         if joint.type is not None and prismatic != (joint.type == 'prismatic'):
             found = 'prismatic' if prismatic else 'revolute'
             raise ArmError(f'{source}: joint {joint.name!r} is described as {joint.type}, '
-                           f'but is {found} in the kinematics')
+                           f'but is {found} in the kinematics; correct one of the two')
         wrong = {'N m': prismatic, 'N': not prismatic}.get(joint.effort.unit, False)
         if wrong:
             kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
@@ -171,7 +171,7 @@ def model_from_urdf(text: str, path: str, angles: ExactAngles | None = None) -> 
     errors = re.findall(r'^Error: *(.*)', said, re.MULTILINE)
     if model is None or errors:
         cause = errors[0] if errors else cause
-        raise ArmError(f'{path}: Pinocchio cannot build a model from this URDF ({cause})')
+        raise ArmError(f'{path}: Pinocchio builds no model from this URDF ({cause}); correct it')
     if said and sys.stderr is not None:
         sys.stderr.write(said)
     return model

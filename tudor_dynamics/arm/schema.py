@@ -248,7 +248,7 @@ class JointSpec(Spec):
     @classmethod
     def _no_repetition(cls, terms: tuple[str | float, ...]) -> tuple[str | float, ...]:
         if len(set(terms)) != len(terms):
-            raise ValueError(f'a friction term or displacement is named twice in {list(terms)}')
+            raise ValueError(f'a friction term or displacement stands twice in {list(terms)}')
         return terms
 
     def state_values(self, term: str) -> tuple[float, ...]:
@@ -353,8 +353,8 @@ class CouplingsSpec(Spec):
                                          f'the joints {list(joints)}')
                 matrix[joints.index(pair.motor), joints.index(pair.joint)] += pair.ratio
         if not np.linalg.cond(matrix) < LARGEST_CONDITION:
-            raise ValueError('couplings: different motions of the joints are the same motion of '
-                             'the motors; correct the ratios')
+            raise ValueError('couplings: the positions of the motors do not determine those of '
+                             'the joints (singular matrix); correct the ratios')
         return matrix
 
 
@@ -518,7 +518,7 @@ class DamperSpec(Spec):
         if self.mean_frequency >= self.velocity_bandwidth:
             raise ValueError(
                 f'mean_frequency {self.mean_frequency} Hz is not below velocity_bandwidth '
-                f'{self.velocity_bandwidth} Hz: nothing is left between them to damp')
+                f'{self.velocity_bandwidth} Hz: nothing is left to damp; lower mean_frequency')
         if self.rate <= 2 * self.velocity_bandwidth:
             raise ValueError(f'rate {self.rate} Hz is too slow for velocity_bandwidth '
                              f'{self.velocity_bandwidth} Hz: give more than twice as much')
@@ -755,7 +755,7 @@ class ArmSpec(Spec):
                              ('active joint', list(self.active_joints or ()))):
             for name in listed:
                 if listed.count(name) > 1:
-                    raise ValueError(f'{what} {name!r} is named twice')
+                    raise ValueError(f'two entries for the {what} {name!r}; give each a name')
         for name in self.active_joints or ():
             if name not in names:
                 raise ValueError(f'active joint {name!r} is not among the joints {names}')

@@ -64,7 +64,7 @@ class _Bounded(ElementTree.TreeBuilder):
         self._depth += 1
         self._count += 1
         if self._depth > MAX_DEPTH or self._count > MAX_ELEMENTS:
-            raise ArmError(f'more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements')
+            raise ArmError(f'more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements in a URDF')
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> Any:
@@ -73,7 +73,7 @@ class _Bounded(ElementTree.TreeBuilder):
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
         """Refuse what could define entities, of which a few lines can stand for gigabytes."""
-        raise ArmError('has a DOCTYPE, which no URDF needs')
+        raise ArmError('has a DOCTYPE, which no URDF needs; remove it')
 
 
 def read_urdf(path: Path) -> str:

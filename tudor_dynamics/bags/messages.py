@@ -203,7 +203,7 @@ def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     names = cursor.names()
     points = cursor.count()
     if points != 1:
-        raise CdrError(f'has {points} points')
+        raise CdrError(f'has {points} points, expected 1')
     fields = {field: cursor.doubles() for field in POINT_FIELDS}
     fields['time_from_start'] = (cursor.skip(8, 4), 0)
     return cursor.finish(frame_id, names, fields, spare)

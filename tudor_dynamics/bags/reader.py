@@ -248,7 +248,7 @@ class Assembly:
         missing = [name for name in wanted if name not in found]
         if missing:
             return (f'joints {missing} are not in {states.topic}; it has {found}, '
-                    f'the arm description wants {wanted}: correct joints[].name')
+                    f'the arm description names {wanted}: correct joints[].name')
         return (f'no message in {states.topic} has positions of all joints {wanted} '
                 f'(names in the topic: {found}); publish them in one message')
 

@@ -94,7 +94,7 @@ class SqliteFile:
                             f'SQLite: a {type(message).__name__} in place of a message')
                     left -= len(message)
                     if left < 0:
-                        raise Damaged('SQLite: its messages come to more than the file')
+                        raise Damaged('SQLite: its messages are larger than the file')
                     data.append(message)
         return found
 
@@ -121,7 +121,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
         _check_tables(connection)
         yield connection
     except sqlite3.Error as err:
-        cause = 'its rows do not come to an end' if left < 0 else str(err)
+        cause = 'its rows do not end' if left < 0 else str(err)
         raise Damaged(f'SQLite: {cause}') from None
     finally:
         connection.close()

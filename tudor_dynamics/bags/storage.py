@@ -158,8 +158,8 @@ class Notes:
 
 
 REMEDIES = {
-    '.db3': 'copy the file again, or recover what is left with `sqlite3 FILE .recover`',
-    '.mcap': 'copy the file again, or recover what is left with `mcap recover`',
+    '.db3': 'copy the file again, or recover its messages with `sqlite3 FILE .recover`',
+    '.mcap': 'copy the file again, or recover its messages with `mcap recover`',
 }
 
 

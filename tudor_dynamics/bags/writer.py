@@ -130,7 +130,7 @@ def encode(signals: Signals) -> RawMessages:
     stamp = np.asarray(signals.stamp, dtype=np.int64)
     if len(stamp) and not 0 <= int(stamp.min()) <= int(stamp.max()) < 2**31 * 10**9:
         raise BagError(f'{signals.topic}: a stamp is negative or beyond the year 2038, which ROS '
-                       '2 cannot express')
+                       '2 cannot express; correct it')
     data = [b''] * len(stamp)
     frames = np.full(len(stamp), signals.frame, dtype=object)
     for frame in set(frames.tolist()) or {''}:

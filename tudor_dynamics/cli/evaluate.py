@@ -71,7 +71,7 @@ def configure_collisions(group: argparse._ArgumentGroup) -> None:
                        help='tables of begin,end[,tolerance] in seconds since the beginning of '
                             'the bag, one for each bag')
     group.add_argument('--truth', metavar='TOPIC',
-                       help='WrenchStamped or Bool that tells when the arm was touched (default: '
+                       help='WrenchStamped or Bool that says when the arm was touched (default: '
                             'applied_wrench, where there is one)')
     group.add_argument('--free', action='store_true',
                        help='nothing touched the arm: every event is a false alarm')
@@ -196,7 +196,7 @@ def _print_kept(
             broken |= kept['low'] > 1.0
             times = (f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
                      f'{kept["high"]:.3g})' if kept['low'] > 1.0 or kept['high'] < TOO_WIDE else
-                     f'too short to tell ({60.0 * item.score.hours:.2g} min)')
+                     f'too short to judge ({60.0 * item.score.hours:.2g} min)')
             print(f'{item.method}: {item.score.false_alarms} false alarms in '
                   f'{item.score.hours:.3g} h, {kept["promised"]:.3g} promised: {times}')
     if broken and args.free:

@@ -96,7 +96,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     many = parser.add_argument_group('many bags')
     many.add_argument('--stream', action='store_true',
-                      help='go through the bags one by one and keep what each comes to in '
+                      help='go through the bags one by one and keep the sums of each in '
                            f'MODEL{SUFFIX} (default from {FROM} bags on)')
     many.add_argument('--strict', action='store_true',
                       help='refuse bags that cannot be used, in place of leaving them out')

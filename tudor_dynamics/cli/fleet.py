@@ -47,7 +47,7 @@ a plan, whose names are relative to it:
 DIR/fleet.html shows friction, weight and ring-downs of each arm over time; fleet.json has the
 numbers, models/ a bundle of each arm's last date. A killed command goes on where it was.
 
-exit codes: 0 all arms are alike, 1 one is unlike the others, drifts, or its model has aged; 2
+exit codes: 0 all arms are alike, 1 one differs from the others, drifts, or its model has aged; 2
 wrong input.
 """
 

@@ -37,7 +37,7 @@ examples:
   tudor fit run1 run2 --arm arm.yaml --out model
         goes on with it
 
-What the bags cannot tell is '?' in the file, and asked for on a terminal (an empty answer leaves
+What the bags do not show is '?' in the file, and asked for on a terminal (an empty answer leaves
 it). Nothing reads the file before each '?' is replaced.
 """
 

@@ -58,7 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor payload``."""
     add_bags_and_model(parser)
     parser.add_argument('--kind', choices=('analytical', 'elastic'),
-                        help='kind of model that tells the load (analytical, where there is one)')
+                        help='kind of model that gives the load (analytical, where there is one)')
     parser.add_argument('--payload-of', nargs='+', default=[], metavar='BAG=KG',
                         help='true mass in a bag, to compare with')
     parser.add_argument('--live', action='store_true',

@@ -51,7 +51,7 @@ examples:
   tudor record --arm config/tudor.yaml --ideal friction backlash --best-of 20 --out smooth
         drives without friction and backlash, each motion the best conditioned of 20
 
-OUT/campaign.yaml tells what was recorded. The same seed gives the same bags, byte by byte. exit
+OUT/campaign.yaml says what was recorded. The same seed gives the same bags, byte by byte. exit
 codes: 0 done, 2 wrong input.
 """
 

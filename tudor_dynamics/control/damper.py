@@ -164,7 +164,7 @@ class Status(IntEnum):
 
 MEANING = {
     Status.DAMPING: 'damps',
-    Status.STARTING: 'waits until the gauge was well for a while',
+    Status.STARTING: 'waits until the gauge has been valid for some time',
     Status.SATURATED: 'faded out, current or speed of the joint is at its limit',
     Status.MISSING: 'faded out, the strain is missing or not a number: check the gauge',
     Status.STALE: 'faded out, no new strain arrives: check the driver of the gauge',
@@ -404,9 +404,9 @@ def _compare(
     if louder or after * settings.SIGN_DECAY >= before:
         sign, text = Sign.WRONG, (
             f'{change}: the damper excites the link; turn the sign of the gauge (strain counts '
-            'positive for the load that the joint holds), and leave the damper off before')
+            'positive for the load that the joint holds), and keep the damper off until then')
     elif after <= settings.SIGN_DECAY * before:
         sign, text = Sign.RIGHT, f'{change}: the sign is right'
     else:
-        sign, text = Sign.UNCLEAR, f'{change}: too little to tell; take a larger gain'
+        sign, text = Sign.UNCLEAR, f'{change}: too small a change to judge; take a larger gain'
     return SignResult(joint, sign, before, after, f'{joint}: {text}')

@@ -134,8 +134,8 @@ class TipSensing:
             wrong = int(np.argmax(off / allowed))
             self._odd = self._odd + dt if off[wrong] > allowed[wrong] else 0.0
             if self._odd > settings.FORCE_STUCK:
-                self.fault = (f'gauge {self.names[wrong]} reads what no force at the tip '
-                              'explains with the others')
+                self.fault = (f'no force at the tip explains the reading of gauge '
+                              f'{self.names[wrong]} together with the others: check it')
         return force
 
     def _watch(self, dt: float, values: FloatArray) -> None:
@@ -219,9 +219,9 @@ class ForceController:
         """
         if not (math.isfinite(force) and self.settings.touch < force <= self.settings.largest):
             return (f'a force of {force:g} N: expected more than {self.settings.touch:g} N, from '
-                    f'which contact is felt, and at most {self.settings.largest:g} N')
+                    f'which contact is detected, and at most {self.settings.largest:g} N')
         if self._q is None:
-            return 'no positions come: where the arm is, is not known'
+            return 'no positions come: start the driver of the arm'
         if self.phase in (Phase.HELD, Phase.RETREAT):
             return f'{self.phase.name.lower()}: {self.cause}'
         self.wanted = force

@@ -195,12 +195,12 @@ class RingingWatch:
         # all four are loud: a push, or its end, in the middle of a window grows into the next
         if len(grown) > 2 and min(peaks[-4:]) > settings.RINGING_LOUD and all(grown[-3:]):
             self.reset()
-            return 'the swing grows while the reference rests'
+            return 'the oscillation grows while the reference rests'
         if len(peaks) == settings.RINGING_LASTS + 2 and all(
                 now > settings.RINGING_LOUD and now > settings.RINGING_DECAY * before
                 for before, now in zip(peaks[:-2], peaks[2:], strict=True)):
             self.reset()
-            return 'the swing does not decay while the reference rests'
+            return 'the oscillation does not decay while the reference rests'
         return ''
 
 

@@ -235,7 +235,7 @@ class JointRecord:
         too = [i for i in clear if i != k and abs(fits[i].scale) > settings.MOVES_TOO
                and not self._own(i).unexplained < fits[i].unexplained]
         if fit.unexplained > settings.UNEXPLAINED or gaps > settings.UNEXPLAINED:
-            right, text = None, f'{self._figures(j, fit)}; {100 * gaps:.0f} % of it are gaps'
+            right, text = None, f'{self._figures(j, fit)}; {100 * gaps:.0f} % are gaps'
         elif k != j:
             right, text = False, self._swapped(j, k)
         elif not fit.near(1.0):
@@ -287,7 +287,7 @@ class JointRecord:
             where = 'in the drive, or in the encoder that position and velocity are from'
         else:
             where = f"in both: the driver's own velocity is {own.scale:.3g} times the command"
-        texts = ['it moves the other way, the sign is turned'] if fit.scale < 0.0 else []
+        texts = ['it moves the other way: a sign is wrong'] if fit.scale < 0.0 else []
         if not (fit.near(1.0) or fit.near(-1.0)):
             texts.append(_times(abs(fit.scale)))
         return f'{"; ".join(texts)}; {where}'
@@ -317,7 +317,7 @@ class JointRecord:
             return self._drifts(j, line[0])
         moved, way = np.ptp(self._moved[:, j]), np.ptp(self._ways, axis=0).max()
         if moved > self._step and moved > settings.RUNAWAY * way:
-            return f'{_times(moved / way)}, to and fro: look at the scale of the drive'
+            return f'{_times(moved / way)}, back and forth: look at the scale of the drive'
         return ''
 
     def _silent(self, j: int, fit: _Fit) -> tuple[bool | None, str]:

@@ -364,7 +364,7 @@ class ReferenceSource:
     def _unable(self) -> str:
         """Say why no motion can be taken now; empty where it can."""
         if self.motion is None:
-            return 'no positions come: where the arm is, is not known'
+            return 'no positions come: start the driver of the arm'
         if self.halted:
             return f'no monitor watches the arm, {self.halted}'
         if self._seed is not None:
@@ -451,7 +451,7 @@ class ReferenceSource:
             return None
         if now - self._at > self.timeout:
             if self.motion is not None:
-                self.motion, self.note = None, 'positions stopped; it begins again with them'
+                self.motion, self.note = None, 'positions stopped; restarts when they return'
                 self._end('stopped: no positions came')
             return None
         motion = self.motion
@@ -470,7 +470,7 @@ class ReferenceSource:
         place = np.clip(self.actual, self.hard.lower, self.hard.upper)
         self.motion = ReactingReference(self._limits, place, self.reaction, self.retreat_time,
                                         shaping=self.shaping, hard=self.hard)
-        self._end('stopped: the reference began again where the arm is')
+        self._end('stopped: the reference restarted where the arm is')
         self._away = 0.0
         if self.collision:
             self.motion.collide()
@@ -484,7 +484,7 @@ class ReferenceSource:
         resting = bool(np.all(np.abs(motion.dq) < settings.RESTING_SPEED * planned))
         self._away = self._away + dt if resting and away.max() > settings.NEAR_TIME else 0.0
         if away.max() > settings.FOLLOWING_TIME or self._away > settings.LOST_TIME:
-            self.note = 'the arm was not with its reference; it begins again where the arm is'
+            self.note = 'the arm was away from the reference, which restarted where the arm is'
             return True
         return False
 

@@ -298,7 +298,7 @@ class Adaptation:
             self._reported, self._at, self._refusal = min(max(payload, low), high), now, ''
         else:  # not a number neither
             self._reported = math.nan
-            self._refusal = (f'a payload of {payload:.3g} kg is none of the {low:g} to {high:g} '
+            self._refusal = (f'a payload of {payload:.3g} kg is outside the {low:g} to {high:g} '
                              'kg of the schedule')
         return self._refusal
 

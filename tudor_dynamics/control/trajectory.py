@@ -35,7 +35,7 @@ from tudor_dynamics.typing import FloatArray
 ROUNDING = 1e-6
 """So little beyond a limit is at it: messages of planners in single precision end there
 [rad, rad/s, rad/s^2; m, m/s, m/s^2]."""
-WRONG_JOINTS, LATE = 'wrong joints', 'all points are over'
+WRONG_JOINTS, LATE = 'wrong joints', 'all points are in the past'
 """How the reasons begin for which a trajectory is refused by its names, and by its start."""
 
 
@@ -141,7 +141,7 @@ class Path:
                 values = _extremes(curve, int(k))
                 wrong = values[(values < lower[k]) | (values > upper[k])]
                 if wrong.size:
-                    return (f'{self._names[k]} comes to {what} {wrong[np.abs(wrong).argmax()]:.4g}'
+                    return (f'{self._names[k]} reaches {what} {wrong[np.abs(wrong).argmax()]:.4g}'
                             f', outside {lower[k]:.4g} .. {upper[k]:.4g}')
         return ''
 

@@ -328,7 +328,7 @@ def _difference(value: float, expected: float, error: float, size: float) -> Dif
 
 # -- What a fleet came to: numbers by arm and date, and which arms are named for what
 
-WORDS = {'unlike': 'unlike the others', 'drift': 'drifts', 'aged': 'its model has aged'}
+WORDS = {'unlike': 'differs from the others', 'drift': 'drifts', 'aged': 'its model has aged'}
 """Kinds of what an arm is named for."""
 
 

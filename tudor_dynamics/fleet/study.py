@@ -95,7 +95,7 @@ class FleetPlan(Spec):
     def _have_own_names(cls, arms: tuple[FleetArm, ...]) -> tuple[FleetArm, ...]:
         name, count = Counter(arm.name for arm in arms).most_common(1)[0]
         if count > 1:
-            raise ValueError(f'two arms are called {name!r}')
+            raise ValueError(f'two arms are called {name!r}; give each its own name')
         return arms
 
 
@@ -350,7 +350,7 @@ class _Study:
                 continue
             other = known.setdefault(sight.checksum, f'{arm.name} {date}')
             if other != f'{arm.name} {date}':
-                self.unused.append(Unused(str(choice), f'has the very bytes of a bag of {other}'))
+                self.unused.append(Unused(str(choice), f'is a copy of a bag of {other}'))
                 continue
             masses.setdefault(sight.payload, str(choice))
             when = self.dates.setdefault((arm.name, date), _Date())
@@ -358,7 +358,7 @@ class _Study:
         if len(masses) > 1:
             said = ', '.join(f'{mass} kg ({bag})' for mass, bag in list(masses.items())[:2])
             raise UsageError(f'bags of several payloads cannot be compared: {said}',
-                             remedy='name those of one payload')
+                             remedy='name bags of one payload in the plan')
         if not self.dates:
             raise FitError(f'no bag can be used: {self.unused[0]}', remedy='correct the plan')
         for date_ in self.dates.values():
@@ -373,8 +373,8 @@ class _Study:
 
         found = spread_sample(list(self.dates.items()), SAMPLE, read)
         if not found or not common_outputs(found):
-            raise FitError('the bags can neither be read nor have efforts or strains in common',
-                           remedy='tudor info BAG says what is in one')
+            raise FitError('most bags cannot be read, or lack the efforts and strains of others',
+                           remedy='`tudor info BAG` says what is in a bag')
         return found
 
     def _measures(self, output: str, bags: Sequence[BagData]) -> list[Measure]:
@@ -407,13 +407,13 @@ class _Study:
                 self.unused.append(Unused(f'{name} {when}', err.advice))
                 del self.dates[name, when]
         if not self.dates:
-            raise FitError(f'no date of any arm can be used: {self.unused[0]}',
+            raise FitError(f'no arm has bags that can be used: {self.unused[0]}',
                            remedy='correct the plan')
 
     def _fit(self, task: Task, date: _Date, used: Sequence[SurveyedBag]) -> None:
         date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
         if len(used) < 2:
-            raise FitError(f'{len(used)} parts of bags can be used', remedy='give others')
+            raise FitError(f'{len(used)} usable parts of bags, 2 are needed', remedy='record more')
         gathered = Gathering(task, tuple(date.sights))
         for (_, output), (model, others) in fold_models(gathered).items():
             date.models[output], date.others[output] = model, list(others.values())

@@ -426,7 +426,7 @@ def choose(
     progress: Progress = lambda _: None, *, summable: bool = False,
 ) -> Choices:
     """Choose what description and settings leave open."""
-    progress('choose what is left open')
+    progress('choose what is open')
     return _Chooser(arm, bags, preprocessing, settings, summable=summable).choose()
 
 

@@ -372,9 +372,9 @@ def refuse_copies(training: Sequence[BagData], test: Sequence[BagData]) -> None:
         for other in (*training[i + 1:], *test):
             same = one.recording.checksum == other.recording.checksum != ''
             if same and one.choice.overlaps(other.choice):
-                raise FitError(f'{other.choice} has the very bytes of the training bag '
-                               f'{one.choice} (sha256 {one.recording.checksum[:12]}): a copy is '
-                               'no test of what was learned from it; give another recording')
+                raise FitError(f'{other.choice} is a copy of the training bag '
+                               f'{one.choice} (sha256 {one.recording.checksum[:12]} of both): '
+                               'a test needs another recording; give one')
 
 
 def common_outputs(data: Sequence[BagData]) -> tuple[str, ...]:
@@ -450,7 +450,7 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
                              'such as run1=0.2')
         resolved = str(Path(path).resolve())
         if resolved not in known:
-            raise UsageError(f'--payload-of {text}: {path} is none of the bags of this command')
+            raise UsageError(f'--payload-of {text}: {path} is no bag of this command; name one')
         found[resolved] = mass
     return found
 

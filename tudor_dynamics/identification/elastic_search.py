@@ -336,8 +336,8 @@ def identify(
 ) -> Identified:
     """Identify the physical parameters of an elastic arm, by default as described, from strain."""
     if not records or not arm.gauges:
-        raise FitError(f'{arm.source}: the elastic model is identified from strain, and there is '
-                       'none; give gauges and bags with their readings')
+        raise FitError(f'{arm.source}: the elastic model needs strain, which is missing; give '
+                       'gauges and bags with their readings')
     known = knowledge or knowledge_of(
         arm, payload=any(record.payload is None for record in records))
     starts: tuple[Start, ...] = ()

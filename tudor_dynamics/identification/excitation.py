@@ -86,7 +86,7 @@ def series(
     length = seconds - 2.0 * REST
     harmonics = int(highest * length + 1e-9)
     if length < 2.0 * FADE or harmonics < 1:
-        raise SignalError(f'a Fourier series of {seconds:g} s up to {highest:g} Hz has no room; '
+        raise SignalError(f'a Fourier series of {seconds:g} s up to {highest:g} Hz is too short; '
                           f'give at least {2.0 * (REST + FADE):g} s, and a frequency above '
                           f'{1.0 / max(length, 1e-3):.3g} Hz')
     check_budget(f'a Fourier series of {seconds:g} s up to {highest:g} Hz', seconds / dt,

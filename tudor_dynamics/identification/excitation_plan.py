@@ -484,7 +484,7 @@ def read_plan(path: str | Path) -> PlanFolder:
                          remedy='give a folder of `tudor excite`') from None
     except (ValidationError, ValueError) as err:
         cause = validation_message(err) if isinstance(err, ValidationError) else str(err)
-        raise UsageError(f'no plan ({cause})', place=path / HEAD) from None
+        raise UsageError(f'no plan of `tudor excite` ({cause})', place=path / HEAD) from None
     if (head.format, head.version) != (FORMAT, VERSION):
         raise UsageError(f'found {head.format[:60]} {head.version}, expected {FORMAT} {VERSION}',
                          place=path / HEAD, remedy='plan again with this version')

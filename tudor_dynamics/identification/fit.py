@@ -66,7 +66,7 @@ class Choice:
     def __str__(self) -> str:
         """Write what was chosen and what it brought."""
         if self.chosen == self.instead:
-            return f'{self.what}: {self.chosen} (nothing else pays)'
+            return f'{self.what}: {self.chosen} (nothing else is better)'
         return (f'{self.what}: {self.chosen} ({self.error:.1f} % error on parts left out, with '
                 f'{self.instead} {self.error_instead:.1f} %)')
 
@@ -192,16 +192,16 @@ Searches = Mapping[tuple[str, ...], Identified]
 def check_arm(arm: Arm) -> None:
     """Refuse an arm of which no elastic model can be made, before hours of work and not after."""
     if arm.coupling is not None:
-        raise FitError(f'{arm.source}: the elastic model knows nothing of couplings; leave that '
-                       'out of the description, or elastic out of --models')
+        raise FitError(f'{arm.source}: the elastic model does not support couplings; remove '
+                       'them from the description, or elastic from --models')
     if not arm.gauges:
         raise FitError(f'{arm.source}: no gauges are described, and the elastic model is '
-                       'identified from strain; describe them, or leave it out of --models')
+                       'identified from strain; describe them, or remove elastic from --models')
     try:
         DrivenArm(arm)
     except TudorError as err:
-        raise FitError(f'{err} (the elastic model needs links); describe them, or leave it out of '
-                       '--models') from None
+        raise FitError(f'{err} (the elastic model needs links); describe them, or remove elastic '
+                       'from --models') from None
 
 
 def check_kinds(
@@ -596,7 +596,7 @@ def _fit_one(
         cases = cases_of(blind.fit([first], output), [last])
     else:
         raise FitError('one training bag, no test bag and nothing held out: the fit cannot be '
-                       'judged')
+                       'judged; give a second bag, or --test')
     validation = validated(cases, output, method)
     seen = validated(cases_of(model, training), output, 'the training bags themselves')
     # single samples have no past: a model with a memory has no random split

@@ -166,8 +166,8 @@ class ManyBags:
         """Choose what is left open by the sample."""
         chosen = choose(self.arm, self.held, self.spec, settings, self.progress, summable=True)
         if any(term_names(joint, loaded=True) for joint in chosen.arm.joints):
-            raise UsageError('friction that grows with the load is not fitted bag by bag: its '
-                             'rows depend on all of them', remedy='leave the term load out')
+            raise UsageError('friction that grows with the load needs all bags at once, and is '
+                             'not fitted bag by bag', remedy='leave the term load out')
         return chosen
 
     def fits(self, chosen: Choices, specs: Sequence[PreprocessingSpec]) -> list[FitResult]:
@@ -229,7 +229,7 @@ class ManyBags:
         lost = [item for item in answers[:len(known)] if isinstance(item, Unused)]
         if lost:
             raise FitError(f'{lost[0]}, though it could be read before',
-                           remedy='fit again, and leave the bags alone meanwhile')
+                           remedy='fit again, and do not change bags during a fit')
         judged = [item for item in answers[len(known):] if not isinstance(item, Unused)]
         self._leave_out([item for item in answers[len(known):] if isinstance(item, Unused)])
         self._refuse_no_test(judged, self.test)
@@ -273,11 +273,11 @@ class ManyBags:
                     if some is training:
                         same.append(item)
                     continue
-                copy = Unused(str(item.choice), f'has the very bytes of the training bag '
+                copy = Unused(str(item.choice), f'is a copy of the training bag '
                                                 f'{other.choice} (sha256 {item.checksum[:12]})')
                 if some is test:
-                    raise FitError(f'{copy}: a copy is no test of what was learned from it',
-                                   remedy='give another recording')
+                    raise FitError(f'{copy}: a test needs another recording',
+                                   remedy='give one')
                 wrong.append(copy)
         self._leave_out(wrong)
         self._refuse_few(found[0], training)
@@ -287,7 +287,7 @@ class ManyBags:
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
         if wrong and self.streaming.strict:
             more = f' (and {len(wrong) - 1} more)' if len(wrong) > 1 else ''
-            raise FitError(f'--strict: {wrong[0]}{more}', remedy='leave it out, or --strict')
+            raise FitError(f'--strict: {wrong[0]}{more}', remedy='remove this bag, or --strict')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
             warnings.warn(f'left out: {item}', TudorWarning, stacklevel=2)
         self.unused += wrong
@@ -305,8 +305,8 @@ class ManyBags:
         outputs = tuple(output for output in OUTPUTS
                         if 2 * sum(bag.has(output) for bag in bags) > len(bags))
         if not outputs:
-            raise FitError('most bags can neither be read nor have efforts or strains in common',
-                           remedy='tudor info BAG says what is in one')
+            raise FitError('most bags cannot be read, or lack the efforts and strains of others',
+                           remedy='`tudor info BAG` says what is in a bag')
         return outputs
 
     def _count(self, text: str) -> Callable[[int], None]:

@@ -83,7 +83,7 @@ def next_steps(
         found += _of_model(result, item, out)
     if len(result.learned) == 1 and not result.judged:
         found.append(NextStep(
-            settings.UNTESTED_GAIN, 'one bag cannot tell how the model does on another day: '
+            settings.UNTESTED_GAIN, 'one bag cannot show how the model does on another day: '
             'record a second, of another motion, and fit it too'))
     if not found and any(use.level in (Grade.GOOD, Grade.USABLE) for use in uses):
         ros = out is not None and shutil.which('ros2') is not None
@@ -114,7 +114,7 @@ def _elastic(result: FitResult, out: Path | None) -> list[NextStep]:
         options = []
     return [NextStep(
         gain, f'{loudest.channel} rings at {loudest.frequency:.2f} Hz, {100 * loudest.share:.0f} '
-        f'% of what is left above 0.5 Hz, and no rigid model can know it: {advice}',
+        f'% of the residual above 0.5 Hz, which no rigid model explains: {advice}',
         _fit(result, out, options) if options else '')]
 
 
@@ -124,7 +124,7 @@ def _of_model(result: FitResult, item: FittedOutput, out: Path | None) -> list[N
     gap = item.training.score.fit - validation.fit
     if gap > LARGEST_GAP:
         found.append(NextStep(
-            gap, f'{name}: {gap:.0f} points worse than in training: more bags, of more motion'))
+            gap, f'{name}: fit {gap:.0f} points below training: record bags of more motion'))
     known = item.model.conditioning()
     if known.unexcited:
         shown = ', '.join(known.unexcited[:3]) + (' ...' if len(known.unexcited) > 3 else '')
@@ -142,8 +142,8 @@ def _of_model(result: FitResult, item: FittedOutput, out: Path | None) -> list[N
         each = ', '.join(f'{channel} {short(rest)} after {short(moving)}'
                          for channel, _, rest, moving in held)
         found.append(NextStep(
-            gain, f'{name}: further off at rest than in motion ({each}): friction that holds a '
-            'joint, which no motion tells; judge what stands by its changes, or by strain'))
+            gain, f'{name}: larger error at rest than in motion ({each}): motion does not show '
+            'the friction that holds a joint; at rest, judge changes of the effort, or strain'))
     return found
 
 

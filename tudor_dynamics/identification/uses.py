@@ -151,9 +151,9 @@ def _inertias(model: Model, still: FloatArray, rest: FloatArray) -> list[str]:
         inertia = model.predict(pushed)[:, joint] - rest[:, joint]
         share = float(np.mean(inertia < 0.0))
         if share > settings.NEGATIVE_SHARE:
-            found.append(f'the inertia about {name} comes out negative at {100.0 * share:.0f} % '
+            found.append(f'the inertia about {name} is negative at {100.0 * share:.0f} % '
                          f'of the poses (least {inertia.min():.2g} per unit of acceleration): '
-                         'no arm has one; faster motion of this joint would show it')
+                         'no arm has one; record faster motion of this joint')
     return found
 
 
@@ -171,7 +171,7 @@ def _weights(model: Model, arm: Arm, still: FloatArray, rest: FloatArray) -> lis
             continue
         slope = float(identified[:, joint] @ described[:, joint] / sizes[joint]**2)
         if not 1.0 / settings.WEIGHT_OFF <= slope <= settings.WEIGHT_OFF:
-            found.append(f'the weight that {name} feels is {slope:.2g} times that of the '
+            found.append(f'the load of gravity on {name} is {slope:.2g} times that of the '
                          'description: check masses, the unit of its effort, and what the arm '
                          'carries')
     return found
@@ -368,8 +368,8 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
     unknown = '' if level is not None else (
         'newtons need torque constants, gains of gauges, or masses of the description; ')
     return level, (
-        f'{unknown}noticed within {1e3 * settings.NOTICED:.0f} ms at {per_hour:g} false alarm per '
-        f'hour: {", ".join(each)}; thresholds from {learned.seconds:.0f} s of free motion (by '
+        f'{unknown}detected within {1e3 * settings.NOTICED:.0f} ms at {per_hour:g} false alarm '
+        f'per hour: {", ".join(each)}; thresholds from {learned.seconds:.0f} s of free motion (by '
         f'their count alone no more than {short(sure)} an hour){wide}'), grades
 
 

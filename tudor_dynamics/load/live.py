@@ -405,7 +405,7 @@ class CarriedLoad:
     def __init__(self, bundle: ModelBundle, known: float) -> None:
         self.worth = load_worth(bundle.arm, bundle.models)
         if not self.worth:
-            raise ModelError('no output of this model tells a load in kilograms: fit a model to '
+            raise ModelError('no output of this model gives a load in kilograms: fit a model to '
                              'bags of two payloads (tudor fit --payload-of), or describe torque '
                              'constants or the gain of a gauge')
         self.known = known

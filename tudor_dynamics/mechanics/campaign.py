@@ -62,7 +62,7 @@ class LoadChange:
         """Refuse what is no time and no mass."""
         if not (math.isfinite(self.time) and self.time >= 0.0
                 and math.isfinite(self.mass) and self.mass >= 0.0):
-            raise SimulationError(f'{self}: a time and a mass are 0 or more')
+            raise SimulationError(f'{self}: expected a time and a mass of 0 or more')
 
 
 def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple[LoadChange, ...]:

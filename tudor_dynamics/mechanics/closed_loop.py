@@ -385,8 +385,8 @@ class ClosedLoop:
         mechanism = self.plant.mechanism
         rows = np.flatnonzero(mechanism.body_int[:, at.POINT] == mechanism.tip)
         if self.arm.spec.payload is None or len(rows) != 1 or not 0.0 <= mass < float('inf'):
-            raise SimulationError(f'{self.arm.name}: a payload of {mass} kg cannot be put on; '
-                                  'describe the arm with a payload, of 0 kg or more')
+            raise SimulationError(f'{self.arm.name}: a payload of {mass} kg cannot be attached; '
+                                  'give 0 kg or more, and payload: in the description')
         mechanism.body_float[rows[0], at.MASS] = mass
 
     def set_floor(self, floor: Floor | None) -> None:

@@ -457,7 +457,7 @@ def simulate_with_scipy(
                        max_step=max(20.0 * dt, 1e-3))
     if not result.success:
         reached = result.t[-1] if result.t.size else 0.0
-        raise SimulationError(f'{method} gave up at t = {reached:g} s: {result.message}')
+        raise SimulationError(f'{method} failed at {reached:g} s; reduce --dt ({result.message})')
     recorder = _Recorder(plant, probe, wanted.size)
     for row, t in enumerate(wanted):
         place, rate = unpack(result.y[:, row])

@@ -596,7 +596,7 @@ def _places(plant: Plant, start: Mapping[str, float]) -> FloatArray:
     joints, places = plant.mechanism.joints, plant.state.q.copy()
     for name, place in start.items():
         if name not in joints:
-            raise UsageError(f'start of {name!r}: the joints are {list(joints)}')
+            raise UsageError(f'start names {name!r}; the joints are {list(joints)}')
         if not np.isfinite(place):
             msg = f'start of {name!r}: found {place}, expected a position [rad or m]'
             raise SimulationError(msg)

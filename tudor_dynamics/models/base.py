@@ -95,7 +95,7 @@ def _within(value: float) -> float:
 
 def _known(value: float) -> float:
     if math.isnan(value):
-        raise ValueError('not finite, nor unknown')
+        raise ValueError('expected a number, infinite where it is unknown')
     return value
 
 
@@ -257,8 +257,8 @@ class Model(ABC):
         Motion is ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2],
         outputs have their units. A model with a memory refuses, by a FitError.
         """
-        raise FitError(f'{type(self).__name__} has a memory, and samples alone have no past: use '
-                       'follow, with a gapless stretch')
+        raise FitError(f'{type(self).__name__} depends on earlier samples, which single ones '
+                       'lack; use follow, with a stretch without gaps')
 
     def conditioning(self) -> Conditioning:
         """Say how well the training data showed its parameters, where it has some."""

@@ -116,7 +116,7 @@ class ModelBundle:
             known = self.payload
             if payload == 0.0 or (known is not None and abs(payload - known) < SAME):
                 return self
-            what = ('which its bags do not tell: leave the payload out' if known is None else
+            what = ('which its bags do not state: leave the payload out' if known is None else
                     f'{known:g} kg: ask for that')
             raise ModelError(f'the payload {payload:g} kg cannot be used: the model was fitted to '
                              f'one payload, {what}, or fit it to bags with several payloads '

@@ -97,7 +97,7 @@ def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(item.file_size for item in archive.infolist())
         if size > MAX_BYTES['elm.npz']:
-            raise ModelError('unpacks to more than a model can have', place=file)
+            raise ModelError('is larger than a model can be', place=file, remedy=AGAIN)
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except ModelError:
@@ -157,7 +157,7 @@ def _read_head(path: Path) -> HeadPart:
                          remedy=f'{AGAIN} instead of editing it')
     head = load_yaml(body, file)
     if not isinstance(head, dict) or head.get('format') != FORMAT:
-        raise ModelError(f'not in the format {FORMAT!r}', place=file)
+        raise ModelError(f'not in the format {FORMAT!r}', place=file, remedy=AGAIN)
     if head.get('version') != VERSION:
         raise ModelError(f'bundle version {head.get("version")!r}; this program reads version '
                          f'{VERSION}: update tudor_dynamics, or fit the model again', place=file)
@@ -433,7 +433,7 @@ def _model(
     arm: Arm, output: str, kind: str, content: dict[str, Any], arrays: dict[str, FloatArray],
 ) -> Model:
     if kind not in KINDS:
-        msg = f'model kind {kind!r}; this version knows {", ".join(KINDS)}: update tudor_dynamics'
+        msg = f'model kind {kind!r}; this version reads {", ".join(KINDS)}: update tudor_dynamics'
         raise ModelError(msg)
     prefix = f'{output}_{kind}_'
     own = {name.removeprefix(prefix): array for name, array in arrays.items()

@@ -170,7 +170,7 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
             'there is no analytical model of efforts for one payload in the bundle',
             remedy='fit one, from bags with efforts (tudor fit BAG --arm ARM.yaml --out MODEL)')
     if not model.data_:
-        raise ModelError('the bundle has not kept what its bags came to',
+        raise ModelError('the bundle lacks the sums over its bags',
                          remedy='fit the model again with this version')
     return model
 

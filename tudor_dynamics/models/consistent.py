@@ -444,8 +444,8 @@ def solve_consistent(arm: Arm, model: AnalyticalModel, prior: Prior) -> BodySolu
             problem.reweigh(x)
         x = _searched(problem, x)
     if not np.all(np.isfinite(x)):
-        raise FitError(f'{arm.name}: no bodies that can exist explain these recordings; see what '
-                       '`tudor info` says of them')
+        raise FitError(f'{arm.name}: no possible masses and inertias explain these recordings; '
+                       'look for faults in them with `tudor info BAG --arm ARM.yaml`')
     return problem.solution(x)
 
 

@@ -553,6 +553,6 @@ def refiner_of(arm: Arm, bundle: ModelBundle) -> MoveRefiner:
     """Give what refines moves by the elastic model of a bundle."""
     model = elastic_of(bundle, 'strain')
     if model is None:
-        raise ModelError('moves are refined by an elastic model of strain, and there is none',
+        raise ModelError('an elastic model of strain refines moves, and the bundle has none',
                          remedy='fit one with `tudor fit --models elastic`')
     return MoveRefiner(TunedArm(arm, model))

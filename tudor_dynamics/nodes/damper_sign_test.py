@@ -79,7 +79,7 @@ class SignTester(Trial):
                 watching = False
         response = self._response(gauge)
         if response is None:
-            raise TudorError(f'no strain of {self.arm.gauge_names[gauge]} for {seconds:g} s')
+            raise TudorError(f'no strain of {self.arm.gauge_names[gauge]}; start its driver')
         return response
 
     def _response(self, gauge: int) -> StepResponse | None:

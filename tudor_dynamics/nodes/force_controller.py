@@ -102,7 +102,7 @@ class ForceControllerNode(MovingNode):
 
     def _retreat(self) -> str:
         if self.controller is None:
-            return 'nothing to leave yet'
+            return 'no surface is touched yet'
         self.controller.retreat()
         return 'leaves the surface'
 
@@ -141,8 +141,8 @@ class ForceControllerNode(MovingNode):
         if controller.phase is Phase.HELD:
             return ERROR, f'{controller.cause}: the pose is held, ~/reset takes forces again'
         if self.static.source == 'none':
-            return WARN, ('nothing tells what gauges read of the weight: give model, or links in '
-                          'the arm description')
+            return WARN, ('the weight in the readings of the gauges is unknown: set model, or add '
+                          'links: to the arm description')
         return OK, controller.cause
 
 

@@ -286,7 +286,7 @@ class ReferenceGeneratorNode(MovingNode):
         elif alive:
             self._unwatched = 'the monitor says that it cannot judge the arm'
         elif self.monitors:
-            self._unwatched = f'{", ".join(self.monitors)} gives no sign of life'
+            self._unwatched = f'{", ".join(self.monitors)} sends no diagnostics'
         else:
             self._unwatched = f'nobody publishes {COLLISION}'
         self.source.halt(self._unwatched if self.value('require_monitor') else '')

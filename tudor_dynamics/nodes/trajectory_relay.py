@@ -195,7 +195,7 @@ class TrajectoryRelayNode(TudorNode):
         if self.held or self.collision:
             raise SignalError('a collision was reported', remedy='look at the arm, then ~/reset')
         if self._q is None or self.steady() - self._at > self.value('timeout'):
-            raise SignalError('no positions come: where the arm is, is not known')
+            raise SignalError('no positions come: start the driver of the arm')
         self._step()
         state = self._state()
         given = trajectory_of(message)
@@ -224,8 +224,8 @@ class TrajectoryRelayNode(TudorNode):
         if off.max() > self.value('start_tolerance'):
             k = int(off.argmax())
             raise SignalError(
-                f'the trajectory is under way at once, and {self._names[k]} is {off[k]:.3g} off',
-                remedy='begin where the arm is, or give the first point a time')
+                f'the first point is due at once, and {self._names[k]} is {off[k]:.3g} away',
+                remedy='begin where the arm is, or give the first point a later time')
 
     def _with_efforts(self, whole: Trajectory) -> Trajectory | None:
         if self.ahead is None:

@@ -74,7 +74,7 @@ class ContactEstimate:
     def note(self) -> str:
         """Say what cannot be said; empty for nothing."""
         return '' if self.located or not self.felt else (
-            'the gauges cannot tell place from force')
+            'the gauges cannot separate place and force')
 
 
 class ContactRecord:
@@ -241,7 +241,7 @@ class ContactEstimator:
         arm = bundle.arm
         self.spans = spans_of(arm, [bool(v) for v in np.isfinite(deviation)])
         if not self.spans:
-            msg = f'{arm.name}: no link with gauges has an end that the kinematics tells'
+            msg = f'{arm.name}: no link with gauges has an end in the kinematics'
             raise ModelError(msg)
         elastic = isinstance(model, ElasticModel)
         self._widening = MOVING_DEVIATIONS if elastic else 1.0
@@ -424,8 +424,8 @@ class TorqueEstimator:
         self._gain = torque_scale(arm)
         usual = validation_rmse(bundle, 'effort', 'analytical')
         if usual is None:
-            raise ModelError('the model does not say what efforts are left over in free motion: '
-                             'fit it with bags to be judged by')
+            raise ModelError('the model has no residuals of efforts in free motion: fit it with '
+                             'test bags, or with several bags')
         if not np.isfinite(self._gain).any():
             raise ModelError(f'{arm.name}: no torque constant is known; give motors: with '
                              'torque_constant and gear_ratio to have contacts in N m')

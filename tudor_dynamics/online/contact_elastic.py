@@ -92,7 +92,7 @@ class Pressing:
         gauges: GaugePlaces,
     ) -> None:
         if span.joint not in mechanism.beams:
-            msg = f'the link of {span.joint!r} is rigid: no gauge tells where it is pushed'
+            msg = f'the link of {span.joint!r} is rigid: no gauge shows where it is pushed'
             raise SimulationError(msg)
         body = mechanism.body_of[span.joint]
         floats = mechanism.body_float[body]
@@ -264,8 +264,8 @@ class ElasticFront:
             self._flexible = np.linalg.inv(self._small[2]) - (
                 self._basis / self._squares) @ self._basis.T
         except np.linalg.LinAlgError as err:
-            raise SimulationError(f'the arm has no vibrations where it is now ({err}): its links '
-                                  'bend farther than they can') from None
+            raise SimulationError(f'the elastic model has no modes at this pose ({err}): its '
+                                  'links bend too far; fit it again') from None
         return moment
 
     def residual(

@@ -320,7 +320,7 @@ class DeflectedArm:
         motor, torque = np.zeros_like(q), np.zeros_like(q)
         done = invert(q, dq, ddq, reach, motor, torque, self._tables, *self._driven.arrays)
         if done < len(q):
-            msg = (f'{self._name}: links and gears do not come to rest under the load of point '
+            msg = (f'{self._name}: links and gears find no equilibrium under the load of point '
                    f'{done + 1}, q = {np.round(q[done], 3).tolist()}')
             raise SimulationError(msg, remedy='move it more slowly, or correct the stiffnesses')
         return Deflection(motor, torque)
@@ -423,8 +423,8 @@ class Feedforward:
         if self._of_all.payload_range is not None or (elastic and abs(more) > SAME):
             self._model = self._of_all.at(payload)
         elif self._per_kilogram is None and abs(more) > SAME:
-            msg = (f'the model was fitted to a payload of {self._known:g} kg, and nothing tells '
-                   f'what {payload:g} kg are in its efforts')
+            msg = (f'the model was fitted to a payload of {self._known:g} kg, and its '
+                   f'efforts have no scale for {payload:g} kg')
             raise ModelError(msg, remedy='fit a model to bags of two payloads (tudor fit '
                                          '--payload-of), or describe torque constants')
         if self._deflected is not None:

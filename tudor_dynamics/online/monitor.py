@@ -236,8 +236,8 @@ class Watch:
         """Choose the method whose samples the load goes by."""
         own = [name for name in self.methods if SOURCE[name] == payload.output]
         if not own and isinstance(payload, PayloadStage):
-            raise ModelError(f'the load is seen in {payload.output}, which none of the methods '
-                             f'{list(self.methods)} listens to: add it to methods')
+            raise ModelError(f'the load is estimated from {payload.output}, which none of the '
+                             f'methods {list(self.methods)} listens to: add it to methods')
         return min(own or self.methods, key=lambda name: name != payload.output)
 
     def use_thresholds(
@@ -287,7 +287,7 @@ class Watch:
         wide = [f'{method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
                 if factor > WIDENING_WARNING]
         return '' if not wide else (
-            f'the arm moves unlike what thresholds were learned from: widened {", ".join(wide)}; '
+            f'the motion is outside what thresholds were learned from: widened {", ".join(wide)}; '
             'learn them from such motion (~/calibrate, or more bags for tudor fit)')
 
     @property

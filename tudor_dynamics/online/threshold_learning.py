@@ -79,9 +79,9 @@ class ThresholdsPart(BundlePart):
             raise ValueError(f'{len(self.tails)} tails do not fit the arm; expected two or three '
                              'for each channel')
         if any(row[0] == 0.0 for row in self.profile):
-            raise ValueError('profile with a size of 0 at rest')
+            raise ValueError('the profile of a threshold is 0 at rest; expected more')
         if n != joints and any(self.stiction or ()):
-            raise ValueError('stiction of what is no joint')
+            raise ValueError('stiction is given for channels that are no joints')
         return self
 
 
@@ -172,7 +172,7 @@ def learn_thresholds(
 ) -> MethodThresholds:
     """Learn the thresholds of one method: stiction (channels,) [unit of the residual]."""
     if not records:
-        raise FitError('no free motion to learn thresholds from')
+        raise FitError('no free motion to learn thresholds from; record some')
     period = float(np.median(np.concatenate([np.diff(r.t) for r in records])))
     step = max(STEP, period)
     block = max(1, round(BLOCK / period))

@@ -107,8 +107,8 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> Description:
     """Describe an arm as its elastic model has found it."""
     model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if model is None:
-        raise ModelError('there is no elastic model in the bundle, and a description holds '
-                         'what that one finds only', remedy='fit one with --models '
+        raise ModelError('a description is written from an elastic model, and the bundle '
+                         'has none', remedy='fit one with --models '
                          'analytical elastic, or choose another --to')
     writer = _Writer(model)
     writer.physical()
@@ -120,7 +120,7 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> Description:
     try:
         spec = ArmSpec.model_validate(writer.content)
     except ValidationError as err:
-        raise ModelError(f'what the elastic model found cannot be described: '
+        raise ModelError(f'the identified values make no valid description: '
                          f'{validation_message(err)}') from None
     content = spec.model_dump(mode='json', exclude_defaults=True)
     if bundle.arm.urdf is not None:

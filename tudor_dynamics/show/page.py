@@ -142,7 +142,7 @@ def _conditioning(condition: float, excited: bool) -> str:
     if condition <= GOOD_CONDITION:
         return 'well conditioned'
     if condition <= LARGEST_CONDITION:
-        return 'some parameters are hard to tell apart; their standard errors say which'
+        return 'some parameters are hard to separate; their standard errors say which'
     return 'badly conditioned: predictions hold on similar motion only'
 
 
@@ -307,7 +307,7 @@ def load_values(load: PayloadEstimate) -> list[tuple[str, str, float, float]]:
         found = [("Part of the arm's own moment", '%', 100.0 * load.relative,
                   100.0 * load.relative_std)]
     else:
-        found = [('Mass beyond what the model knows', 'kg', load.mass - load.known,
+        found = [('Mass beyond that of the model', 'kg', load.mass - load.known,
                   load.mass_std)]
     found += [(f'Centre {axis}', 'm', float(value), float(std))
               for axis, value, std in zip('xyz', load.com, load.com_std, strict=True)]

@@ -214,7 +214,7 @@ def plan_shaped(
     period = 2.0 * math.pi / float(along(target[None]).omega[0, 0])
     moving = np.abs(target - start) > 1e-9
     if not moving.any():
-        raise SignalError('there is no way to go: the target is where the joints rest')
+        raise SignalError('there is no way to go: the joints rest at the target')
     for more in range(settings.TRIES):
         duration = plain.remaining + (settings.LONGER + 0.25 * more) * period
         s = np.linspace(0.0, 1.0, KNOTS + 1)[:, None]
@@ -227,7 +227,7 @@ def plan_shaped(
             path = found.q
         if found is not None:
             return found
-    raise SignalError('no move without swing is found: modes and limits contradict each other')
+    raise SignalError('no move without ringing is found; raise limits, or take shaping zv')
 
 
 def _denser(modes: PathModes) -> PathModes:

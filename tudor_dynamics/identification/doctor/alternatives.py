@@ -243,8 +243,8 @@ def units(case: Case) -> Iterator[Alternative]:
             other = {1e3: f'm{unit}', 1e-3: f'k{unit}'}.get(size, 'A' if unit != 'A' else 'N m')
             yield Alternative(
                 case, 'effort_unit', (joint.name,), case.usual,
-                f'effort of {joint.name} is {size:.3g} times what those of the other joints '
-                f'want: {other}, not {unit}?',
+                f'effort of {joint.name} is {size:.3g} times what fits those of the other '
+                f'joints: is it in {other}, not in {unit}?',
                 'correct joints[].effort.unit, or scale the effort in the driver', size,
                 {'effort': _scaled(len(case.arm.joints), i, 1.0 / scale)})
 
@@ -343,7 +343,7 @@ def opposite(case: Case, hinted: Mapping[int, float]) -> list[Finding]:
     own = np.array(case.arm.spec.gravity)
     ratio = float(np.median(known.believed))
     return [found(
-        'gravity_axis', f'the efforts are those of gravity along {axis_name(-own)}, not '
+        'gravity_axis', f'the efforts fit gravity along {axis_name(-own)}, not '
         f'{axis_name(own)}', case.recording.path, size=180.0, now=ratio, otherwise=-ratio,
         measure='measured effort over that of the masses',
         remedy=f'gravity: {[float(-x + 0.0) for x in own]}')]

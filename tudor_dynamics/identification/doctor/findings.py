@@ -39,7 +39,7 @@ PLACE = 'give gauges[].distance in metres, from the axis of the joint along its 
 CHECKS = {
     'gravity_axis': Check('gravity of the description along another axis', '', 'deg', RESIDUAL),
     'axes_parallel_to_gravity': Check(
-        'no axis can feel gravity, but the outputs follow the pose', '', 'deg', RESIDUAL),
+        'gravity loads no axis, but the outputs follow the pose', '', 'deg', RESIDUAL),
     'dh_in_millimetres': Check('lengths of the kinematics in millimetres',
                                'give a and d in metres', 'm'),
     'dh_in_degrees': Check('angles of the kinematics in degrees',
@@ -58,7 +58,7 @@ CHECKS = {
     'strain_unit': Check('strain in another unit than described', 'correct gauges[].unit, or '
                          'scale the readings in the amplifier'),
     'gauge_sign': Check('gauge with its sign turned',
-                        'find out which of them is right, and turn the other'),
+                        'find out which bag has the right sign, and turn the other'),
     'efforts_exchanged': Check('efforts of two joints exchanged', NAMES, '', RESIDUAL),
     'joints_exchanged': Check('two joints exchanged', NAMES, '', RESIDUAL),
     'coupling_missing': Check(
@@ -114,8 +114,8 @@ CHECKS = {
     'offset_step': Check('channel changes its zero', f'check amplifier and connectors; {ONE_PART}',
                          '', RESIDUAL, one_bag=True),
     'payload_changed': Check('load changed while recording', ONE_PART, '', RESIDUAL, one_bag=True),
-    'unexplained': Check('channel that is not explained', 'look at it beside the motion, or do '
-                         'without it', '', RESIDUAL),
+    'unexplained': Check('channel that is not explained', 'plot it over the motion, or leave '
+                         'it out', '', RESIDUAL),
     'joint_scale': Check('position of a joint in another scale', 'correct counts per turn or the '
                          'gear ratio in the driver', '', RESIDUAL),
     'saturated': Check('channel saturated', 'widen the range of amplifier or driver, or move more '

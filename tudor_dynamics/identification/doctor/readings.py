@@ -188,7 +188,7 @@ def _noise_alone(recording: Recording, item: Channel) -> Finding | None:
     same = [abs(float(x[k:] @ x[:-k])) / power for k in range(1, settings.WHITE_LAGS + 1)]
     if max(same) > settings.WHITE / math.sqrt(len(x)):
         return None
-    return item.found('constant', f' is {item.values.mean():.4g} and noise', 0.0,
+    return item.found('constant', f' never changes but by noise, at {item.values.mean():.4g}', 0.0,
                       float(item.values.mean()))
 
 

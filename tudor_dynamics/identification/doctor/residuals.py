@@ -38,7 +38,7 @@ def trends(chosen: Alternative) -> list[Finding]:
             channel, y = case.bodies[name].channels[i], output[:, i]
             dead = _dies(explained, i, t, y)
             if dead is not None:
-                what = f'{SINGULAR[name]} {channel} follows the arm no more from {dead:.2f} s on'
+                what = f'{SINGULAR[name]} {channel} no longer follows the arm from {dead:.2f} s on'
                 findings.append(found(
                     'dying', what, case.recording.path, (channel,), time=dead,
                     size=float(t[-1]) - dead, remedy=until(case.recording, dead)))
@@ -228,4 +228,4 @@ def _unexplained(chosen: Alternative, name: str, i: int, now: float) -> Finding 
     if now < settings.UNEXPLAINED ** 2 or ringing(chosen, name):
         return None
     return _found(chosen, 'unexplained', name, i, f'is not explained: {100 * now:.0f} % of its '
-                  'variance is left, and no check says why', 0.0, now)
+                  'variance remains, and no check finds a cause', 0.0, now)

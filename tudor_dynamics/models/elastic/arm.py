@@ -318,7 +318,7 @@ class DrivenArm:
             self._physics.lag = lag
         if done < len(q):
             raise SimulationError(f'{self.arm.name}: the elastic model diverges after {done} of '
-                                  f'{len(q)} samples, or cannot be linearised there')
+                                  f'{len(q)} samples; check stiffness, masses and units')
         return gains
 
     def ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
@@ -415,7 +415,7 @@ def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray
             [np.zeros((group.shape[1], 0))], NO_GAINS)
         if done < group.shape[1]:
             raise SimulationError(f'{arm.arm.name}: the elastic model diverges after {done} of '
-                                  f'{group.shape[1]} samples of a planned motion')
+                                  f'{group.shape[1]} samples of a planned motion; fit it again')
         found.append(np.moveaxis(moment, -1, 0)[:len(group)])
     moments = np.concatenate(found)
     return np.concatenate([np.broadcast_to(rest, (len(moments), *rest.shape)), moments], axis=1)

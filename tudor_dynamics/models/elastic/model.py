@@ -449,6 +449,6 @@ class LiveElastic:
         if strain is not None and self._moment is not None and self._since > 0.0:
             measured = (strain - self._gauges[:, 1]) / self._gauges[:, 0]
             if not self._driven.correct(measured - self._moment, self._since):
-                raise SimulationError('the elastic model cannot be linearised')
+                raise SimulationError('the elastic model diverged; fit it again')
             self._since = 0.0
         self._since += dt

@@ -215,7 +215,7 @@ PHYSICAL: dict[str, ParameterKind] = {
         'joint', 'rad', 'backlash of the gear of {}, half of it', _play,
         _in_gear(at_gear.PLAY), width=1.0, least=0.002, unit_along='m'),
     'edge': ParameterKind(
-        'joint', '1', 'part of the backlash of {} over which the teeth come to bear',
+        'joint', '1', 'part of the backlash of {} over which the teeth engage',
         lambda physics, joint: EDGE, _round, width=0.5),
     'tight': ParameterKind(
         'joint', 'N m s/rad', 'damping of the gear of {}, teeth in touch',

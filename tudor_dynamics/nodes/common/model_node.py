@@ -142,7 +142,7 @@ class PayloadPort:
 
     def _expect(self) -> str:
         if not isinstance(self.load, PayloadStage):
-            raise TudorError('there is no model yet that could tell a load; see the diagnostics')
+            raise TudorError('no model that estimates a load is loaded; see the diagnostics')
         self.announce()
         return 'a load may come or go within 3 s without being a collision'
 
@@ -259,7 +259,7 @@ class ModelNode(TudorNode):
     def _reload(self) -> str:
         """Load beside the running model, and answer at once: the diagnostics have the outcome."""
         if self._loader is not None:
-            raise TudorError('still loading')
+            raise TudorError('still loading the model; call again when it is in use')
 
         def load() -> Callable[[], None]:
             whole = self._load()

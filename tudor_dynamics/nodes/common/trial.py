@@ -54,7 +54,7 @@ class Trial(Node):
 
     def __init__(self, name: str, arm: Arm, **kwargs: Any) -> None:
         if arm.spec.damper is None:
-            raise ArmError(f'{arm.source}: no damper is described, so there is none to test')
+            raise ArmError(f'{arm.source}: no damper is described; add damper: to test it')
         refuse_interfaces(arm, name)
         super().__init__(name, **kwargs)
         self.arm, self.steady = arm, steady_clock(self)
@@ -107,7 +107,7 @@ class Trial(Node):
                 future = client.call_async(request)
                 if self.spin_until(future.done, PATIENCE / ATTEMPTS):
                     return future.result()
-        raise TudorError(f'{what} did not answer within {PATIENCE:g} s')
+        raise TudorError(f'{what} did not answer within {PATIENCE:g} s; start it again')
 
     def parameter(self, node: str, name: str) -> ParameterValue:
         """Read a parameter of another node."""
@@ -122,7 +122,7 @@ class Trial(Node):
         request = SetParameters.Request(
             parameters=[Parameter('damping', value=float(share)).to_parameter_msg()])
         if not self.call(self._damping, request, DAMPER).results[0].successful:
-            raise TudorError(f'{DAMPER} did not take damping {share:g}; the test stops here')
+            raise TudorError(f'{DAMPER} refused damping {share:g}; its log says why')
 
     def roomy(self, joint: int, place: float, step: float) -> float:
         """Give a step, or the one to the other side where there is no room for it."""
