@@ -35,6 +35,9 @@ PAGES = sorted([ROOT / 'README.md', DOCS / 'index.md', *EASY, *(DOCS / 'explanat
                 DOCS / 'reference' / 'nodes.md', DOCS / 'reference' / 'trajectories.md',
                 *(DOCS / 'reference' / 'nodes').glob('*.md')])
 """Pages in the words of the glossary; a page that is written again joins them."""
+WHOLE = [*PAGES, DOCS / 'architecture.md', ROOT / 'CONTRIBUTING.md',
+         ROOT / 'QUALITY_DECLARATION.md', ROOT / 'bags' / 'README.md',
+         ROOT / 'examples' / 'README.md']
 PHRASES = (r'\bwhat came\b', r'\bis none\b', r'\bno matter\b', r'\bworth\b',
            r'\bbehind (?:a|an|it|the (?:move|push|start|filter|gap|end)|this|each)\b',
            r'\bcomes? to rest\b', r'\bbeyond reason\b', r'\ball but \d')
@@ -42,6 +45,7 @@ PHRASES = (r'\bwhat came\b', r'\bis none\b', r'\bno matter\b', r'\bworth\b',
 SAID = (*PHRASES, r'\btells?\b', r'\bfeels?\b', r'\bfelt\b', r'\bswings?\b', r'\bwants?\b',
         r'\bcomes out\b', r'\bwhat is left\b', r'\bnothing pays\b', r'\bodd\b', r'\bunlike\b')
 """Those and what they lead to: nobody is told or feels anything in a message."""
+LONGEST_SENTENCE = 30
 LONGEST = 400
 ALL_GUIDES = 25000
 BY_HAND = 4000
@@ -52,10 +56,11 @@ EASIEST = 55.0
 
 
 def prose(page: Path) -> str:
-    """Give the sentences of a page: no blocks, tables, headings, marks; code is one word."""
+    """Give the sentences of a page: no blocks, tables, headings; code and formulas are a word."""
     text = re.sub(r'^ *(```|~~~).*?^ *\1 *$', '', page.read_text(encoding='utf-8'),
                   flags=re.MULTILINE | re.DOTALL)
-    text = re.sub(r'<!--.*?-->', '', text, flags=re.DOTALL)
+    text = re.sub(r'<!--.*?-->|\$\$.*?\$\$', '', text, flags=re.DOTALL)
+    text = re.sub(r'\$[^$]+\$', 'symbol', text)
     text = '\n'.join('' if line.lstrip().startswith(('|', '#', '!', ':')) else line
                      for line in text.splitlines())
     text = re.sub(r'\]\([^)]*\)', '', text)
@@ -128,6 +133,13 @@ def test_words_of_the_glossary(page: Path) -> None:
     text = re.sub(r'\s+', ' ', prose(page))
     found = [match[0] for phrase in PHRASES for match in re.finditer(phrase, text)]
     assert not found
+
+
+@pytest.mark.linter
+@pytest.mark.parametrize('page', WHOLE, ids=[page.stem for page in WHOLE])
+def test_sentences_are_short(page: Path) -> None:
+    """No sentence has more than 30 words; code and formulas are one each."""
+    assert [words for words in sentences(prose(page)) if len(words) > LONGEST_SENTENCE] == []
 
 
 @pytest.mark.linter

@@ -137,7 +137,7 @@ def test_a_load_that_the_model_does_not_know(arm: str, tmp_path: Path, capsys) -
     text = page.read_text(encoding='utf-8')
     assert 'id="load"' in text and 'Centre x' in text
     assert text.count('type="application/json"') == 1
-    assert 'The arm carries what the model does not know' in text
+    assert 'The arm carries a load that the model lacks' in text
     assert main(['evaluate', '--model', model, full]) == 1
     printed = capsys.readouterr().out
     assert 'load in' in printed and 'Mass beyond that of the model' in printed

@@ -64,7 +64,7 @@ class _Bounded(ElementTree.TreeBuilder):
         self._depth += 1
         self._count += 1
         if self._depth > MAX_DEPTH or self._count > MAX_ELEMENTS:
-            raise ArmError(f'more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements in a URDF')
+            raise ArmError(f'more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements')
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> Any:
@@ -73,7 +73,7 @@ class _Bounded(ElementTree.TreeBuilder):
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
         """Refuse what could define entities, of which a few lines can stand for gigabytes."""
-        raise ArmError('has a DOCTYPE, which no URDF needs; remove it')
+        raise ArmError('has a DOCTYPE, which no URDF needs')
 
 
 def read_urdf(path: Path) -> str:
@@ -89,7 +89,7 @@ def parse(text: str, path: str) -> ElementTree.Element:
         root: ElementTree.Element = parser.close()
     except (ElementTree.ParseError, ValueError) as err:
         if isinstance(err, ArmError):
-            msg = f'{path}: {err}: this is not a URDF of an arm'
+            msg = f'{path}: {err}; expected the URDF of an arm'
         else:
             msg = f'{path}: no valid XML ({err}); for xacro files run xacro first'
         raise ArmError(msg) from None

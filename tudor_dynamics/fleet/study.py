@@ -76,7 +76,7 @@ class FleetArm(Spec):
     @classmethod
     def _is_a_folder(cls, name: str) -> str:
         if any(letter in name for letter in FORBIDDEN) or name.startswith('.'):
-            raise ValueError(f'{name!r} is no name of a folder')
+            raise ValueError(f'{name!r} cannot name a folder; take letters and digits')
         return name
 
 

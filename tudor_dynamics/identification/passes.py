@@ -238,10 +238,10 @@ class Pass(ABC, Generic[Kept]):
         """Read what is kept of a bag, which has to be there."""
         found = self.found(seen)
         if found is None:
-            raise FitError('what a bag came to cannot be read any more',
+            raise FitError('the sums of a bag cannot be read any more',
                            place=self.task.store.path / self.name(seen),
-                           remedy='fit again, leave that directory alone meanwhile, and let all '
-                                  'machines see it')
+                           remedy='fit again, do not change this folder meanwhile, and let all '
+                                  'machines read it')
         return found
 
     def by_each_filter(self, seen: SurveyedBag) -> list[BagData]:
@@ -251,7 +251,7 @@ class Pass(ABC, Generic[Kept]):
                    if output in self.task.outputs and not bag.has(output)]
         if lacking:
             raise BagError(f'no {" and no ".join(lacking)}, which other bags have',
-                           place=str(bag.choice), remedy='fit it apart')
+                           place=str(bag.choice), remedy='fit it separately')
         return [bag, *(filtered(bag, spec) for spec in self.task.specs[1:])]
 
 

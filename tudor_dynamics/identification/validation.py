@@ -439,8 +439,8 @@ def judge(
                for name in sorted(scores, key=lambda key: scores[key].fit)
                if name not in still and order.index(levels[name]) > order.index(level)]
     if training_fit - validation.score.fit > LARGEST_GAP:
-        doubts.append(f'{training_fit - max(validation.score.fit, -1e6):.0f} points worse than '
-                      'in training: the bags differ, or are too short')
+        doubts.append(f'{training_fit - max(validation.score.fit, -1e6):.0f} points below '
+                      'training: the bags differ, or are too short')
     if unexcited:
         shown = ', '.join(unexcited[:3]) + (' ...' if len(unexcited) > 3 else '')
         doubts.append(f'the motion does not excite {shown}: trust it on similar motion only')

@@ -313,7 +313,7 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
         raise SimulationError(msg)
     if (np.diff(data[:, 0]) <= 0.0).any():
         row = int(np.flatnonzero(np.diff(data[:, 0]) <= 0.0)[0])
-        raise SimulationError(f'{path}: time does not increase after data row {row + 1}')
+        raise SimulationError(f'{path}: time does not increase after data row {row + 1}; sort it')
     return data[:, 0], {name: data[:, 1 + i] for i, name in enumerate(columns[1:])}
 
 

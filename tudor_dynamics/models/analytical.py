@@ -86,7 +86,7 @@ class GroupPart(BundlePart):
                              f'more for each of {list(self.channels)}')
         constants = self.torque_constants
         if constants is not None and tuple(item.channel for item in constants) != self.channels:
-            raise ValueError(f'torque_constants; expected one for each of {list(self.channels)}')
+            raise ValueError(f'torque_constants: expected one for each of {list(self.channels)}')
         return self
 
 

@@ -378,7 +378,7 @@ def load_bundle(
     content = {name: _read_file(path, name) for name in head.files if name in MAX_BYTES}
     for name, checksum in head.files.items():
         if name not in content:
-            raise ModelError(f'names a file {name!r} that no bundle has', place=path)
+            raise ModelError(f'names a file {name!r} that no bundle has; {AGAIN}', place=path)
         if _sha256(content[name]) != checksum:
             raise ModelError('altered or cut short (checksum differs)', place=path / name,
                              remedy=AGAIN)

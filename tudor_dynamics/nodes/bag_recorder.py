@@ -100,7 +100,7 @@ class BagRecorderNode(TudorNode):
             return
         if not known:
             self.recorded[topic] = None
-            self.get_logger().warning(f'{topic} is not recorded: unknown type {msgtype}')
+            self.get_logger().warning(f'{topic} is not recorded: install the type {msgtype}')
             return
         reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offers)
         kept = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offers)

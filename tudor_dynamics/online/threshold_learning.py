@@ -302,7 +302,7 @@ def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray
         np.repeat([0.0, PROFILE_QUANTILE, 1.0 - PROFILE_QUANTILE], [p, n, n]),
         A_eq=equal, b_eq=peaks / unit, bounds=(0, None), method='highs')
     if not found.success:
-        raise FitError(f'the profile of a threshold could not be found ({found.message})')
+        raise FitError(f'no profile of a threshold is found ({found.message}); record more')
     profile = found.x[:p] * unit / largest
     # without a floor, standstill in the data would make the slightest noise a collision
     profile[0] = max(profile[0], PROFILE_FLOOR * unit)

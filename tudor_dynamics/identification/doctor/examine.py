@@ -149,7 +149,7 @@ def _of_output(case: Case, output: str, predicted: FloatArray) -> Finding | None
     better = gain(np.maximum(before[felt], 1e-9), np.maximum(after[felt], 1e-9))
     if better < settings.LOAD_GAIN or then > settings.LOAD_SHARE * now:
         return None
-    return found('load_unknown', 'the arm carries what the model does not know',
+    return found('load_unknown', 'the arm carries a load that the model lacks',
                  case.recording.path, now=now, otherwise=then)
 
 

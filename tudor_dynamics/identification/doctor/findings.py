@@ -138,7 +138,7 @@ CHECKS = {
     'payload_wrong': Check('payload stated wrong', 'correct it with --payload-of BAG=KG, or in '
                            'the metadata of the bag', 'kg', 'payload [kg]'),
     'load_unknown': Check(
-        'the arm carries what the model does not know', 'fit a model to bags with this load; bags '
+        'the arm carries a load that the model lacks', 'fit a model to bags with this load; bags '
         'of two loads and --payload-of BAG=KG give one of all loads', 'kg', 'relative error')}
 """All that can be found, by its stable key."""
 
