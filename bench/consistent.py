@@ -35,6 +35,7 @@ import time
 from first_hour import KNOWN, undescribed, UNSEEN
 import numpy as np
 from reference_fits import CONFIG, data_directory, fit
+from tables import show
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.comparison import described_parameters_of, full_parameters
@@ -126,7 +127,7 @@ def semidefinite(bundle, model, full):
 
 
 def judge(name, out, bags, test):
-    """Print a line for one recording."""
+    """Print a line for one recording; give the row of the table."""
     bundle = load_bundle(out, with_data=True)
     model = bundle.models['effort']['analytical']
     begin = time.process_time()
@@ -140,12 +141,15 @@ def judge(name, out, bags, test):
     least = min(np.linalg.eigvalsh(pseudo_inertia(body)).min() for body in full.bodies.values())
     print(f'{name:22} free {errors[0]:6.2f} %  can exist {errors[1]:6.2f} %  described '
           f'{errors[2]:6.2f} %  {taken:5.2f} s  least eigenvalue {least:.1e}', end='')
+    row = [name, *(f'{error:.2f} %' for error in errors), f'{taken:.2f} s', '']
     if clarabel is not None:
         values, bodies, taken = semidefinite(bundle, model, full)
         error = relative_error(model, values, unseen)
         least = min(np.linalg.eigvalsh(pseudo_inertia(body)).min() for body in bodies)
         print(f'  | semidefinite {error:6.2f} %  {taken:5.2f} s  {least:.1e}', end='')
+        row[-1] = f'{error:.2f} %'
     print(flush=True)
+    return row
 
 
 def folder_of(bag, data):
@@ -157,6 +161,7 @@ def folder_of(bag, data):
 def main():
     """Go through the recordings that are there."""
     data = data_directory(__doc__.splitlines()[1])
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / 'model'
         for name, arm, training, test, *_, couplings in (*UNSEEN, *(
@@ -170,7 +175,8 @@ def main():
                          undescribed(source, folder, couplings))
             fit(out, described, [bags / bag for bag in training], [bags / bag for bag in test],
                 '--models', 'analytical')
-            judge(name, out, bags, test)
+            rows.append(judge(name, out, bags, test))
+    show(('recording', 'free', 'can exist', 'as described', 'CPU', 'semidefinite'), rows)
 
 
 if __name__ == '__main__':

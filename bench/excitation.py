@@ -40,6 +40,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 from identify_seven_joints import ROWS  # noqa: E402
 import numpy as np  # noqa: E402
+from tables import show  # noqa: E402
 
 from tudor_dynamics.arm.description import arm_from_dict, load_arm  # noqa: E402
 from tudor_dynamics.cli.main import main as tudor  # noqa: E402
@@ -129,11 +130,13 @@ def condition(covariances):
 
 def criteria():
     """Compare what the search may make small, by what comes out for all errors."""
+    rows = {}
     for arm in arms()[:2]:
         target = wanted(arm)
         information, bounds = information_of(target), bounds_of(target)
-        for name, criterion in (('mean logarithm of errors', mean_error),
-                                ('determinant', determinant), ('condition', condition)):
+        for name, criterion in (('mean logarithm of the errors', mean_error),
+                                ('determinant of the covariance', determinant),
+                                ('condition number', condition)):
             begun = time.process_time()
             motion = best_series(information, bounds, order_of(arm, 60, 0),
                                  criterion=criterion).motion[::EVERY]
@@ -142,6 +145,11 @@ def criteria():
             print(f'{arm.name:14} {name:26} geometric mean {np.exp(np.mean(np.log(found))):.4f} '
                   f'largest {found.max():.3f} condition {np.exp(condition(covariances)[0]):6.1f} '
                   f'{time.process_time() - begun:5.1f} s CPU', flush=True)
+            rows.setdefault(name, [name]).extend((
+                f'{np.exp(np.mean(np.log(found))):.4f}',
+                f'{np.exp(condition(covariances)[0]):.2g}'))
+    show(('cost', 'reference arm: errors', 'condition', 'seven joints: errors', 'condition'),
+         rows.values())
 
 
 def random_motions(arm, bounds):
@@ -186,6 +194,7 @@ def floors(information, bounds, motion):
 
 def gain():
     """Compare planned and random motions."""
+    rows = []
     for arm in arms():
         target = wanted(arm)
         information, bounds = information_of(target), bounds_of(target)
@@ -193,6 +202,7 @@ def gain():
                    for seed in range(2)]
         own = [errors(information, motion) for motion in planned]
         floor = floors(information, bounds, planned[0])
+        rows.append([arm.name, len(own[0])])
         for name, motions in random_motions(arm, bounds):
             others = [errors(information, motion) for motion in motions]
             ratios = np.array([other / one for one in own for other in others])
@@ -205,6 +215,11 @@ def gain():
                   f'worst parameter {worst.min():.2f} to {worst.max():.2f}; 3 x can be had for at '
                   f'most {100 * open_.mean():.0f} % of the parameters, of which '
                   f'{100 * reached:.0f} % have it', flush=True)
+            rows[-1].append(
+                f'{medians.min():.2f} to {medians.max():.2f}, worst {worst.min():.2f}')
+        rows[-1].append(f'{100 * open_.mean():.0f} %')
+    show(('arm', 'parameters', 'random Fourier series to 0.5 Hz', 'to 1 Hz',
+          'APRBS, as `tudor record`', '3 x possible, APRBS'), rows)
 
 
 def recorded(arm, target, trajectory, parameters, noise, seed):

@@ -47,6 +47,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from reference_fits import CONFIG, fit, tudor
+from tables import show
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.comparison import (
@@ -183,6 +184,15 @@ def relative(measured, predicted):
         np.linalg.norm(error) / np.linalg.norm(measured))
 
 
+LABELS = {'maker, URDF alone': "maker's URDF as it is",
+          'maker, with drives': 'its bodies, with all drives that suit them best',
+          'exported URDF': 'exported URDF, in Pinocchio',
+          'exported MJCF': 'exported MJCF, in MuJoCo',
+          'friction of files': 'base parameters, viscous and Coulomb friction alone',
+          'base parameters': 'base parameters, friction as chosen'}
+"""Rows of the table; its head: 'UR10: error', 'UR10e, currents: error'."""
+
+
 def errors_of_model(model, stretches):
     """Judge a model of the package likewise."""
     return relative(
@@ -214,7 +224,8 @@ def constants_of(found):
 
 
 def judge(name, python, description, bag):
-    """Fit, export, let others read, and move."""
+    """Fit, export, let others read, and move; give errors and ways off by label."""
+    figures = {}
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         (folder / 'arm.yaml').write_text(yaml.safe_dump(description))
@@ -249,6 +260,7 @@ def judge(name, python, description, bag):
                         f'{bag}@60-100%'), plain.arm, plain.preprocessing, learn=True).stretches)),
                 ('base parameters', base)):
             ratio = errors[-1] / base[-1]
+            figures[label] = [f'{errors[-1]:.1f} %', '']
             print(f'  {label:20} relative error [%]:     '
                   f'{" ".join(f"{value:7.2f}" for value in errors[:-1])}   all '
                   f'{errors[-1]:6.2f}, {ratio:5.2f} times the model', flush=True)
@@ -261,6 +273,9 @@ def judge(name, python, description, bag):
             off, times = moved(xml, unseen.stretches, channels, constants_of(found))
             print(f'  {label:20} off after {HORIZON:g} s [deg]: '
                   f'{" ".join(f"{value:7.2f}" for value in off)}   ({times} times)', flush=True)
+            figures['exported MJCF' if label == 'exported' else label][1] = (
+                f'{min(off):.2g} to {max(off):.3g} deg')
+    return figures
 
 
 def main():
@@ -275,6 +290,7 @@ def main():
     arms = (('UR10', CONFIG / 'ur10.yaml', ur10, 'ur10_exciting'),
             ('UR10e, currents', args.data / 'arms' / 'ur10e.yaml',
              args.data / 'arms' / 'ur10e.urdf', 'ur10e_unloaded'))
+    found = {}
     for name, description, urdf, bag in arms:
         if not (args.data / 'bags' / bag).exists() or not description.exists():
             print(f'{name}: not there, left out')
@@ -283,7 +299,10 @@ def main():
         content['kinematics'] = {'urdf': str(urdf.resolve())}
         for joint in content['joints']:
             joint.pop('friction', None)
-        judge(name, str(python), content, args.data / 'bags' / bag)
+        found[name] = judge(name, str(python), content, args.data / 'bags' / bag)
+    show(('', *(cell for name in found for cell in (f'{name}: error', 'off after 0.25 s'))),
+         [(words, *(cell for figures in found.values() for cell in figures[label]))
+          for label, words in LABELS.items()])
 
 
 if __name__ == '__main__':

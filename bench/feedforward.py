@@ -46,6 +46,7 @@ import time
 from identify_seven_joints import data, described_arm
 import numpy as np
 from scipy.signal import lfilter
+from tables import show
 import tudor_dynamics as td
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.control.cascade import INTEGRAL, INTEGRAL_GAIN
@@ -69,6 +70,11 @@ MOTIONS = (('aprbs', 11, 0.1), ('aprbs', 12, 0.2), ('aprbs', 13, 0.3),
 SECONDS, RATE = 30.0, 100.0
 LOOPS = ('torque', 'speed')
 AHEAD = ('position', 'speed', 'effort', 'kept', 'led')
+CONTROLLERS = {'torque': 'position loop on efforts', 'speed': 'drive that takes speeds',
+               'speed, filtered': 'same, speeds as the drive measures them'}
+FORWARD = {'position': 'nothing', 'speed': 'wanted speed', 'effort': 'and efforts',
+           'kept': 'and friction kept at rest', 'led': 'and motors led'}
+"""Words of the table: 'controller', 'fed forward', 'joint 2', 'joint 3', 'tip'."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +218,7 @@ def closed_loop(bundle: td.ModelBundle, arm: td.Arm) -> None:
         for ahead in ('speed', 'effort'):
             found.setdefault(('speed, filtered', ahead), []).append(
                 follow(loops['speed'], paths[ahead], 'speed', ahead, wanted, measured=True))
+    rows = []
     names = ', '.join(arm.active_joints)
     print(f'loop             fed forward  joints [mrad] ({names}; both)   tip [mm]')
     for (which, ahead), runs in found.items():
@@ -219,6 +226,10 @@ def closed_loop(bundle: td.ModelBundle, arm: td.Arm) -> None:
         tip = rms([np.linalg.norm(run.tip, axis=1) for run in runs])
         print(f'{which:16} {ahead:12} {np.round(joints, 2)!s:16} {np.linalg.norm(joints):8.2f}'
               f'{float(tip):20.2f}')
+        rows.append((CONTROLLERS[which], FORWARD[ahead],
+                     *(f'{value:.3g} mrad' for value in joints), f'{float(tip):.2g} mm'))
+    show(('controller', 'fed forward', *(name.replace('joint', 'joint ') for name in
+                                         arm.active_joints), 'tip'), rows)
     for which, before, after in (
             ('torque', 'speed', 'effort'), ('torque', 'speed', 'kept'),
             ('speed', 'speed', 'effort'),

@@ -56,6 +56,7 @@ import zlib
 from lab_faults.faults import Fault, FAULTS
 from lab_faults.lab import CannotShowError, explain, GROWTH, growth, Lab, read_lab
 import numpy as np
+import tables
 from tudor_dynamics.cli.main import main as tudor
 
 ROOT = Path(__file__).parent.parent
@@ -359,6 +360,13 @@ def show(cases: list[dict[str, Any]]) -> bool:
     for name, row in rows.items():
         print(f'{name:54}' + ''.join(f'{row[answer] or ".":>13}' for answer in (
             *ANSWERS, 'skipped')))
+    merged: dict[str, Counter[str]] = defaultdict(Counter)
+    for case in injected:
+        merged[case['fault']][case['answer']] += 1
+    tables.show(('put in', 'named', 'unexplained', 'wrong', 'silent'), [
+        (name, *(count or '' for count in (row['right'] + row['right +'], row[UNEXPLAINED],
+                                           row['wrong'], row['silent'])))
+        for name, row in merged.items()])
     print('\nwrong or more than right: fault, size, bag, joint: finding')
     for case in injected:
         for item in case['other']:

@@ -45,6 +45,7 @@ import numpy as np
 import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from tables import show
 
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.messages import JointStateEncoder
@@ -208,6 +209,7 @@ def main() -> None:
     print(f'{"arms":>4s} {"layout":12s} {"lost":>5s} {"of":>7s} {"p50 ms":>7s} {"p99 ms":>7s} '
           f'{"CPU us/sample":>14s} {"CPU %/arm":>10s} {"memory MB":>10s} {"MB/arm":>7s} '
           f'{"other load":>11s}')
+    rows = []
     for count in args.arms:
         for layout in layouts:
             runs = [measure(layout, count, args.model, args.rate, args.seconds)
@@ -218,6 +220,14 @@ def main() -> None:
                   f'{1e3 * median(run.p99 for run in runs):7.3f} {1e6 * cpu:14.0f} '
                   f'{100.0 * cpu * args.rate:10.1f} {memory:10.1f} {memory / count:7.1f} '
                   f'{100.0 * median(run.others for run in runs):10.0f}%', flush=True)
+            rows.append((
+                count, layout, f'{sum(run.lost for run in runs)} of '
+                f'{sum(run.sent for run in runs)}', f'{1e3 * median(r.p50 for r in runs):.1f} ms',
+                f'{1e3 * median(run.p99 for run in runs):.1f} ms', f'{1e6 * cpu:.0f} µs',
+                f'{100.0 * cpu * args.rate:.1f} % of a core', f'{memory:.0f} MB',
+                f'{memory / count:.0f} MB'))
+    show(('arms', 'processes', 'samples lost', 'p50', 'p99', 'CPU a sample', 'CPU an arm',
+          'memory (Pss)', 'an arm'), rows)
 
 
 if __name__ == '__main__':

@@ -32,6 +32,7 @@ import sys
 import time
 
 import numpy as np
+from tables import show
 
 from tudor_dynamics import load_arm
 from tudor_dynamics.arm.description import Arm
@@ -156,7 +157,7 @@ def main() -> None:
     parser.add_argument('--kill-after', type=float, metavar='S',
                         help='kill the fit of the largest number of bags once, and go on')
     args = parser.parse_args()
-    arm = load_arm(ARM)
+    arm, rows = load_arm(ARM), []
     for bags in args.bags:
         folder = args.folder / f'{bags}'
         make(arm, folder, bags, args.seconds, args.jobs)
@@ -175,6 +176,9 @@ def main() -> None:
             run.peaks.values(), reverse=True) if peak > 50)
         print(f'{bags} bags: {run.seconds:.1f} s, {run.cpu:.1f} s CPU '
               f'({1000 * run.cpu / bags:.0f} ms a bag), exit code {run.code}; processes: {each}')
+        rows.append((f'{bags}, {args.jobs} processes', f'{run.seconds:.2g} s', f'{run.cpu:.3g} s',
+                     '{} MiB ({} MiB)'.format(*max(run.peaks.values()))))
+    show(('bags', 'time', 'CPU', 'largest process (of that not mapped from libraries)'), rows)
 
 
 if __name__ == '__main__':

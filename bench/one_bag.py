@@ -30,6 +30,7 @@ import tempfile
 
 from first_hour import undescribed, WRIST
 from reference_fits import CONFIG, data_directory, fit, tudor
+from tables import show
 import yaml
 
 RECORDINGS = (
@@ -74,9 +75,18 @@ def errors(figures: dict, key: str | None = None) -> str:
         for output, item in found.items())
 
 
+def cell(found: dict, named: dict, output: str) -> str:
+    """Write the error of an output, and in brackets that of the model with ``--test``."""
+    if output not in found:
+        return ''
+    return ' '.join(form.format(100 * figures[output]['analytical']['relative_error'])
+                    for form, figures in (('{:.1f} %', found), ('({:.1f} %)', named)))
+
+
 def main() -> None:
     """Go through the recordings that are there."""
     data = data_directory(__doc__.splitlines()[1])
+    rows = []
     folders = {'config': CONFIG, 'arms': data / 'arms'}
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / 'model'
@@ -93,6 +103,8 @@ def main() -> None:
             print(f'{name} ({bag}): {errors(found)}; said '
                   f'{errors(said, "validation")}; with --test '
                   f'{errors(named)}', flush=True)
+            rows.append((name, cell(found, named, 'effort'), cell(found, named, 'strain')))
+    show(('recording', 'effort', 'strain'), rows)
 
 
 if __name__ == '__main__':

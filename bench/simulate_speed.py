@@ -28,6 +28,7 @@ from time import perf_counter
 
 import numpy as np
 from scipy.linalg import lapack
+from tables import show
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.mechanics import integrator as gen
@@ -106,7 +107,7 @@ def arm_torque(t: float) -> list[float]:
 
 
 def main() -> int:
-    """Measure and print one JSON object."""
+    """Measure, and print one JSON object and the table."""
     results: dict = {}
     l_mechanism = build_mechanism(l_shape(2))
     arm = build_mechanism(load_arm(ROOT / 'config' / 'elastic_arm.yaml'))
@@ -124,7 +125,16 @@ def main() -> int:
         results[name]['in_numpy_solves'] = (
             results[name]['step_us'] / results['lapack'][size]['numpy_solve_us'])
     json.dump(results, sys.stdout, indent=2)
-    print()
+    show(('mechanism, step', 'unknowns', 'one step', 'times real time',
+          'with loads and strains read at each step'),
+         [(what, run['unknowns'], f'{run["step_us"]:.1f} µs', f'{run["times_real_time"]:.0f}',
+           f'{seen["times_real_time"]:.0f}' if seen else '')
+          for what, run, seen in (
+              ('L, two elements a beam, 1 ms', results['l_shape_1ms'],
+               results['l_shape_1ms_observed']),
+              ('L, four elements a beam, 1 ms', results['l_shape_4_elements_1ms'], None),
+              ('elastic arm, two elements a blade, 0.5 ms', results['elastic_arm_0.5ms'],
+               results['elastic_arm_0.5ms_observed']))])
     return 0
 
 

@@ -44,6 +44,7 @@ from live_nodes import Listener, make_model, PAYLOAD, Processes
 import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions
+from tables import show
 from tudor_dynamics.arm.description import load_arm
 from two_namespaces import ADDRESSES, Host, isolation, Line, Network
 
@@ -302,6 +303,15 @@ def inside(args: argparse.Namespace) -> int:
                           file=sys.stderr)
                     results.append(run(args, name, local))
     print(json.dumps(results) if args.json else table(results))
+    if not args.json:
+        show(('damper', 'line', 'samples lost', 'obeys again after', 'all OK after',
+              'largest command', 'largest step', 'at rest, deg/s', 'outside limits'),
+             [('on the robot' if x['damper'] == 'robot' else x['damper'], x['scenario'],
+               f'{x["lost_percent"]:.1f} %', 'never' if x['obeys_s'] is None else
+               f'{x["obeys_s"]:.1f} s', 'never' if x['all_ok_s'] is None else
+               f'{x["all_ok_s"]:.1f} s', f'{x["largest_command_deg_s"]:.0f} deg/s',
+               f'{x["largest_step_deg_s"]:.1f} deg/s', '' if x['rest_command_deg_s'] is None else
+               f'{x["rest_command_deg_s"]:.1f}', f'{x["outside_deg"]:.1f} deg') for x in results])
     return 0
 
 

@@ -26,9 +26,13 @@ from types import ModuleType
 
 import pytest
 
+import tudor_dynamics
 from tudor_dynamics.cli.main import SUBCOMMANDS
+from tudor_dynamics.nodes.common.interfaces import NODES
 
 ROOT = Path(__file__).resolve().parents[1]
+COPIED = 25
+"""Files of figures whose command prints them otherwise: the papers, prose, several commands."""
 DATA = sorted((ROOT / 'docs' / 'figures').glob('*.json'))
 
 
@@ -87,7 +91,47 @@ def test_figures_are_read_from_what_a_bench_prints() -> None:
     rows_below = load('figures', 'tools').rows_below
     printed = 'x\n| a |\n|---|\n| 1 |\n\n| a | b |\n|---|---|\n| 2 | 3 |\n| 4 | 5 |\nend\n'
     assert rows_below(['a', 'b'], printed) == [['2', '3'], ['4', '5']]
+    assert rows_below(['a', 'b'], printed + printed)[2:] == [['2', '3'], ['4', '5']]
     assert rows_below(['c'], printed) == []
+
+
+def test_a_command_is_run_and_its_table_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Rows, commit and day are new; code that is not committed is refused, folders are put in."""
+    data, tool = load('figure_data', 'docs/_extensions'), load('figures', 'tools')
+    monkeypatch.setattr(tool, 'ROOT', tmp_path)
+    monkeypatch.setenv('TUDOR_SHARED_DATA', '/data')
+    for words in ('init -q', 'add -A', 'commit -q -m one'):
+        (tmp_path / 'code').write_text('one')
+        subprocess.run(['git', '-c', 'user.name=x', '-c', 'user.email=x@x', *words.split()],
+                       cwd=tmp_path, check=True)
+    old = data.Figures("printf '| a |\\n|---|\\n| 2 |\\n'", 'x', '', ['code'], ['a'], [['1']])
+    new = tool.measure(old)
+    assert new.rows == [['2']] and len(new.commit) >= 7 and new.date > '2026'
+    (tmp_path / 'code').write_text('two')
+    with pytest.raises(SystemExit, match='first commit these'):
+        tool.measure(old)
+    assert tool.whole('python x --data DATA --work DIR', Path('/t')) == (
+        'python x --data /data --work /t/work')
+    assert tool.whole('python x --model model', Path('/t')).endswith(
+        '--out /t/model >&2 && python x --model /t/model')
+
+
+def test_copied_figures_are_known() -> None:
+    """Figures that no command prints as the table are marked as copied; no new ones."""
+    read = load('figure_data', 'docs/_extensions').read
+    assert sum(not read(file.stem).printed() for file in DATA) <= COPIED
+
+
+def test_all_that_is_public_has_its_page() -> None:
+    """A page for each node; the page of the library has each of its names."""
+    listed = dict(re.findall(r'\[`(\w+)`\]\((\S+\.md)\)', (
+        ROOT / 'docs/reference/nodes.md').read_text(encoding='utf-8')))
+    assert set(listed) - {'joint_test', 'damper_sign_test'} == set(NODES)
+    assert all((ROOT / 'docs/reference' / page).exists() for page in listed.values())
+    names = {name for home in tudor_dynamics._HOMES.values() for name in home}
+    assert {name for name in tudor_dynamics.__all__ if not name.startswith('_')} <= names
 
 
 def test_every_command_and_error_has_its_place() -> None:

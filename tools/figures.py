@@ -18,7 +18,10 @@ Say how old the figures of the documents are, or measure some again.
     python tools/figures.py             every file of docs/figures: commit, date, changes since
     python tools/figures.py NAME ...    run their commands, and write what they print
 
-A command has to print a Markdown table with the head that the file has.
+A command has to print a Markdown table with the head that the file has (``bench/tables.py``).
+``DATA`` in it stands for the folder in TUDOR_SHARED_DATA (../shared/data), ``DIR`` and ``out`` for
+a folder that is made, ``model`` for a model of the sample bags. Files marked *copied* in the list
+are of commands that print no such table: their values were copied from what they print.
 """
 
 from __future__ import annotations
@@ -27,8 +30,10 @@ from dataclasses import replace
 from datetime import date
 import os
 from pathlib import Path
+import shlex
 import subprocess
 import sys
+from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'docs' / '_extensions'))
@@ -42,24 +47,42 @@ def cells(line: str) -> list[str]:
 
 
 def rows_below(head: list[str], output: str) -> list[list[str]]:
-    """Give the rows of the table with a head; empty where there is none."""
-    lines = output.splitlines()
-    for at, line in enumerate(lines):
-        if line.startswith('|') and cells(line) == head:
-            rows = []
-            for row in lines[at + 2:]:
-                if not row.startswith('|'):
-                    break
-                rows.append(cells(row))
-            return rows
-    return []
+    """Give the rows of the tables with a head; empty where there is none."""
+    rows: list[list[str]] = []
+    within = False
+    for line in output.splitlines():
+        if not line.startswith('|'):
+            within = False
+        elif cells(line) == head:
+            within = True
+        elif within and set(line) - set('|-: '):
+            rows.append(cells(line))
+    return rows
+
+
+def whole(command: str, folder: Path) -> str:
+    """Put folders and a model in the place of the words that stand for them."""
+    data = os.environ.get('TUDOR_SHARED_DATA', ROOT.parent / 'shared' / 'data')
+    given = {'DATA': data, 'DIR': folder / 'work', 'out': folder / 'out',
+             'model': folder / 'model', 'MODEL': folder / 'model'}
+    words = [shlex.quote(str(given.get(word, word))) if at and words_[at - 1].startswith('--')
+             else word for words_ in [command.split()] for at, word in enumerate(words_)]
+    text = ' '.join(words)
+    if str(given['model']) not in text:
+        return text
+    bags = [f'bags/two_blade_train_{number}' for number in (1, 2)]
+    return (f'tudor fit {" ".join(bags)} --test bags/two_blade_test --arm '
+            f'config/two_blade_arm.yaml --out {given["model"]} >&2 && {text}')
 
 
 def measure(figures: Figures) -> Figures:
     """Run the command; give its figures, of the commit that is checked out."""
     path = f'{Path(sys.executable).parent}:{os.environ["PATH"]}'  # `python` is this one
-    done = subprocess.run(figures.command, shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True,
-                          check=False, env={**os.environ, 'PATH': path, 'PYTHONPATH': str(ROOT)})
+    with TemporaryDirectory() as folder:
+        done = subprocess.run(
+            whole(figures.command, Path(folder)), shell=True, cwd=ROOT, stdout=subprocess.PIPE,
+            text=True, check=False,
+            env={**os.environ, 'PATH': path, 'PYTHONPATH': f'{ROOT}:{ROOT / "bench"}'})
     rows = rows_below(figures.head, done.stdout)
     if not rows:
         sys.exit(f'exit code {done.returncode}, and no table with the head '
@@ -82,7 +105,8 @@ def main() -> None:
         figures = read(file.stem)
         changes = figures.changes()
         print(f'{file.stem:24s} {figures.date} {figures.commit:8s} '
-              f'{"?" if changes is None else changes:>4} changes  {figures.command}')
+              f'{"?" if changes is None else changes:>4} changes  '
+              f'{"copied  " if not figures.printed() else "":8s}{figures.command}')
 
 
 if __name__ == '__main__':
