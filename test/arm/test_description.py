@@ -241,7 +241,8 @@ def test_joints_against_urdf(content: Any, root: Path) -> None:
         arm_from_dict(content, base=base, source='any')
     content['joints'][0].update(name='joint1', type='prismatic')
     with pytest.raises(ArmError, match=(
-            "any: joint 'joint1' is described as prismatic, but is revolute in the kinematics; correct one of the two")):
+            "any: joint 'joint1' is described as prismatic, but is revolute in the kinematics; "
+            'correct one of the two')):
         arm_from_dict(content, base=base, source='any')
 
 

@@ -134,7 +134,8 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
     'unknown joint': ((point(1.0, 0.9, 0.1), point(2.0, 0.9, 0.1)),
                       {'names': ['joint2', 'wrist']}, -2,
                       'wrong joints, unknown: wrist; the joints are joint2, joint3'),
-    'all over': (WAY, {'stamp': BEGUN - 5 * 10**9}, -3, 'all points are in the past: the last was due'),
+    'all over': (WAY, {'stamp': BEGUN - 5 * 10**9}, -3,
+                 'all points are in the past: the last was due'),
     'beyond a limit': ((point(20.0, 9.0, 0.1), point(40.0, 0.9, 0.1)), {}, -1,
                        'joint2 reaches position 9, outside'),
     'tolerance of an unknown joint': (
