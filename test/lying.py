@@ -49,8 +49,8 @@ STILL = np.radians(1.0)
 AFTER = 1.2
 """How long a run goes on after the detection [s]."""
 SAMPLES = 3
-"""Of a new speed, before a controller can know it: one in which the speed changes, one that shows
-it, one that confirms."""
+"""Of a new speed, before a controller knows it without efforts: one in which the speed changes,
+one that shows it, one that confirms."""
 ANSWER = 0.06
 """Within it an honest drive does what it is told: lag of its loop, held sample [s]."""
 
@@ -322,24 +322,6 @@ class Outcome:
     broken: list[str] = field(default_factory=list)
 
 
-def bounds(case: Case, arm: Arm, begun: float) -> tuple[np.ndarray, float]:
-    """
-    Give the largest speeds (joints,) [rad/s], and how far it may get beyond a limit [rad].
-
-    Physics is in the way where a drive takes its command for 57 times as much: it accelerates with
-    all of its current until ``SAMPLES`` samples (and 10 ms of its own lag) show it, and brakes no
-    faster. begun: the speed of then [rad/s].
-    """
-    speed, beyond = hard_limits(arm).velocity * FASTER, BEYOND
-    if case.lie.kind == 'runaway':
-        late = SAMPLES / case.rate + 0.01
-        most = np.array([acceleration(arm, j) for j in range(2)])
-        speed = np.maximum(speed, begun + most * late)
-        if case.near:
-            beyond = max(beyond, most[case.lie.joints[0]] * late**2 - np.radians(case.inside))
-    return speed, beyond
-
-
 def run(case: Case) -> Outcome:
     """Let it lie, and judge what came of it."""
     place = place_of(case)
@@ -387,7 +369,7 @@ def judged(case: Case, rig: Rig, liar: Liar, begin: int, refused: str) -> Outcom
     first = int(np.argmax(faults)) if faults.any() else len(faults) - 1
     say = out.broken.append
     out.cause = rig.controller.cause
-    allowed, beyond = bounds(case, rig.arm, speeds[begin - 1].max() if begin else 0.0)
+    allowed, beyond = limits.velocity * FASTER, BEYOND
     for angles, name, slack in ((q, 'beyond', 0.0), (link, 'hanging', YIELD)):
         depth = float(np.maximum(limits.lower - angles, angles - limits.upper).max())
         setattr(out, name, np.degrees(depth))

@@ -23,15 +23,18 @@ driver's velocity in each situation; bench/lying.py has all of them.
 from __future__ import annotations
 
 from contextlib import suppress
+import dataclasses
 from itertools import groupby
 import re
 
 from lying import (
-    BEYOND, Case, cases, DRIVES, false_motion, FASTER, Liar, LIES, NOISY, resting, run, STARTS)
+    acceleration, BEYOND, Case, cases, DRIVES, false_motion, FASTER, Liar, LIES, NOISY, resting,
+    run, STARTS)
 from motion_machine import FIRST, go, moving, SECOND, tudor
 import numpy as np
 import pytest
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
+from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.motion_controller import State
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.mechanics.rig import Rig
@@ -75,6 +78,56 @@ def test_a_lie(case: Case) -> None:
     """The true state stays within its bounds, and the text names the joint and the cause."""
     outcome = run(case)
     assert not outcome.broken, outcome.cause
+
+
+def fastest(rate: float, cruise: float, *, oracle: bool, efforts: bool = True) -> float:
+    """
+    Let a driver take radians for degrees in a move; give the largest speed [deg/s].
+
+    cruise [deg/s]: of the trajectory. The oracle knows it with the first sample that shows it (a
+    command acts between the next two samples); efforts: whether the driver reports them.
+    """
+    rig = Rig(resting(tuple(np.radians([25.0, -60.0]))), rate=rate, payload=0.4, seed=3)
+    liar = Liar(rig)
+    rig.run(0.5)
+    assert rig.source is not None and rig.controller is not None
+    way = np.radians([[cruise * x, 0.4 * cruise * x] for x in (0.25, 0.85, 1.1)])
+    speed = np.radians([[cruise, 0.4 * cruise]] * 2 + [[0.0, 0.0]])
+    assert rig.source.take(Trajectory(
+        rig.arm.active_joints, np.array([0.5, 1.1, 1.6]), rig.trace.q[-1] + way, speed)) == ''
+    rig.run(0.8)
+    liar.begin(NAMED['drive takes rad for deg'])
+    begin, obey, honest = len(rig.trace.t), rig.obey, rig.alter
+    assert obey is not None and honest is not None
+    if oracle:
+        rig.obey = lambda command: (
+            obey(command) if len(rig.trace.t) < begin + 3 else np.zeros_like(command))
+    if not efforts:
+        rig.alter = lambda sample: dataclasses.replace(
+            honest(sample), current=sample.current * np.nan)
+    rig.run(0.15)
+    assert oracle or rig.controller.state is State.FAULT
+    assert oracle or not efforts or 'takes radians for degrees' in rig.controller.cause
+    steps = np.diff(rig.trace.array('q')[begin - 1:], axis=0)
+    return float(np.degrees(np.abs(steps).max()) * rate)
+
+
+@pytest.mark.parametrize('rate, cruise, efforts, later', [
+    (100.0, 70.0, True, 0), (500.0, 70.0, True, 1), (100.0, 105.0, True, 0),
+    (500.0, 105.0, True, 1), (100.0, 70.0, False, 1), (500.0, 70.0, False, 5)])
+def test_a_runaway_beside_an_oracle(
+    rate: float, cruise: float, efforts: bool, later: int,
+) -> None:
+    """
+    It is stopped some samples after the first that shows it: at 100 Hz with that one.
+
+    Before that sample no judgement can bound the speed: 28 deg/s are gained in 10 ms.
+    """
+    gained = later / rate * np.degrees(acceleration(resting((0.0, 0.0)), 0))
+    best = fastest(rate, cruise, oracle=True)
+    found = fastest(rate, cruise, oracle=False, efforts=efforts)
+    assert found < best + gained + 1.0
+    assert (best > 126.0) is (rate == 100.0)
 
 
 @pytest.mark.parametrize('rate, payload', [(100.0, 0.4), (500.0, 0.0)])

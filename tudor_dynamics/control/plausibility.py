@@ -49,22 +49,28 @@ JERKED = 9  # time until which it is allowed more, after a load that held up any
 WIDTH = 10  # how much more until then [rad]
 UNSTEADY = 11  # factor of what is allowed while samples come late, the same for all joints
 FASTER = 12  # than any command that may act now, by the last two readings [rad/s]
-AHEAD = 13  # the same for two samples in a row, 1: as much as is no fault
-WATCHED = 14
+AHEAD = 13  # the same where it is sure, 1: as much as is no fault
+LOADED, PUSH = 14, 15  # when its effort was at its end last [s], and its sign
+BEYOND = 16  # 1 where it is farther or faster than is allowed, or will be past a limit
+COUNT = 17  # smallest change of its readings [rad]
+PUSHED = 18  # time at which it was faster than is allowed, and pushed on with all its effort [s]
+WATCHED = 19
+RADIANS = 'its driver takes radians for degrees, or the scale of its encoder is wrong'
 
 
 @compiled
 def watch_law(
     at: NDArray, way: NDArray, commands: NDArray, count: int, now: float, dt: float,
-    earliest: float, latest: float, q: NDArray, speed: NDArray, overloaded: NDArray,
-    state: NDArray,
+    longer: float, earliest: float, latest: float, q: NDArray, effort: NDArray, lower: NDArray,
+    upper: NDArray, speed: NDArray, state: NDArray,
 ) -> bool:
     """
     Compare the readings of all joints with what commands can have made of them.
 
-    at, way, commands: see `Commanded`; earliest, latest: lags of the motion [s]; speed (joints,)
-    [rad/s]: limits; overloaded (joints,): sign of an effort that is at its end, else 0; state
-    (joints, WATCHED). Returns whether a joint is beyond what is allowed.
+    at, way, commands: see `Commanded`; longer: of this sample and the one before [s]; earliest,
+    latest: lags of the motion [s]; effort (joints,): 1 at its end; lower, upper, speed (joints,)
+    [rad, rad/s]: limits; state (joints, WATCHED). Returns whether a joint is beyond what is
+    allowed, or stands still though it is commanded.
     """
     found = False
     for j in range(len(q)):
@@ -91,8 +97,12 @@ def watch_law(
         excess = offset - row[OFFSET]
         if now >= row[JERKED]:
             row[WIDTH] = 0.0
+        at_end = abs(effort[j]) >= 1.0
+        if at_end:
+            row[LOADED], row[PUSH] = now, math.copysign(1.0, effort[j])
+        loaded = row[LOADED] > now - settings.OVERLOAD_LASTS
         # A drive that pushes with all it has yields to its load.
-        held_up = excess * overloaded[j] < 0.0
+        held_up = loaded and excess * row[PUSH] < 0.0
         share = settings.WANDER_LOADED if now < row[UNSURE] else settings.WANDER_SHARE
         forgotten = dt * (settings.WANDER_SPEED * speed[j] + share * fastest)
         if held_up:
@@ -108,11 +118,23 @@ def watch_law(
         row[ALLOWED] = row[UNSTEADY] * (
             settings.EXCESS_TIME * speed[j] + settings.EXCESS_LATE * fastest) + row[WIDTH]
         ahead = max(moved / dt - most, least - moved / dt)
-        # Two samples have to say so: one is a count of a coarse encoder.
-        row[AHEAD] = min(ahead, row[FASTER]) / (
-            row[UNSTEADY] * (2.0 if row[WIDTH] > 0.0 else 1.0) * (
-                settings.AHEAD_SPEED * speed[j] + settings.AHEAD_SHARE * fastest))
+        # Commanded that way, no drive pushes on with all it has where it is too fast already.
+        soon = q[j] + settings.HURRY_TIME * moved / dt
+        hurry = abs(moved) > settings.HURRY * speed[j] * dt or not lower[j] < soon < upper[j]
+        pushed = hurry and at_end and moved * row[PUSH] > 0.0 and (
+            most if moved > 0.0 else -least) > 0.0
+        # One sample may be a count of a coarse encoder, or a stamp that jitters: two say so, but
+        # where a limit is near.
+        once = max(moved / longer - most, least - moved / longer)
+        coarse = settings.COARSE_COUNTS * row[COUNT] + (
+            0.0 if pushed else settings.COARSE_TIME * speed[j])
+        sure = once if hurry and once * longer > coarse else min(ahead, row[FASTER])
+        part = settings.AHEAD_PUSHED if pushed else 2.0 if row[WIDTH] > 0.0 else 1.0
+        row[AHEAD] = sure / (row[UNSTEADY] * part * (
+            settings.AHEAD_SPEED * speed[j] + settings.AHEAD_SHARE * fastest))
         row[FASTER] = ahead
+        if pushed and row[AHEAD] > 1.0:
+            row[PUSHED] = now
         if abs(row[EXCESS]) < settings.EXCESS_SMALL * row[ALLOWED] and row[AHEAD] < 0.5:
             row[ONSET] = now
         if asked != 0.0:
@@ -123,10 +145,15 @@ def watch_law(
             row[SAME], row[STOOD] = row[SAME] + 1.0, row[STOOD] + asked
         else:
             row[SAME], row[STOOD] = 0.0, 0.0
+            row[COUNT] = min(row[COUNT], abs(moved))
         row[LAST] = q[j]
-        if abs(row[EXCESS]) > row[ALLOWED] or row[AHEAD] > 1.0 or (
-                row[SAME] >= settings.FROZEN_SAMPLES
-                and abs(row[STOOD]) > speed[j] * settings.FROZEN_TIME and overloaded[j] == 0.0):
+        end = q[j] + settings.EXCESS_GROWS * excess
+        past = end > upper[j] if excess > 0.0 else end < lower[j] and excess < 0.0
+        beyond = row[AHEAD] > 1.0 or abs(excess) > row[ALLOWED] * (
+            settings.EXCESS_AT_END if past else 1.0)
+        row[BEYOND] = 1.0 if beyond else 0.0
+        if beyond or (row[SAME] >= settings.FROZEN_SAMPLES and not loaded
+                      and abs(row[STOOD]) > speed[j] * settings.FROZEN_TIME):
             found = True
     return found
 
@@ -155,11 +182,14 @@ class MotionWatch:
         self._joints, self._limits = joints, limits
         self.speed = np.where(np.isfinite(limits.velocity), limits.velocity, math.pi)
         self._effort = settings.OVERLOADED * np.where(effort > 0.0, effort, np.inf)
+        far = self.speed * settings.RANGE_TIME
+        self._lowest, self._highest = limits.lower - far, limits.upper + far
         self.reset()
 
     def reset(self) -> None:
         """Forget all readings, and what was confirmed."""
         self.state = np.zeros((len(self._joints), WATCHED))
+        self.state[:, COUNT] = math.inf
         self.restart(None)
 
     def restart(self, q: FloatArray | None, free: float = 0.0) -> None:
@@ -168,16 +198,16 @@ class MotionWatch:
 
         q (joints,) [rad]; free [s]: for which drives may have braked by themselves meanwhile.
         """
-        self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH, AHEAD]] = 0.0
+        self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH, AHEAD, BEYOND]] = 0.0
         self.state[:, OFFSET] = math.nan
+        self.state[:, [LOADED, PUSHED]] = -math.inf
         self.owed = np.zeros(len(self._joints))
-        self._loaded = np.full(len(self._joints), -math.inf)
-        self._push = np.zeros(len(self._joints))
         self._seen: deque[tuple[float, FloatArray, FloatArray | None]] = deque()
         self._onset = np.full(len(self._joints), -math.inf)
         if q is not None:
             self._seen.append((-math.inf, q, None))
         self._free = free
+        self._dt = 0.0
 
     def trust(self, speed: FloatArray) -> None:
         """Let speeds that the joints have already be commanded: speed (joints,) [rad/s]."""
@@ -207,11 +237,8 @@ class MotionWatch:
         speeds; lags [s]: shortest and longest from a command to its motion; effort (joints,);
         late [s]: by how much samples came late just before.
         """
-        far = self.speed * settings.RANGE_TIME
-        outside = (q < self._limits.lower - far) | (q > self._limits.upper + far)
-        if effort is not None:
-            at_end = np.abs(effort) >= self._effort
-            self._loaded[at_end], self._push[at_end] = now, np.sign(effort[at_end])
+        longer, self._dt = max(dt, self._dt), dt
+        outside = (q < self._lowest) | (q > self._highest)
         step = q - self._seen[-1][1] if self._seen else np.zeros_like(q)
         jumped = np.abs(step) > self.speed * (settings.JUMP_SPEED * dt + settings.JUMP_TIME)
         self._seen.append((now, q, dq))
@@ -220,17 +247,13 @@ class MotionWatch:
         self._free -= dt
         if self._free > 0.0:
             self.state[:, OFFSET], self.state[:, STOOD] = math.nan, 0.0
-        overloaded = np.where(self._loaded > now - settings.OVERLOAD_LASTS, self._push, 0.0)
         self.state[:, UNSTEADY] = 1.0 + min(late / settings.LATE_DOUBLES, 1.0)
+        share = np.zeros_like(q) if effort is None else effort / self._effort
         found = commanded.count > 0 and watch_law(
-            commanded.at, commanded.way, commanded.commands, commanded.count, now, dt, *lags, q,
-            self.speed, overloaded, self.state)
+            commanded.at, commanded.way, commanded.commands, commanded.count, now, dt, longer,
+            *lags, q, share, self._limits.lower, self._limits.upper, self.speed, self.state)
         self.owed = -self.state[:, EXCESS]
-        ends = q + settings.EXCESS_GROWS * self.state[:, EXCESS]
-        past = ((ends > self._limits.upper) & (self.state[:, EXCESS] > 0.0)
-                | (ends < self._limits.lower) & (self.state[:, EXCESS] < 0.0))
-        past &= np.abs(self.state[:, EXCESS]) > settings.EXCESS_AT_END * self.state[:, ALLOWED]
-        if not telling or not (found or past.any() or outside.any() or jumped.any()):
+        if not telling or not (found or outside.any() or jumped.any()):
             return []
         self._onset = self.state[:, ONSET].copy()
         doubts = [Doubt(int(j), f'its position {q[j]:.4g} is no pose of the arm, with limits of '
@@ -239,8 +262,7 @@ class MotionWatch:
                   for j in np.flatnonzero(outside)]
         doubts += [Doubt(int(j), f'its position jumped by {step[j]:.3g} within {1e3 * dt:.3g} ms',
                          False, later=False) for j in np.flatnonzero(jumped)]
-        beyond = np.abs(self.state[:, EXCESS]) > self.state[:, ALLOWED]
-        beyond |= past | self.rushing
+        beyond = self.state[:, BEYOND] > 0.0
         frozen = np.abs(self.state[:, STOOD]) > self.speed * settings.FROZEN_TIME
         for j in np.flatnonzero((beyond | frozen) & ~jumped):
             self.owed[j] = -self.state[j, EXCESS] or self.state[j, STOOD]
@@ -285,16 +307,19 @@ class MotionWatch:
 
         def fast(rate: float) -> float:
             return settings.FREE + abs(rate) / (settings.FAST_DRIFT * self.speed[j])
+        pushing = self.state[:, PUSHED] >= times[0]
+        pushed, unlikely = bool(pushing[j]), 2.0 if pushing[j] else 1.0  # if all effort is taken
         change = mine - wanted
         sizes = float(np.ptp(mine)), float(np.ptp(wanted))
         fastest = float(np.abs(np.diff(mine) / np.diff(times)).max())
-        if sizes[0] > settings.RUNAWAY * sizes[1] and mine[-1] * wanted[-1] >= 0.0 and (
+        if pushed or sizes[0] > settings.RUNAWAY * sizes[1] and mine[-1] * wanted[-1] >= 0.0 and (
                 fastest > 3.0 * settings.RUNAWAY * settings.UNCONFIRMED_SPEED * self.speed[j]):
-            yield settings.RUNS * float(np.std(mine)), Doubt(
-                j, 'it runs away' + (f', {sizes[0] / sizes[1]:.2g} times as far as it is '
-                                     'commanded' if sizes[1] > 1e-3 * sizes[0] else '')
-                + ': its driver takes radians for degrees, or the scale of its encoder is wrong',
-                True)
+            yield (settings.PUSHES * left(wanted) if pushed
+                   else settings.RUNS * float(np.std(mine))), Doubt(
+                j, 'it runs away' + (
+                    f', {sizes[0] / sizes[1]:.2g} times as far as it is commanded'
+                    if 1e-3 < sizes[1] / sizes[0] < 1.0 / settings.RUNAWAY else '')
+                + f': {RADIANS}', True)
         place = int(np.abs(np.diff(change)).argmax())
         step = float(change[place + 1] - change[place])
         yield left(wanted + step * (np.arange(len(mine)) > place)) + (
@@ -303,8 +328,9 @@ class MotionWatch:
                 j, f'its position jumped by {step:.3g} within '
                 f'{1e3 * (times[place + 1] - times[place]):.3g} ms', False)
         for i in range(len(self._joints)):
-            if i != j and np.ptp(asked[:, i] - wanted) > settings.SWAPPED * self.state[
-                    j, ALLOWED] and (
+            both_push = pushed and pushing[i]  # of two that are swapped, one is slower
+            if i != j and not both_push and np.ptp(
+                    asked[:, i] - wanted) > settings.SWAPPED * self.state[j, ALLOWED] and (
                     np.ptp(moved[:, i] - asked[:, i]) > settings.SWAPPED * self.state[i, ALLOWED]):
                 both = max(left(asked[:, i]), float(np.std(moved[:, i] - wanted)))
                 yield both / settings.FREE, Doubt(
@@ -318,10 +344,10 @@ class MotionWatch:
         if ratio < 0.0:  # as fast as it answers, or faster: drives saturate
             ratio = math.copysign(sizes[0] / max(sizes[1], 1e-9), ratio)
         rate = float(change @ since / max(since @ since, 1e-12))
-        yield fast(rate) * left(wanted + rate * since), Doubt(
+        yield unlikely * fast(rate) * left(wanted + rate * since), Doubt(
             j, f'it moves by {rate:.3g} a second that nobody commands: its encoder drifts, or its '
             'drive creeps', True, drifts=True)
-        common = settings.FREE * (2.0 if 2.0 / 3.0 < ratio < 1.5 else 1.0)
+        common = unlikely * settings.FREE * (2.0 if 2.0 / 3.0 < ratio < 1.5 else 1.0)
         yield common * left(ratio * wanted), Doubt(j, self._scaled(ratio), (
             ratio < 0.0 or ratio > 1.0))
 
@@ -334,8 +360,9 @@ class MotionWatch:
         if ratio < 0.0:
             return (f'it moves against its commands, {-ratio:.2g} times as far: its driver '
                     'negates them, or its encoder counts backwards')
-        return (f'it moves {ratio:.2g} times as far as it is commanded: the scale of its driver '
-                'or of its encoder is wrong')
+        return f'it moves {ratio:.2g} times as far as it is commanded: ' + (
+            RADIANS if ratio > settings.RADIANS_FROM
+            else 'the scale of its driver or of its encoder is wrong')
 
     def _contradiction(
         self, j: int, times: FloatArray, moved: FloatArray, made: FloatArray,

@@ -109,6 +109,16 @@ EXCESS_SMALL = 0.2
 # deg/s is the most of honest arms (bench/false_faults.py), 2800 deg/s^2 what a driver makes of its
 # current that takes radians for degrees (bench/lying.py).
 AHEAD_SPEED, AHEAD_SHARE = 0.1, 0.1
+# One sample says so, or an effort at its end, above this part of the speed limit, and where the
+# joint will be past a limit in this time [s]; elsewhere two are in time (bench/lying.py).
+HURRY, HURRY_TIME = 0.4, 0.1
+# Part of that which is allowed where its effort is at its end, too, and pushes the way it goes: of
+# honest arms the fastest then was 0.6 deg/s slower than its commands (bench/false_faults.py).
+AHEAD_PUSHED = 0.125
+# One sample says so where it is so far ahead, as what the speed limit makes of this time [s], and
+# so many counts more: 0.09 deg at 120 deg/s; counts of 0.25 deg with noise of one are no fault
+# (test/control/test_joint_answers.py).
+COARSE_TIME, COARSE_COUNTS = 0.00075, 3.0
 # Uncertainty of the delay of the loop [s]; shorter ones raise false faults of arms that swing.
 LAG_MARGIN = 0.012
 # How fast it may rise [s/s]: an encoder that stops looks like a delay that grows by 1 s/s.
@@ -153,8 +163,11 @@ STANDS = 0.07
 # Times the commanded way from which on a joint runs away, and up to which it may be as far as it
 # is commanded, in the other direction.
 RUNAWAY, SAME_SIZE = 4.0, 2.5
-# Part of the motion that any other explanation of a runaway has to leave less than.
-RUNS = 0.3
+# Times as far from which on radians are likelier than another scale: of 57, 41 to 70 are seen.
+RADIANS_FROM = 30.0
+# Part of the motion that any other explanation of a runaway has to leave less than; and of what is
+# off its commands, where effort shows it: swapped drives leave less (bench/lying.py).
+RUNS, PUSHES = 0.3, 0.7
 # Part of the speed limit above which a drift is less likely than another scale.
 FAST_DRIFT = 0.3
 # Part of what is allowed that two joints are off their commands, and these differ by, where they
