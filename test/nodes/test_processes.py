@@ -184,15 +184,20 @@ def test_each_is_killed_and_restarted(world: World, root: Path, model: Path) -> 
         for messages in heard.values():
             messages.clear()
         return world.spin(lambda: all(len(m) > 20 for m in heard.values()), 180.0)
+
+    def said() -> dict[str, object]:
+        last = {status.name: status.message for array in world.heard['/diagnostics'][-100:]
+                for status in array.status}
+        return {**{topic: len(messages) for topic, messages in heard.items()}, **last}
     processes = {node: begin(node) for node in CHAIN}
     try:
-        assert flows(), {topic: len(messages) for topic, messages in heard.items()}
+        assert flows(), said()
         for node in CHAIN:
             processes[node].kill()
             processes[node].join()
             world.rest(0.3)
             processes[node] = begin(node)
-        assert flows(), {topic: len(messages) for topic, messages in heard.items()}
+        assert flows(), said()
         assert all(process.is_alive() for process in processes.values())
     finally:
         for process in processes.values():
