@@ -53,6 +53,8 @@ BY_HAND = 4000
 OUTPUT = re.compile(r'^```text.*?^```$', re.MULTILINE | re.DOTALL)
 WRITTEN = re.compile(r'<!-- written by .*?<!-- end -->', re.DOTALL)
 EASIEST = 55.0
+TAGS = re.compile(r'\{[%#{].*?[%#}]\}|<script.*?</script>|<style.*?</style>|<[^>]*>', re.DOTALL)
+"""What people do not see of a template."""
 
 
 def prose(page: Path) -> str:
@@ -144,9 +146,13 @@ def test_sentences_are_short(page: Path) -> None:
 
 @pytest.mark.linter
 def test_words_of_messages() -> None:
-    """Errors, warnings, log lines, diagnostics, help and reports keep to the glossary, too."""
-    found = [(message.place, match[0]) for message in messages() for phrase in SAID
-             for match in re.finditer(phrase, message.text)]
+    """Errors, warnings, log lines, diagnostics, help, reports and pages keep to the glossary."""
+    said = [(message.place, message.text) for message in messages()]
+    for page in (ROOT / 'tudor_dynamics' / 'show' / 'templates').glob('*.j2'):
+        text = TAGS.sub(' ', page.read_text(encoding='utf-8'))
+        said.append((page.name, re.sub(r'\s+', ' ', text)))
+    found = [(place, match[0]) for place, text in said for phrase in SAID
+             for match in re.finditer(phrase, text)]
     assert not found
 
 
