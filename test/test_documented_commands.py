@@ -28,6 +28,8 @@ still parsed, so that no option in them is out of date.
 from __future__ import annotations
 
 from argparse import _SubParsersAction, ArgumentParser
+import ast
+from collections import Counter
 import json
 import os
 from pathlib import Path
@@ -38,13 +40,17 @@ import shutil
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 
 from papers.__main__ import build_parser as papers_parser
 import pytest
-
+import tudor_dynamics
+from tudor_dynamics.arm.schema import ArmSpec
 from tudor_dynamics.cli.main import build_parser, SUBCOMMANDS
+from tudor_dynamics.fleet.study import FleetPlan
 from tudor_dynamics.nodes.common.interfaces import NODES
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / 'README.md', ROOT / 'bags' / 'README.md', ROOT / 'examples' / 'README.md',
@@ -57,6 +63,8 @@ STANDS_FOR = re.compile(r'[A-Z]+(\.\w+)?')
 """A word of a command in the text that stands for a value of the reader."""
 
 
+KEYS = (ArmSpec, FleetPlan)
+"""What YAML on a page describes, if not parameters of nodes."""
 OF_OTHERS = ('friction_model_controller', 'unit03_mult_lin_reg', 'out/figures.json',
              'docs/figures/NAME.json')
 """Names between backticks that belong to other software, or to the reader."""
@@ -140,6 +148,26 @@ def test_blocks_say_what_they_are() -> None:
         found = re.search(r'^ {4,}(tudor|ros2) .*', page.read_text(encoding='utf-8'), re.MULTILINE)
         outside = FENCE.sub('', page.read_text(encoding='utf-8'))
         assert not re.search(r'^ {4,}(tudor|ros2) ', outside, re.MULTILINE), (page, found)
+
+
+def test_blocks_of_code_and_data_parse() -> None:
+    """Python compiles and uses names of the library; YAML has keys of the arm or of parameters."""
+    seen: Counter[str] = Counter()
+    for page in PAGES:
+        text = page.read_text(encoding='utf-8')
+        for match in re.finditer(r'^( *)```(python|yaml)\n(.*?)^\1```$', text, re.M | re.S):
+            block = textwrap.dedent(match[3])
+            if match[2] == 'python':
+                names = {node.attr for node in ast.walk(ast.parse(block))
+                         if isinstance(node, ast.Attribute)
+                         and isinstance(node.value, ast.Name) and node.value.id == 'td'}
+                assert names and names <= set(tudor_dynamics.__all__), (page, names)
+            else:
+                content = yaml.safe_load(block)
+                assert any(set(content) <= set(known.model_fields) for known in KEYS) or all(
+                    'ros__parameters' in item for item in content.values()), (page, content)
+            seen[match[2]] += 1
+    assert min(seen.values()) > 2
 
 
 @pytest.mark.parametrize('run', [True, False])
