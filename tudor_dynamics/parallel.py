@@ -30,7 +30,7 @@ import signal
 from tempfile import TemporaryDirectory
 import threading
 import time
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 import warnings
 
 import numpy as np
@@ -55,54 +55,9 @@ QUIET = 'ignore:resource_tracker:UserWarning'
 """Loky clears away what a killed process has left; a warning of it is of no use to anybody."""
 
 
-class Workers(Protocol):
-    """Other machines, which do pieces of work in place of processes of this one."""
-
-    def width(self) -> int:
-        """Give the number of pieces that they do at a time, now."""
-
-    def run(
-        self, work: Callable[[Piece, Count], Result], pieces: Sequence[Piece],
-        progress: Callable[[int], None],
-    ) -> list[Result]:
-        """
-        Do pieces of work.
-
-        Parameters
-        ----------
-        work : callable
-            Does a piece, and counts its steps; a function of a module.
-        pieces : sequence
-            Pieces, each of which may be taken several times.
-        progress : callable
-            Called with the number of steps that all pieces have done.
-
-        Returns
-        -------
-        list
-            What came of each piece, in their order.
-
-        """
-
-
-_workers: Workers | None = None
+_cluster: Cluster | None = None
+"""Other machines that do the work; None where it is done here."""
 _watched = _working = False
-
-
-@contextmanager
-def given_to(others: Workers) -> Iterator[None]:
-    """Let the pieces of work that are begun meanwhile go to other machines."""
-    global _workers
-    _workers = others
-    try:
-        yield
-    finally:
-        _workers = None
-
-
-def workers() -> Workers | None:
-    """Give the other machines that do the work; None where it is done here."""
-    return _workers
 
 
 def in_threads(
@@ -126,8 +81,8 @@ def shared_out(
     count = len(pieces)
     if count == 1:
         return [work(pieces[0], progress)]
-    if _workers is not None:
-        return _workers.run(partial(_silently, work), pieces, lambda done: progress(
+    if _cluster is not None:
+        return _cluster.run(partial(_silently, work), pieces, lambda done: progress(
             f'{done} of {count} searches done'))
     return in_threads(
         lambda k: work(pieces[k], lambda text: progress(f'{text} ({k + 1} of {count})')),
@@ -142,7 +97,7 @@ def _silently(work: Callable[[Piece, Progress], Result], piece: Piece, count: Co
 
 def width(jobs: int) -> int:
     """Say how many pieces are done at a time."""
-    return jobs if _workers is None else max(1, _workers.width())
+    return jobs if _cluster is None else max(1, _cluster.width())
 
 
 def in_processes(
@@ -150,8 +105,8 @@ def in_processes(
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[Result]:
     """Do pieces of work in processes, or on other machines."""
-    if _workers is not None:
-        return _workers.run(work, pieces, progress)
+    if _cluster is not None:
+        return _cluster.run(work, pieces, progress)
     if min(jobs, len(pieces)) <= 1:
         done: list[int] = []
         results = []
@@ -281,6 +236,7 @@ def on_cluster(address: str | None) -> Iterator[None]:
         If no scheduler answers there, or Dask is not installed.
 
     """
+    global _cluster
     if address is None:
         yield
         return
@@ -297,19 +253,24 @@ def on_cluster(address: str | None) -> Iterator[None]:
     except (OSError, ValueError) as err:
         raise UsageError(f'--cluster {address}: no scheduler answers ({err})', remedy='start one '
                          'with `dask scheduler`, and give the address that it prints') from None
-    cluster = Cluster(client)
+    _cluster = Cluster(client)
     try:
-        if not cluster.width():
+        if not _cluster.width():
             warnings.warn(f'--cluster {address} has no workers yet, and waits for some',
                           TudorWarning, stacklevel=3)
-        with given_to(cluster):
-            yield
+        yield
     finally:
+        _cluster = None
         client.close()
 
 
+def elsewhere() -> bool:
+    """Say whether other machines may do the work."""
+    return _cluster is not None
+
+
 class Cluster:
-    """The workers of a scheduler."""
+    """The workers of a scheduler, which work in place of processes of this machine."""
 
     def __init__(self, client: Any) -> None:
         self.client = client
@@ -322,7 +283,12 @@ class Cluster:
         self, work: Callable[[Piece, Count], Result], pieces: Iterable[Piece],
         progress: Callable[[int], None],
     ) -> list[Result]:
-        """Do pieces of work, in their order; a piece is taken when its turn comes."""
+        """
+        Do pieces of work, a function of a module and counting its steps; results in their order.
+
+        A piece is taken when its turn comes, more than once where a worker is lost; ``progress``
+        gets the steps that all pieces have done.
+        """
         from distributed import as_completed, KilledWorker
         known, steps = versions(), 0
         results: dict[int, Result] = {}

@@ -35,7 +35,7 @@ import pytest
 from tudor_dynamics import parallel
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
-from tudor_dynamics.parallel import Cluster, in_processes, on_cluster, shared_out, width, workers
+from tudor_dynamics.parallel import Cluster, in_processes, on_cluster, shared_out, width
 
 pytest.importorskip('distributed', reason='pip install tudor_dynamics[cluster] for work on '
                                           'other machines')
@@ -97,9 +97,8 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 def here() -> Cluster:
     """Give the cluster that the work goes to."""
-    found = workers()
-    assert isinstance(found, Cluster)
-    return found
+    assert parallel._cluster is not None
+    return parallel._cluster
 
 
 def states() -> list[str]:
@@ -143,7 +142,7 @@ def test_a_worker_dies_and_another_comes_late(machines: Machines, tmp_path: Path
     assert len(processes(tmp_path)) == 3
     begun = [file.name.partition('-')[0] for file in tmp_path.iterdir()]
     assert begun.count(number) == 2  # the piece of the dead worker
-    assert width(7) == 7 and workers() is None
+    assert width(7) == 7 and parallel._cluster is None
 
 
 def test_errors_come_back(machines: Machines) -> None:

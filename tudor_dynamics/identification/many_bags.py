@@ -40,7 +40,7 @@ from tudor_dynamics.identification.validation import (
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.estimation import ESTIMATORS, Products, summed
 from tudor_dynamics.models.friction import term_names
-from tudor_dynamics.parallel import workers
+from tudor_dynamics.parallel import elsewhere
 from tudor_dynamics.typing import Progress
 
 
@@ -173,7 +173,7 @@ class ManyBags:
     def fits(self, chosen: Choices, specs: Sequence[PreprocessingSpec]) -> list[FitResult]:
         """Go through all bags twice more: multiplied out, judged."""
         # other machines see the paths that bags are named relative to
-        place = None if workers() is None else self.base
+        place = self.base if elsewhere() else None
         with TemporaryDirectory(prefix='tudor_', dir=place) as scratch:
             task = Task(chosen.arm, tuple(specs), self.outputs, chosen.settings, self.base,
                         self.streaming.store or Folder(Path(scratch)))
