@@ -28,7 +28,7 @@ from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 from tudor_dynamics.arm.description import Arm, by_topic, refuse_interfaces
 from tudor_dynamics.bags.messages import IMU, joint_signals, Signals
@@ -64,86 +64,12 @@ class Curves:
 
 
 def signal_names(mechanism: Mechanism, gauges: tuple[str, ...]) -> list[str]:
-    """Give the names that ``pick_signal`` knows."""
+    """Give the names of the signals that a run shows."""
     points = ['tip', *mechanism.joints]
     return ([f'{what}:{joint}' for what in ('q', 'dq', 'effort') for joint in mechanism.joints]
             + [f'{what}:{point}' for what in ('position', 'acceleration') for point in points]
             + [f'moment:{joint}' for joint in mechanism.beams]
             + [f'strain:{gauge}' for gauge in gauges] + ['energy'])
-
-
-def pick_signal(
-    run: PlantRecord, mechanism: Mechanism, gauges: tuple[str, ...], name: str,
-) -> Curves:
-    """Take a signal out of a run."""
-    what, _, which = name.partition(':')
-    if name not in signal_names(mechanism, gauges):
-        known = ', '.join(signal_names(mechanism, gauges))
-        raise SimulationError(f'there is no signal {name!r} to plot; there are {known}')
-    if what in ('q', 'dq', 'effort'):
-        column = mechanism.joints.index(which)
-        values = np.asarray(getattr(run, what))[:, [column]]
-        unit = {'q': 'deg', 'dq': 'deg/s', 'effort': 'N m'}[what]
-        return Curves(values if what == 'effort' else np.degrees(values), (which,),
-                      {'q': 'angle', 'dq': 'speed', 'effort': 'torque'}[what], unit)
-    if what in ('position', 'acceleration'):
-        point = mechanism.tip if which == 'tip' else mechanism.point(which)
-        unit = 'm' if what == 'position' else 'm/s$^2$'
-        return Curves(np.asarray(getattr(run, what))[:, point], AXES, f'{what} of {which}', unit)
-    if what == 'moment':
-        number = list(mechanism.beams).index(which)
-        return Curves(run.moment[:, number], ('torsion', 'about y', 'about z'),
-                      f'moment in the middle of the link after {which}', 'N m')
-    if what == 'strain':
-        column = gauges.index(which)
-        return Curves(run.strain[:, [column]], (which,), 'strain', 'unit of the gauge')
-    return Curves(np.column_stack([run.energy, run.energy.sum(axis=1)]),
-                  ('kinetic', 'elastic', 'gravity', 'total'), 'energy', 'J')
-
-
-def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
-    """Give frequencies [Hz] and one-sided amplitudes of Hann-windowed signals."""
-    window = np.hanning(len(values))[:, None]
-    content = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0))
-    amplitude: FloatArray = 2.0 * content / window.sum()
-    return np.fft.rfftfreq(len(values), dt), amplitude
-
-
-def draw_signal(run: PlantRecord, signal: Curves, *, title: str | None = None) -> Figure:
-    """Draw a signal over time and over frequency."""
-    figure = Figure(figsize=(9.0, 5.4), layout='constrained')
-    upper, lower = figure.subplots(2, 1)
-    frequency, amplitude = spectrum(signal.values, float(run.t[1] - run.t[0]))
-    for column, label in enumerate(signal.labels):
-        look: dict[str, Any] = {
-            'color': COLOURS[column % len(COLOURS)], 'linestyle': STYLES[column % len(STYLES)],
-            'linewidth': 0.9, 'label': label}
-        upper.plot(run.t, signal.values[:, column], **look)
-        lower.semilogy(frequency[1:], np.maximum(amplitude[1:, column], 1e-30), **look)
-    upper.set(xlabel='t [s]', ylabel=f'[{signal.unit}]', title=title or signal.title,
-              xlim=(0, run.t[-1]))
-    top = max(float(amplitude[1:].max()), 1e-12)
-    lower.set(xlabel='f [Hz]', ylabel=f'amplitude [{signal.unit}]', ylim=(top * 1e-5, 2.0 * top),
-              xlim=(0, min(HIGHEST, frequency[-1])))
-    for axes in (upper, lower):
-        axes.grid(alpha=0.3)
-    upper.legend(loc='upper right', frameon=False, ncols=4, handlelength=3.0)
-    return figure
-
-
-def body_lines(mechanism: Mechanism) -> list[tuple[list[int], bool]]:
-    """Give for each link the points to be joined by a line, and whether it is a beam."""
-    lines = []
-    for row in mechanism.body_int:
-        first = int(row[at.POINT])
-        own = [first + node for node in range(int(row[at.ELEMENTS]) + 1)]
-        parent = int(row[at.PARENT])
-        if parent >= 0:
-            carrier = mechanism.body_int[parent]
-            lines.append(([int(carrier[at.POINT]) + max(int(row[at.NODE]), 0), own[0]], False))
-        if row[at.FLEXIBLE]:
-            lines.append((own, True))
-    return lines
 
 
 def plot_configuration(
@@ -163,9 +89,14 @@ def plot_configuration(
 
 def draw_mechanism(axes: Any, mechanism: Mechanism, position: FloatArray) -> None:
     """Draw beams, rigid connections, nodes and joints into three-dimensional axes [m]."""
-    for points, beam in body_lines(mechanism):
-        axes.plot(*position[points].T, color=COLOURS[0] if beam else '#707070',
-                  linewidth=2.5 if beam else 1.5, marker='.' if beam else '', markersize=6)
+    for row in mechanism.body_int:
+        first, parent = int(row[at.POINT]), int(row[at.PARENT])
+        if parent >= 0:
+            node = int(mechanism.body_int[parent, at.POINT]) + max(int(row[at.NODE]), 0)
+            axes.plot(*position[[node, first]].T, color='#707070', linewidth=1.5)
+        if row[at.FLEXIBLE]:
+            axes.plot(*position[first:first + int(row[at.ELEMENTS]) + 1].T, color=COLOURS[0],
+                      linewidth=2.5, marker='.', markersize=6)
     hubs = position[[mechanism.point(joint, 0) for joint in mechanism.joints]]
     axes.plot(*hubs.T, linestyle='', marker='o', color=COLOURS[1], markersize=6)
 
@@ -194,30 +125,6 @@ def check_target(path: Path) -> None:
         raise SimulationError(f'{path}: .mp4 needs ffmpeg, which is not installed; use .gif')
 
 
-def animate(path: Path, run: PlantRecord, mechanism: Mechanism) -> None:
-    """Draw a run as a moving picture in real time, with 25 frames a second at most."""
-    check_target(path)
-    rate = min(25.0, MAX_FRAMES / max(float(run.t[-1] - run.t[0]), 1e-6))
-    frames = np.unique(np.searchsorted(run.t, np.arange(run.t[0], run.t[-1], 1.0 / rate)))
-    figure = Figure(figsize=(5.2, 4.8))
-    axes = figure.add_subplot(projection='3d')
-    tip = run.position[:, mechanism.tip]
-
-    def draw(frame: int) -> list[Artist]:
-        axes.clear()
-        draw_mechanism(axes, mechanism, run.position[frame])
-        axes.plot(*tip[:frame + 1].T, linewidth=0.7, color=COLOURS[2])
-        limit_axes(axes, run.position)
-        axes.set_title(f't = {run.t[frame]:.2f} s')
-        return []
-
-    pictures = max(int(round(rate)), 1)
-    writer = (PillowWriter(fps=pictures) if path.suffix.lower() == '.gif'
-              else FFMpegWriter(fps=pictures))
-    with whole(path) as scratch:
-        FuncAnimation(figure, draw, frames=frames).save(scratch, writer=writer, dpi=80)
-
-
 MAX_EXPRESSION = 2000
 MAX_TABLE_BYTES = 50_000_000
 
@@ -233,7 +140,6 @@ OPERATORS: dict[type, Callable[..., FloatArray]] = {
     ast.Pow: np.power, ast.Mod: np.mod, ast.USub: np.negative, ast.UAdd: np.positive,
     ast.Lt: np.less, ast.LtE: np.less_equal, ast.Gt: np.greater, ast.GtE: np.greater_equal,
 }
-DIRECTIONS = ('x', 'y', 'z')
 Drive = ArrayLike | Callable[[float], float]
 """What drives a joint: a constant, an expression, values, or a function of the time."""
 CONSTANTS = {'pi': np.pi, 'e': np.e}
@@ -345,11 +251,11 @@ def torque_signal(
 
 def force_signal(words: Sequence[str], t: FloatArray) -> FloatArray:
     """Give the force at the tip (samples, 3) [N] that the command line asks for, or zero."""
-    found = named_inputs(words, t, DIRECTIONS, DIRECTIONS, '')
+    found = named_inputs(words, t, AXES, AXES, '')
     if '' in found:
         raise SimulationError(f'{found[""]!r} is no force: give x=EXPRESSION, y=... or z=... [N, '
                               'base frame], or a CSV file with columns t, x, y, z')
-    return sampled_columns('force', found, t, DIRECTIONS, DIRECTIONS)
+    return sampled_columns('force', found, t, AXES, AXES)
 
 
 def motion_signal(
@@ -464,7 +370,30 @@ class SimulatedRun:
 
     def curves(self, signal: str) -> Curves:
         """Take one of ``signals`` with the labels of its curves, its title and its unit."""
-        return pick_signal(self.run, self.mechanism, self.arm.gauge_names, signal)
+        run, mechanism, gauges = self.run, self.mechanism, self.arm.gauge_names
+        what, _, which = signal.partition(':')
+        if signal not in self.signals:
+            known = ', '.join(self.signals)
+            raise SimulationError(f'there is no signal {signal!r} to plot; there are {known}')
+        if what in ('q', 'dq', 'effort'):
+            values = np.asarray(getattr(run, what))[:, [mechanism.joints.index(which)]]
+            unit = {'q': 'deg', 'dq': 'deg/s', 'effort': 'N m'}[what]
+            return Curves(values if what == 'effort' else np.degrees(values), (which,),
+                          {'q': 'angle', 'dq': 'speed', 'effort': 'torque'}[what], unit)
+        if what in ('position', 'acceleration'):
+            point = mechanism.tip if which == 'tip' else mechanism.point(which)
+            unit = 'm' if what == 'position' else 'm/s$^2$'
+            return Curves(
+                np.asarray(getattr(run, what))[:, point], AXES, f'{what} of {which}', unit)
+        if what == 'moment':
+            number = list(mechanism.beams).index(which)
+            return Curves(run.moment[:, number], ('torsion', 'about y', 'about z'),
+                          f'moment in the middle of the link after {which}', 'N m')
+        if what == 'strain':
+            return Curves(run.strain[:, [gauges.index(which)]], (which,), 'strain',
+                          'unit of the gauge')
+        return Curves(np.column_stack([run.energy, run.energy.sum(axis=1)]),
+                      ('kinetic', 'elastic', 'gravity', 'total'), 'energy', 'J')
 
     def spectrum(self, signal: str) -> tuple[FloatArray, FloatArray]:
         """
@@ -473,7 +402,10 @@ class SimulatedRun:
         Returns frequency (n_frequencies,) [Hz] and amplitude (n_frequencies, n_curves), in the
         unit of the signal.
         """
-        return spectrum(self.values(signal), float(self.run.t[1] - self.run.t[0]))
+        values, dt = self.values(signal), float(self.run.t[1] - self.run.t[0])
+        window = np.hanning(len(values))[:, None]
+        content = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0))
+        return np.fft.rfftfreq(len(values), dt), np.asarray(2.0 * content / window.sum())
 
     def plot(
         self, signal: str, path: str | Path | None = None, *, title: str | None = None,
@@ -496,14 +428,55 @@ class SimulatedRun:
             If there is no such signal.
 
         """
-        figure = draw_signal(self.run, self.curves(signal), title=title or signal)
+        figure = Figure(figsize=(9.0, 5.4), layout='constrained')
+        upper, lower = figure.subplots(2, 1)
+        curves, t = self.curves(signal), self.run.t
+        frequency, amplitude = self.spectrum(signal)
+        for column, label in enumerate(curves.labels):
+            look: dict[str, Any] = {
+                'color': COLOURS[column % len(COLOURS)], 'linestyle': STYLES[column % len(STYLES)],
+                'linewidth': 0.9, 'label': label}
+            upper.plot(t, curves.values[:, column], **look)
+            lower.semilogy(frequency[1:], np.maximum(amplitude[1:, column], 1e-30), **look)
+        upper.set(xlabel='t [s]', ylabel=f'[{curves.unit}]', title=title or signal,
+                  xlim=(0, t[-1]))
+        top = max(float(amplitude[1:].max()), 1e-12)
+        lower.set(xlabel='f [Hz]', ylabel=f'amplitude [{curves.unit}]',
+                  ylim=(top * 1e-5, 2.0 * top), xlim=(0, min(HIGHEST, frequency[-1])))
+        for axes in (upper, lower):
+            axes.grid(alpha=0.3)
+        upper.legend(loc='upper right', frameon=False, ncols=4, handlelength=3.0)
         if path is not None:
             write_figure(figure, Path(path), 110)
         return figure
 
     def animate(self, path: str | Path) -> None:
-        """Draw the run in real time to a ``.gif``, or a ``.mp4`` where ffmpeg is installed."""
-        animate(Path(path), self.run, self.mechanism)
+        """
+        Draw the run in real time to a ``.gif``, or a ``.mp4`` where ffmpeg is installed.
+
+        It gets 25 frames a second at most.
+        """
+        path, run = Path(path), self.run
+        check_target(path)
+        rate = min(25.0, MAX_FRAMES / max(float(run.t[-1] - run.t[0]), 1e-6))
+        frames = np.unique(np.searchsorted(run.t, np.arange(run.t[0], run.t[-1], 1.0 / rate)))
+        figure = Figure(figsize=(5.2, 4.8))
+        axes = figure.add_subplot(projection='3d')
+        tip = run.position[:, self.mechanism.tip]
+
+        def draw(frame: int) -> list[Artist]:
+            axes.clear()
+            draw_mechanism(axes, self.mechanism, run.position[frame])
+            axes.plot(*tip[:frame + 1].T, linewidth=0.7, color=COLOURS[2])
+            limit_axes(axes, run.position)
+            axes.set_title(f't = {run.t[frame]:.2f} s')
+            return []
+
+        pictures = max(int(round(rate)), 1)
+        writer = (PillowWriter(fps=pictures) if path.suffix.lower() == '.gif'
+                  else FFMpegWriter(fps=pictures))
+        with whole(path) as scratch:
+            FuncAnimation(figure, draw, frames=frames).save(scratch, writer=writer, dpi=80)
 
     def save(self, folder: str | Path, *, bag: bool = True) -> None:
         """Write ``run.npz`` into a folder, and ``bag/`` as the real arm would record it."""
@@ -582,7 +555,7 @@ def simulate(
     by_name = torque if isinstance(torque, Mapping) else {arm.active_joints[0]: torque}
     torques = sampled_columns('torque', by_name, t, mechanism.joints, arm.active_joints)
     forces = (None if force is None else
-              sampled_columns('force', force, t, DIRECTIONS, DIRECTIONS))
+              sampled_columns('force', force, t, AXES, AXES))
     if start is not None or forces is not None:
         plant.reset(_places(plant, start or {}),
                     external_force=None if forces is None else forces[0])
