@@ -456,6 +456,8 @@ class GaugePlace:
     distance: float  # from the beam's start [m]
     axis: int  # component of the moment that bends the beam there: 1 or 2
     sign: float  # makes the moment positive for the load that the joint holds
+    joint: str  # joint before the beam
+    bending: float  # stiffness of the beam about that axis [N m^2]
 
 
 def place_gauge(mechanism: Mechanism, arm: Arm, gauge: GaugeSpec) -> GaugePlace:
@@ -464,7 +466,7 @@ def place_gauge(mechanism: Mechanism, arm: Arm, gauge: GaugeSpec) -> GaugePlace:
         msg = (f'{arm.source}: gauge {gauge.name!r} sits on the link of {gauge.joint!r}, '
                'which is rigid here; make it flexible in links, or leave the gauge out')
         raise SimulationError(msg)
-    body = mechanism.body_of[gauge.joint]
+    body, beam = mechanism.body_of[gauge.joint], mechanism.beams[gauge.joint]
     floats = mechanism.body_float[body]
     frame = beam_axes(floats)
     start = floats[at.BODY_PLACE:at.BODY_PLACE + 3]
@@ -473,4 +475,5 @@ def place_gauge(mechanism: Mechanism, arm: Arm, gauge: GaugeSpec) -> GaugePlace:
     local = frame.T @ axis
     column = 2 if abs(local[2]) >= abs(local[1]) else 1
     # Positive for the load that the joint holds: the moment of the inboard part counts.
-    return GaugePlace(body, distance, column, -math.copysign(1.0, float(local[column])))
+    return GaugePlace(body, distance, column, -math.copysign(1.0, float(local[column])),
+                      gauge.joint, beam.EIz if column == 2 else beam.EIy)

@@ -119,11 +119,10 @@ class Probe:
         if gauge.unit == 'N m':
             self.gains[number] = sign, 0.0, place.axis
         else:
-            bending, surface = ((beam.EIz, beam.surface_y) if place.axis == 2
-                                else (beam.EIy, beam.surface_z))
+            surface = beam.surface_y if place.axis == 2 else beam.surface_z
             scale = 1.0 if gauge.unit == 'm/m' else 1e6
             beta = mechanism.body_float[place.body, at.BETA]
-            self.gains[number] = (sign * scale * surface / bending,
+            self.gains[number] = (sign * scale * surface / place.bending,
                                   -sign * scale * surface * beta, place.axis)
         return gauge.joint, place.distance
 

@@ -27,8 +27,8 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import add, Chain, times
 from tudor_dynamics.mechanics.equations import put_force, unsaid
-from tudor_dynamics.mechanics.mechanism import Mechanism
-from tudor_dynamics.models.elastic.arm import GaugePlaces, moment_rows
+from tudor_dynamics.mechanics.mechanism import beam_axes, GaugePlace, Mechanism
+from tudor_dynamics.models.elastic.arm import moment_rows
 from tudor_dynamics.models.elastic.kernel import (
     Driven, driven_of, DZ, FORCE, Linearised, residual, STIFF, STIFFNESS, Z)
 from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel
@@ -89,7 +89,7 @@ class Pressing:
 
     def __init__(
         self, span: Span, along: FloatArray, across: FloatArray, mechanism: Mechanism,
-        gauges: GaugePlaces,
+        gauges: Sequence[GaugePlace],
     ) -> None:
         if span.joint not in mechanism.beams:
             msg = f'the link of {span.joint!r} is rigid: no gauge shows where it is pushed'
@@ -97,23 +97,22 @@ class Pressing:
         body = mechanism.body_of[span.joint]
         floats = mechanism.body_float[body]
         length = float(floats[at.LENGTH])
-        frame = floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3)
         start = float(floats[at.BODY_PLACE:at.BODY_PLACE + 3] @ along)
-        own = (gauges.body == body)
-        plane = int(gauges.axis[own][0])
+        plane = next(gauge.axis for gauge in gauges if gauge.body == body)
         side = 1 if plane == 2 else 2
-        sign = 1.0 if float(frame[:, side] @ across) > 0.0 else -1.0
+        sign = 1.0 if float(beam_axes(floats)[:, side] @ across) > 0.0 else -1.0
         inner, outer = (min(max(end - start, 0.0), length) for end in span.ends)
         self.numbers = (body, side, sign, inner, outer, start)
-        self.through: FloatArray = np.zeros((len(gauges.body), PRESSING))
-        for g in np.flatnonzero(own & (gauges.axis == plane)).tolist():
+        self.through: FloatArray = np.zeros((len(gauges), PRESSING))
+        for through, gauge in zip(self.through, gauges, strict=True):
+            if gauge.body != body or gauge.axis != plane:
+                continue
             # the moment about z of a force along y, and about y of one along z
-            turned = float(gauges.sign[g]) * sign * (1.0 if plane == 2 else -1.0)
-            near, far = (turned * unsaid(place, float(gauges.place[g]), length, 1)
+            turned = gauge.sign * sign * (1.0 if plane == 2 else -1.0)
+            near, far = (turned * unsaid(place, gauge.distance, length, 1)
                          for place in (inner, outer))
             slope = (far - near) / (outer - inner)
-            self.through[g, ACROSS] = near - (inner + start) * slope
-            self.through[g, MOMENT] = slope
+            through[ACROSS], through[MOMENT] = near - (inner + start) * slope, slope
 
 
 # The slow vibrations of an arm where it is, and what presses carried along with them, compiled.

@@ -224,8 +224,8 @@ class _Writer:
         """Cut a link at its hinges and gauges; each piece is a body in the one before."""
         length, frame = floats[at.LENGTH], _placement(floats, at.BODY_ROTATION, at.BODY_PLACE)
         self.nodes[body, 0] = element, frame
-        gauges = {float(np.clip(self.driven.gauges.place[g], 0.0, length)): g
-                  for g in range(len(self.arm.gauges)) if self.driven.gauges.body[g] == body}
+        gauges = {float(np.clip(gauge.distance, 0.0, length)): number
+                  for number, gauge in enumerate(self.driven.gauges) if gauge.body == body}
         hinges = [part * length for part in HINGES]
         cuts = sorted({0.0, *gauges, *hinges})
         for number, (begin, end) in enumerate(zip(cuts, [*cuts[1:], length], strict=True)):
@@ -254,11 +254,10 @@ class _Writer:
                     damping=repr(float(floats[at.BETA]) * stiffness))
 
     def _gauge(self, element: ElementTree.Element, frame: pin.SE3, number: int) -> None:
-        gauges, name = self.driven.gauges, self.arm.gauge_names[number]
+        gauge, name = self.driven.gauges[number], self.arm.gauge_names[number]
         # z against the bending axis: MuJoCo gives what the outer part does to the inner one
-        turn = {1: np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]).T, 2: np.eye(3)}[
-            int(gauges.axis[number])].astype(float)
-        if gauges.sign[number] > 0.0:
+        turn = np.eye(3) if gauge.axis == 2 else np.eye(3)[:, [1, 2, 0]]
+        if gauge.sign > 0.0:
             turn = turn @ np.diag([1.0, -1.0, -1.0])
         placed = frame * pin.SE3(turn, np.zeros(3))
         ElementTree.SubElement(element, 'site', name=name, pos=row(placed.translation),

@@ -30,7 +30,8 @@ from tudor_dynamics.lanes import in_lanes, LANES, side_by_side, with_lanes
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.equations import LOADS
 from tudor_dynamics.mechanics.matrices import stiffness_matrix
-from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge
+from tudor_dynamics.mechanics.mechanism import (
+    build_mechanism, GaugePlace, Mechanism, place_gauge)
 from tudor_dynamics.models.elastic import kernel, observer
 from tudor_dynamics.models.elastic.kernel import (
     DAMPING, Driven, Drives, Equations, Gauges, Gears, Linearised, look, MATRICES, move,
@@ -65,46 +66,14 @@ def reduced_mechanism(arm: Arm) -> Mechanism:
     return mechanism
 
 
-@dataclass(frozen=True, eq=False)
-class GaugePlaces:
-    """Gauges on the bodies of a mechanism."""
-
-    body: NDArray[np.int64]  # body that each sits on, (gauges,)
-    place: FloatArray  # distance from the beam's start, (gauges,) [m]
-    axis: NDArray[np.int64]  # (gauges,): component of the moment that bends it: 1 or 2
-    sign: FloatArray  # (gauges,): makes the moment positive for the load that the joint holds
-    share: tuple[float, ...]  # bending stiffness about that axis over that about the beam's z axis
-    joint: tuple[str, ...]  # joint of the link
-
-    def damping(self, values: Mapping[str, float]) -> FloatArray:
-        """Give the moment by rate of curvature at each gauge, from damping alone [N m^2 s]."""
-        return np.array([share * (values['beta'] * values[f'bending({joint})'])
-                         for share, joint in zip(self.share, self.joint, strict=True)])
-
-
-def place_gauges(mechanism: Mechanism, arm: Arm) -> GaugePlaces:
-    """Find the gauges' places on a mechanism."""
-    places = [place_gauge(mechanism, arm, gauge) for gauge in arm.gauges]
-    joints = tuple(gauge.joint for gauge in arm.gauges)
-    beams = [mechanism.beams[joint] for joint in joints]
-    return GaugePlaces(
-        np.array([place.body for place in places], dtype=np.int64),
-        np.array([place.distance for place in places], dtype=float),
-        np.array([place.axis for place in places], dtype=np.int64),
-        np.array([place.sign for place in places], dtype=float),
-        tuple((beam.EIz if place.axis == 2 else beam.EIy) / beam.EIz
-              for place, beam in zip(places, beams, strict=True)), joints)
-
-
 def moving_coordinates(
-    mechanism: Mechanism, gauges: GaugePlaces, springs: NDArray[np.int64],
+    mechanism: Mechanism, gauges: Sequence[GaugePlace], springs: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Give the coordinates (moving,) that move: gears, and bending in planes that gauges see."""
-    axes = gauges.axis.tolist()
-    seen = set(axes) or {1, 2}
+    seen = {gauge.axis for gauge in gauges} or {1, 2}
     free = springs.tolist()
     for joint in mechanism.beams:
-        own = {axis for axis, of in zip(axes, gauges.joint, strict=True) if of == joint}
+        own = {gauge.axis for gauge in gauges if gauge.joint == joint}
         first = int(mechanism.body_int[mechanism.body_of[joint], at.FIRST])
         for plane in sorted(own or seen):
             free += [first + 1, first + 5] if plane == 2 else [first + 2, first + 4]
@@ -112,23 +81,23 @@ def moving_coordinates(
 
 
 def moment_rows(
-    mechanism: Mechanism, gauges: GaugePlaces, free: NDArray[np.int64],
+    mechanism: Mechanism, gauges: Sequence[GaugePlace], free: NDArray[np.int64],
 ) -> FloatArray:
     """Give the moment at each gauge by coordinate: stiffness times curvature, (gauges, moving)."""
-    rows = np.zeros((len(gauges.body), free.size))
-    floats = mechanism.body_float
-    for g, body in enumerate(gauges.body):
-        length = floats[body, at.LENGTH]
-        place = gauges.place[g] / length
+    rows = np.zeros((len(gauges), free.size))
+    for row, gauge in zip(rows, gauges, strict=True):
+        floats = mechanism.body_float[gauge.body]
+        length = floats[at.LENGTH]
+        place = gauge.distance / length
         bend = (12.0 * place - 6.0) / length**2
         turn = (6.0 * place - 2.0) / length
-        first = int(mechanism.body_int[body, at.FIRST])
-        if gauges.axis[g] == 2:
-            stiff, parts = floats[body, at.EIZ], ((first + 1, -bend), (first + 5, turn))
+        first = int(mechanism.body_int[gauge.body, at.FIRST])
+        if gauge.axis == 2:
+            stiff, parts = floats[at.EIZ], ((first + 1, -bend), (first + 5, turn))
         else:
-            stiff, parts = floats[body, at.EIY], ((first + 2, bend), (first + 4, turn))
+            stiff, parts = floats[at.EIY], ((first + 2, bend), (first + 4, turn))
         for coordinate, factor in parts:
-            rows[g, np.flatnonzero(free == coordinate)] = gauges.sign[g] * stiff * factor
+            row[free == coordinate] = gauge.sign * stiff * factor
     return rows
 
 
@@ -160,7 +129,7 @@ class DrivenArm:
     def __init__(self, arm: Arm, *, inner: float = INNER_STEP) -> None:
         self.arm, self.inner = arm, inner
         mechanism = self.mechanism = reduced_mechanism(arm)
-        gauges = self.gauges = place_gauges(mechanism, arm)
+        gauges = self.gauges = [place_gauge(mechanism, arm, gauge) for gauge in arm.gauges]
         place = np.array([int(mechanism.q_index[mechanism.joints.index(name)])
                           for name in arm.active_joints], dtype=np.int64)
         free = moving_coordinates(mechanism, gauges, place)
@@ -171,14 +140,16 @@ class DrivenArm:
             Gears(np.zeros((joints, SPRING_FLOATS)), place, np.zeros(joints), np.zeros(joints)),
             Drives(np.zeros((3, joints)), np.zeros((joints, 3))),
             mechanism.chain(), mechanism.composite(),
-            Gauges(gauges.body, gauges.place, gauges.axis,
-                   np.column_stack([gauges.sign, np.zeros(len(gauges.sign))]),
-                   np.zeros((len(gauges.body), LOADS))))
+            Gauges(np.array([gauge.body for gauge in gauges], dtype=np.int64),
+                   np.array([gauge.distance for gauge in gauges], dtype=float),
+                   np.array([gauge.axis for gauge in gauges], dtype=np.int64),
+                   np.array([[gauge.sign, 0.0] for gauge in gauges]).reshape(-1, 2),
+                   np.zeros((len(gauges), LOADS))))
         self.arrays = tuple(array for table in self.tables for array in table)
         self._vectors = self.tables.equations.vectors
         self._vectors[Z] = mechanism.initial
         self.loaded = False
-        self._reading = np.zeros(len(gauges.body))
+        self._reading = np.zeros(len(gauges))
         self._physics = Physics(arm, mechanism, self.tables.gears.springs)
         self.parameters = described(self._physics)
         self.set_parameters({})
@@ -195,8 +166,11 @@ class DrivenArm:
         mechanism, matrices = self.mechanism, self.tables.equations.matrices
         stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
                          matrices[STIFFNESS], matrices[DAMPING])
-        gain = self.tables.gauges.gain
-        gain[:, 1] = -gain[:, 0] * self.gauges.damping(self.parameters)
+        # of a reading, the moment by rate of curvature that is damping alone [N m^2 s]
+        for gain, gauge in zip(self.tables.gauges.gain, self.gauges, strict=True):
+            share = gauge.bending / mechanism.beams[gauge.joint].EIz
+            gain[1] = -gauge.sign * share * (
+                self.parameters['beta'] * self.parameters[f'bending({gauge.joint})'])
 
     def follow(self, q: FloatArray, dt: FloatArray) -> Response:
         """Follow motion (samples, joints), dt 0 to restart at rest; goes on from call to call."""
@@ -217,7 +191,7 @@ class DrivenArm:
     ) -> Response:
         """Follow motion with readings that do not lag, drawn towards measured moments."""
         n = len(q)
-        moment = np.zeros((n, len(self.gauges.body)))
+        moment = np.zeros((n, len(self.gauges)))
         torque = np.zeros((n, len(self.arm.active_joints)))
         done = kernel.follow(
             np.ascontiguousarray(q), np.ascontiguousarray(dt), self.inner, self.loaded,
@@ -359,7 +333,7 @@ def _follow_lanes(
     arrays = [side_by_side(same) if same[0].dtype == float else same[0].copy()
               for same in zip(*[arm.arrays for arm in arms], strict=True)]
     samples, joints = motions[0].shape
-    moment = np.zeros((samples, len(arms[0].gauges.body), LANES))
+    moment = np.zeros((samples, len(arms[0].gauges), LANES))
     done = follow_several(
         np.ascontiguousarray(dt), arms[0].inner, arms[0].loaded, gains, side_by_side(motions),
         side_by_side(towards), moment, np.zeros((samples, joints, LANES)), *arrays)
