@@ -33,10 +33,9 @@ from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.ringdowns import ModeMap, Ringdown
 from tudor_dynamics.models.elastic.model import driven_arm, PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
-from tudor_dynamics.show.elastic import (
-    mode_figure, MOST_ROWS, NOT_SHOWN, start_rows, strongest, summary)
-from tudor_dynamics.show.figures import encoded
-from tudor_dynamics.show.page import render
+from tudor_dynamics.show.figures import encoded, mode_figure
+from tudor_dynamics.show.page import (
+    MOST_ROWS, NOT_SHOWN, render, start_rows, strongest, summary)
 from tudor_dynamics.signals.filters import Vibration
 from tudor_dynamics.signals.preprocessing import prepare
 

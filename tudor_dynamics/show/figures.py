@@ -39,6 +39,7 @@ from tudor_dynamics.identification.dataset import all_stretches, BagData
 from tudor_dynamics.identification.detection import MethodResult, Roc
 from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.identification.next_steps import Assessment
+from tudor_dynamics.identification.ringdowns import ModeMap, Ringdown
 from tudor_dynamics.identification.uses import free_motion
 from tudor_dynamics.identification.validation import Trace, Validation
 from tudor_dynamics.models.regressor import output_units
@@ -339,6 +340,62 @@ def pair_figure(pairs: Sequence[tuple[JointPositions, JointPositions]]) -> Plot:
 def shades(x: FloatArray, y: FloatArray, values: FloatArray, name: str, **more: Any) -> Plot:
     """Give a map: x and y are edges of its cells, values (x, y), NaN where there is nothing."""
     return trace('map', x, y, name, z=values.T, **more)
+
+
+# -- The elastic model: its first modes, and ring-downs
+
+WIDE = 4.0
+"""Ratio of largest to smallest from which a scale is one of factors."""
+
+ORDINAL = ('first', 'second')
+
+
+def mode_figure(
+    found: ModeMap, axes_labels: Sequence[tuple[str, str]], ringdowns: Sequence[Ringdown],
+) -> Plot:
+    """Draw frequency and damping ratio of the first modes over one joint or two."""
+    names = [label(*names) for names in axes_labels]
+    panels = []
+    for values, title, what, factor in (
+            (found.frequency, 'frequency [Hz]', 'frequency', 1.0),
+            (100.0 * found.damping, 'damping ratio [%]', 'damping', 100.0)):
+        if len(found.joints) == 1:
+            middle = 0.5 * (found.edges[0][1:] + found.edges[0][:-1])
+            panels.append(panel('', names[0], title, *(
+                trace(look, middle, row, f'{order} mode', points=True)
+                for look, order, row in zip(('analytical', 'elm'), ORDINAL, values, strict=False)),
+                trace('ring', [r.q[found.joints[0]] for r in ringdowns],
+                      [factor * getattr(r.measured, what) for r in ringdowns],
+                      'ring-down measured'), low=0.0))
+            continue
+        panels += [panel(
+            f'{order} mode: {title}', names[0], names[1],
+            shades(found.edges[0], found.edges[1], row, ''), trace(
+                'ring', [r.q[found.joints[0]] for r in ringdowns],
+                [r.q[found.joints[1]] for r in ringdowns], 'ring-down measured here'), height=230)
+            for order, row in zip(ORDINAL, values, strict=False)]
+    return {'columns': 2, 'panels': panels}
+
+
+def ringdown_figure(ringdowns: Sequence[Ringdown]) -> Plot:
+    """Draw predicted against measured ring-downs."""
+    panels = []
+    for what, factor, title in (('frequency', 1.0, 'frequency [Hz]'),
+                                ('damping', 100.0, 'damping ratio [%]')):
+        every, traces = [factor * getattr(r.measured, what) for r in ringdowns], []
+        for look, name, words in (('held', 'held', 'joints held'),
+                                  ('moved', 'simulated', 'along the measured motion')):
+            known = [r for r in ringdowns if getattr(r, name) is not None]
+            x, y = ([factor * getattr(mode, what) for mode in modes] for modes in (
+                [r.measured for r in known], [getattr(r, name) for r in known]))
+            traces.append(trace(look, x, y, words))
+            every += y
+        ends = [min(every), max(every)]
+        panels.append(panel(
+            '', f'measured {title}', f'model: {title}', trace('limit', ends, ends, 'as measured'),
+            *traces, height=240,
+            **({'scale': 'log'} if 0.0 < WIDE * ends[0] < ends[1] else {})))
+    return {'columns': 2, 'panels': panels}
 
 
 # -- The arm as it stands, seen from the side and from above

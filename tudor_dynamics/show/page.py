@@ -32,9 +32,13 @@ from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.detection import MethodResult
 from tudor_dynamics.identification.doctor.between import Evaluated
+from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, RUN_IN, Start
+from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, STARTS
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, changes, Comparison, ErrorChange)
+from tudor_dynamics.identification.ringdowns import (
+    find_ringdowns, LEAST_SECONDS, mode_map, Ringdown)
 from tudor_dynamics.identification.validation import (
     GOOD_FIT, Grade, LARGEST_CONDITION, USABLE_FIT, Validation)
 from tudor_dynamics.load.offline import PayloadEstimate
@@ -42,14 +46,15 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.comparison import (
     body_row, described_bodies, described_parameters_of, full_parameters_of, relative_errors)
+from tudor_dynamics.models.elastic.model import driven_arm
 from tudor_dynamics.models.elastic.parameters import in_words
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
-from tudor_dynamics.show import figures as report_data
-from tudor_dynamics.show.elastic import elastic_section
+from tudor_dynamics.models.settings import INNER_STEP
 from tudor_dynamics.show.figures import (
-    arm_figure, decimated, density_figure, encoded, error_figure, event_figure, label, number,
-    pair_figure, panel, Plot, pretty_unit, roc_figure, signal_figure, threshold_figure, trace)
+    arm_figure, channel_series, coverage, decimated, density_figure, encoded, error_figure,
+    event_figure, joint_axes, joint_pairs, label, liveliest, mode_figure, number, pair_figure,
+    panel, Plot, pretty_unit, ringdown_figure, roc_figure, signal_figure, threshold_figure, trace)
 
 
 UNCERTAIN = 30.0
@@ -206,8 +211,8 @@ def render(
     bags += [('validation', bag) for bag in result.judged]
     of_bags = {warning for _, bag in bags for warning in bag.warnings}
     warnings = [warning for warning in result.warnings if warning not in of_bags]
-    axes = report_data.joint_axes(result)
-    pairs = report_data.joint_pairs(axes)
+    axes = joint_axes(result)
+    pairs = joint_pairs(axes)
     live = () if result.causal is None else result.causal.fitted
     sections = [
         ('verdict', 'Verdict', True), ('next', 'What to do next', True),
@@ -235,7 +240,7 @@ def render(
         fitted=result.fitted, outputs=outputs, elastic=elastic, before=before,
         assessment=assessment, findings=result.findings, uncertain=UNCERTAIN,
         comparison=planned, ratios=None if planned is None else planned.ratios(),
-        choices=result.choices, separate=bool(result.test), coverage=report_data.coverage(result),
+        choices=result.choices, separate=bool(result.test), coverage=coverage(result),
         density=density_figure(axes), pairs=pair_figure(pairs) if pairs else None,
         bags=bags, warnings=warnings,
         n_warnings=len(warnings) + sum(len(bag.warnings) for _, bag in bags),
@@ -277,14 +282,14 @@ def _output(result: FitResult, assessment: Assessment, output: str) -> dict[str,
     units = output_units(result.arm, output)
     unit = units[fitted[0].validation.channels[0]]
     trace = fitted[0].validation.traces[0]
-    stretch = report_data.liveliest(trace, (*result.test, *result.training))
+    stretch = liveliest(trace, (*result.test, *result.training))
     judged = {item.kind: item.validation for item in fitted}
     limits = (threshold_figure(result, assessment, output, item.kind) for item in fitted)
     return {
         'key': output, 'title': TITLES[output], 'units': units,
         'unit': unit if set(units.values()) == {unit} else '', 'fitted': fitted, 'bag': trace.bag,
         'signals': [(name, signal_figure(series, stretch)) for name, series
-                    in report_data.channel_series(result.arm, output, judged).items()],
+                    in channel_series(result.arm, output, judged).items()],
         'errors': error_figure(result.arm, output, judged),
         'limits': next((found for found in limits if found is not None), None),
         'groups': [group for item in fitted for group in coefficient_groups(item, result.arm)]}
@@ -297,6 +302,91 @@ def _ringing(result: FitResult) -> list[dict[str, Any]]:
     return [{'channel': item.channel, 'frequency': item.frequency, 'rms': item.rms,
              'share': 100.0 * item.share, 'unit': units[item.channel]}
             for item in result.ringing]
+
+
+# -- The section on the elastic model, with its modes and ring-downs
+
+MOST_ROWS = 24
+"""Ring-downs in the table; the figure has all."""
+NOT_SHOWN = 'not shown by these bags'
+
+
+def elastic_section(result: FitResult) -> dict[str, Any] | None:
+    """Collect what `elastic.html.j2` shows of the elastic model; None where none was fitted."""
+    found, arm = result.elastic, result.arm
+    if found is None:
+        return None
+    values = {p.name: p.value for p in found.physical}
+    described = dict(driven_arm(arm, {}).parameters)
+    if 'payload' not in values:
+        values['payload'] = result.training[0].payload or 0.0
+    driven = driven_arm(arm, values)
+    axes = joint_axes(result)
+    modes = mode_map(driven, np.column_stack([axis.training for axis in axes]))
+    bags = [bag for bag in (*result.training, *result.test) if bag.has('strain')]
+    ringdowns = find_ringdowns(driven, values, bags)
+    return {
+        'parameters': found.physical, 'described': described, 'not_shown': NOT_SHOWN,
+        'payload': values['payload'], 'payloads': result.settings.payloads is not None,
+        'gauges': list(zip(arm.gauge_names, found.gauges, found.gauge_errors, strict=True)),
+        'units': output_units(arm, 'strain'),
+        'modes': None if modes is None else mode_figure(
+            modes, [(axes[i].name, axes[i].unit) for i in modes.joints], ringdowns),
+        'ringdowns': len(ringdowns), 'strongest': strongest(ringdowns),
+        'ringdown_figure': ringdown_figure(ringdowns) if ringdowns else None,
+        'ringdown_summary': summary(ringdowns), 'shortest': LEAST_SECONDS,
+        'starts': start_rows(found.starts), 'fit': found.fit, 'runs': found.runs,
+        'settings': settings_text()}
+
+
+def strongest(ringdowns: Sequence[Ringdown]) -> list[tuple[Ringdown, str, str]]:
+    """List the ring-downs, of many the strongest, with bag and pose for people."""
+    chosen = sorted(ringdowns, key=lambda r: -r.amplitude)[:MOST_ROWS]
+    # rounded before it is written: no minus before zero
+    return [(ring, Path(ring.bag).name, ', '.join(f'{round(x, 2) + 0.0:.2f}' for x in ring.q))
+            for ring in ringdowns if ring in chosen]
+
+
+def start_rows(starts: Sequence[Start]) -> list[tuple[Start, str, str]]:
+    """List the starts of the search with their shares and notes, the best one marked."""
+    rows = []
+    best = max((start.fit for start in starts), default=0.0)
+    for start in sorted(starts, key=lambda start: (start.share or 0.0, start.factor)):
+        notes = ['best'] if start.fit == best else []
+        if not FACTORS[0] * 1.01 < start.factor < FACTORS[-1] * 0.99:
+            notes.append('at the edge of what was tried')
+        share = 'as described' if start.share is None else f'{100.0 * start.share:g} %'
+        rows.append((start, share, ', '.join(notes)))
+    return rows
+
+
+def summary(ringdowns: Sequence[Ringdown]) -> str:
+    """Say how far prediction and measurement are apart; empty where nothing can be compared."""
+    parts = []
+    for name, words in (('held', 'joints held'), ('simulated', 'along the measured motion')):
+        pairs = [(r.measured, getattr(r, name)) for r in ringdowns
+                 if getattr(r, name) is not None]
+        if not pairs:
+            continue
+        frequency = np.median([abs(b.frequency / a.frequency - 1.0) for a, b in pairs])
+        damping = np.median([b.damping - a.damping for a, b in pairs])
+        sign = 'more' if damping > 0.0 else 'less'
+        parts.append(f'{words} ({len(pairs)} of {len(ringdowns)}), the frequency is off by '
+                     f'{100.0 * frequency:.1f} % and the damping ratio {sign} than measured by '
+                     f'{100.0 * abs(damping):.2g} percentage points')
+    return f'In the median: {"; ".join(parts)}.' if parts else ''
+
+
+def settings_text() -> str:
+    """Describe how the elastic model is searched."""
+    low, high = FACTORS[0], FACTORS[-1]
+    return (f'robust least squares on simulated against measured strain (Huber, from '
+            f'{HUBER:g} standard deviations); {len(FACTORS)} stiffnesses from '
+            f'{low:.2g} to {high:.2g} times the description tried on up to {EXCERPT:g} s, '
+            f'with {len(STARTS)} shares of the gears in the compliance, the best '
+            f'{sum(STARTS.values())} improved, two of them searched from; inner step '
+            f'{1e3 * INNER_STEP:g} ms; {RUN_IN:g} s left out where a stretch begins in motion '
+            f'without its past; standard errors from clusters of {CLUSTER:g} s')
 
 
 # -- The page of an evaluation, with loads that the model did not know of
