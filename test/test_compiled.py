@@ -115,15 +115,6 @@ def test_bits_do_not_depend_on_what_was_called_before(root: Path) -> None:
     assert len(first) == 2 and first == second
 
 
-def test_lanes_are_known_wherever_kept_functions_may_name_them() -> None:
-    """Else numba learns of them while it types a function, and refuses that."""
-    kernel = 'tudor_dynamics.models.rigid_bodies'
-    said = subprocess.run([sys.executable, '-c', f'import sys, {kernel}; '
-                           'print("tudor_dynamics.lanes" in sys.modules)'],
-                          capture_output=True, text=True, check=True).stdout
-    assert said.split() == ['True']
-
-
 def test_nothing_can_be_kept(tmp_path: Path) -> None:
     """Where no directory can be made, functions are compiled in every process."""
     tiny(tmp_path)

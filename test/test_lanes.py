@@ -25,8 +25,7 @@ import sys
 from hypothesis import given, settings, strategies as st
 import numpy as np
 
-from tudor_dynamics.compiled import compiled
-from tudor_dynamics.lanes import in_lanes, LANES, side_by_side
+from tudor_dynamics.compiled import compiled, in_lanes, LANES, side_by_side
 
 NUMBERS = st.lists(st.floats(-1e3, 1e3), min_size=2 * LANES, max_size=2 * LANES)
 
@@ -93,8 +92,8 @@ def test_lanes_that_are_left_are_filled() -> None:
 PROGRAM = """
 import math
 import numpy as np
-from tudor_dynamics.lanes import in_lanes, LANES, PLAIN, side_by_side, unowned, with_lanes
-from tudor_dynamics.compiled import compiled
+from tudor_dynamics.compiled import (
+    compiled, in_lanes, LANES, PLAIN, side_by_side, unowned, with_lanes)
 
 
 @with_lanes(1)

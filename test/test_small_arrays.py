@@ -22,8 +22,7 @@ import numba
 import numpy as np
 import pytest
 
-from tudor_dynamics.compiled import array_at, places_of, REAL, TRUTH, WHOLE
-from tudor_dynamics.lanes import unowned
+from tudor_dynamics.compiled import array_at, places_of, REAL, TRUTH, unowned, WHOLE
 
 
 @numba.njit

@@ -15,8 +15,8 @@
 """
 Numbers side by side as a type of numba, and arrays without owner: internals of numba and llvmlite.
 
-Nothing else reaches into them, and only ``lanes.py`` uses this module; where the internals of
-another version are not these, importing it fails, and ``lanes.py`` has a plain way.
+Nothing else reaches into them, and only ``compiled.py`` uses this module; where the internals of
+another version are not these, importing it fails, and ``compiled.py`` has a plain way.
 """
 
 from __future__ import annotations

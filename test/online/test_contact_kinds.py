@@ -29,7 +29,7 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import (
     contact_estimator, ContactEstimate, ContactEstimator, ContactRecord, touch)
-from tudor_dynamics.online.contact_levers import RigidFront, Span
+from tudor_dynamics.online.contact_fronts import RigidFront, Span
 from tudor_dynamics.typing import FloatArray
 
 RMSE = 0.2

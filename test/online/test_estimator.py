@@ -30,7 +30,7 @@ from tudor_dynamics.mechanics.hardware import Push
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.contact import ContactEstimate, ContactEstimator
-from tudor_dynamics.online.contact_levers import link_axes, RigidFront, Span, spans_of
+from tudor_dynamics.online.contact_fronts import link_axes, RigidFront, Span, spans_of
 from tudor_dynamics.signals.motion_profile import aprbs_motion
 from tudor_dynamics.typing import FloatArray
 

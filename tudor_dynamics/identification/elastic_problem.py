@@ -24,9 +24,9 @@ import os
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.compiled import LANES
 from tudor_dynamics.errors import FitError, SimulationError
 from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.lanes import LANES
 from tudor_dynamics.models.elastic.arm import DrivenArm, follow_together, NO_GAINS
 from tudor_dynamics.models.elastic.model import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import kind_of, physical_unit

@@ -38,7 +38,7 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.regressor import output_units
-from tudor_dynamics.online.contact_levers import gauge_gain, torque_scale
+from tudor_dynamics.online.contact_fronts import gauge_gain, torque_scale
 from tudor_dynamics.online.monitor import MomentumObserver
 from tudor_dynamics.online.settings import BLOCK
 from tudor_dynamics.online.threshold_learning import (

@@ -25,14 +25,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import drive_stop, hard_limits
-from tudor_dynamics.compiled import compiled
+from tudor_dynamics.compiled import compiled, unowned
 from tudor_dynamics.control.cascade import (
     arm_gains, Cascade, CUT, envelope_law, POSITION_GAIN, position_law, SATURATED, SATURATING,
     velocity_lag, velocity_law)
 from tudor_dynamics.control.damper import (
     arm_damping, Damper, damper_law, moving_share, STATUS, Status)
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.lanes import unowned
 from tudor_dynamics.mechanics import chain as at, hardware as dr, integrator as gen, settings
 from tudor_dynamics.mechanics.equations import inverse_dynamics, section_loads
 from tudor_dynamics.mechanics.hardware import (

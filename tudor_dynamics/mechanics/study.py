@@ -405,7 +405,8 @@ class SimulatedRun:
         values, dt = self.values(signal), float(self.run.t[1] - self.run.t[0])
         window = np.hanning(len(values))[:, None]
         content = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0))
-        return np.fft.rfftfreq(len(values), dt), np.asarray(2.0 * content / window.sum())
+        amplitude: FloatArray = 2.0 * content / window.sum()
+        return np.asarray(np.fft.rfftfreq(len(values), dt), dtype=float), amplitude
 
     def plot(
         self, signal: str, path: str | Path | None = None, *, title: str | None = None,

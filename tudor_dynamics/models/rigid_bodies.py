@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import is_prismatic, joint_axis
-from tudor_dynamics.compiled import compiled
-from tudor_dynamics.lanes import unowned
+from tudor_dynamics.compiled import compiled, unowned
 from tudor_dynamics.mechanics.chain import (
     about_axis, add, cross, dot, product, put_rotation, put_vector, rotation_at, times, turn,
     turn_back, vector_at, ZERO)

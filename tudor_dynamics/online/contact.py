@@ -27,10 +27,9 @@ from tudor_dynamics.arm.kinematics import joint_axis, link_frame
 from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.online.contact_elastic import correct, ElasticFront
-from tudor_dynamics.online.contact_levers import (
-    ACROSS, ALONG, gauge_gain, link_axes, MOMENT, PRESSING, RigidFront, Span, spans_of,
-    strain_deviation, torque_scale, validation_rmse)
+from tudor_dynamics.online.contact_fronts import (
+    ACROSS, ALONG, correct, ElasticFront, gauge_gain, link_axes, MOMENT, PRESSING, RigidFront,
+    Span, spans_of, strain_deviation, torque_scale, validation_rmse)
 from tudor_dynamics.online.settings import (
     CONTACT_STEP, DEVIATION_STEP, ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET, EVIDENCE_MEMORY,
     FORCE_MEMORY, FREE_EVIDENCE_MEMORY, HELD_FORCE_MEMORY, INNOVATION_BOUND, LARGEST_FORCE,

@@ -27,9 +27,8 @@ from scipy.interpolate import CubicSpline
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.compiled import compiled
+from tudor_dynamics.compiled import compiled, unowned
 from tudor_dynamics.errors import ModelError, SignalError, SimulationError
-from tudor_dynamics.lanes import unowned
 from tudor_dynamics.load.rows import load_worth
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import (

@@ -30,7 +30,7 @@ from tudor_dynamics.mechanics.hardware import Floor
 from tudor_dynamics.models.base import MemorylessModel, Model
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.online.contact_levers import gauge_gain
+from tudor_dynamics.online.contact_fronts import gauge_gain
 from tudor_dynamics.online.settings import FORCE_CHANGE, POSE_CHANGE
 from tudor_dynamics.typing import FloatArray
 

@@ -108,8 +108,8 @@ def test_observer_has_the_same_mass(stretch: bool, payload: float) -> None:
         small = driven.linearised(pose)
         driven.start_observer(np.full(len(driven.arm.gauges), 0.02), 8.0)
         driven.follow(np.tile(pose, (3, 1)), np.array([0.0, 1e-3, 1e-3]))
-        driven._linearise()
-        mass, _, stiffness = driven._small
+        driven.linearise()
+        mass, _, stiffness = driven.small
         assert np.abs(mass - small.mass).max() < 1e-9 * small.mass.max()
         assert frequencies(mass, stiffness) == pytest.approx(
             frequencies(small.mass, small.stiffness), rel=0.08)

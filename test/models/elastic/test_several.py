@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.lanes import LANES
+from tudor_dynamics.compiled import LANES
 from tudor_dynamics.models.elastic.arm import DrivenArm, follow_motions, follow_together, SAMPLE
 from tudor_dynamics.typing import FloatArray
 
@@ -95,8 +95,8 @@ def test_gains_are_those_of_the_observer() -> None:
         moment = arm.follow(q[k:k + 1], dt[k:k + 1]).moment[0]
         step = float(dt[k]) or SAMPLE
         assert arm.correct(measured[k] - moment, step)
-        mass, damping, stiffness = arm._small
-        gain = arm._covariance[:, :m] @ arm._shown.T / (deviation**2 * (SAMPLE / step))
+        mass, damping, stiffness = arm.small
+        gain = arm._covariance[:, :m] @ arm.shown.T / (deviation**2 * (SAMPLE / step))
         bent = -np.linalg.solve(mass, stiffness @ gain[:m] + damping @ gain[m:])
         for found, expected in zip(gains[k], (gain[:m], gain[m:], bent), strict=True):
             assert np.allclose(found, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import InertiaPart
+from tudor_dynamics.compiled import in_lanes, LANES, side_by_side, with_lanes
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.lanes import in_lanes, LANES, side_by_side, with_lanes
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.equations import LOADS
 from tudor_dynamics.mechanics.matrices import stiffness_matrix
@@ -234,15 +234,15 @@ class DrivenArm:
         """Let moments of a deviation [N m] and bandwidth [1/s] correct the state from now on."""
         m, lag = self.size, self._physics.lag
         self._deviation = np.maximum(np.asarray(deviation, dtype=float), 1e-12)
-        self._small, self._pushed = np.zeros((3, m, m)), np.zeros((m, observer.FORCES))
-        self._shown = moment_rows(self.mechanism, self.gauges, self.tables.equations.free)
-        self._seen = seen_rows(self._shown, lags=lag > 0.0)
+        self.small, self.pushed = np.zeros((3, m, m)), np.zeros((m, observer.FORCES))
+        self.shown = moment_rows(self.mechanism, self.gauges, self.tables.equations.free)
+        self._seen = seen_rows(self.shown, lags=lag > 0.0)
         self._covariance = np.zeros((self._seen.shape[1],) * 2)
         self.follow(np.tile(self._vectors[Z, self.tables.gears.place], (2, 1)),
                     np.array([0.0, 1e-3]))
-        self._linearise()
+        self.linearise()
         self._noise = SAMPLE * white_force(
-            Linearised(*self._small), self._pushed, self._shown / self._deviation[:, None],
+            Linearised(*self.small), self.pushed, self.shown / self._deviation[:, None],
             bandwidth, lag)
 
     def forget(self) -> None:
@@ -251,18 +251,19 @@ class DrivenArm:
 
     def correct(self, innovation: FloatArray, dt: float) -> bool:
         """Correct the state by innovations (gauges,) [N m], NaN for none; False if impossible."""
-        self._linearise()
-        mass, damping, stiffness = self._small
+        self.linearise()
+        mass, damping, stiffness = self.small
         good = observer.propagate(
-            self._covariance, mass, damping, stiffness, self._pushed, self._shown, dt,
+            self._covariance, mass, damping, stiffness, self.pushed, self.shown, dt,
             self._noise, self._physics.lag)
         good = good and observer.correct(
             self._covariance, self._seen, self._deviation**2 * (SAMPLE / dt), innovation, mass,
             damping, stiffness, self._vectors, self.tables.equations.free, self._reading)
         return bool(good)
 
-    def _linearise(self) -> None:
-        observer.linearise(self.loaded, self.mechanism.tip, *self._small, self._pushed,
+    def linearise(self) -> None:
+        """Put mass, damping and stiffness into ``small``, forces at the tip into ``pushed``."""
+        observer.linearise(self.loaded, self.mechanism.tip, *self.small, self.pushed,
                            *self.arrays)
 
     def gains_along(

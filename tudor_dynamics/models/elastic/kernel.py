@@ -22,8 +22,7 @@ from typing import NamedTuple
 
 from numpy.typing import NDArray
 
-from tudor_dynamics.compiled import compiled
-from tudor_dynamics.lanes import unowned
+from tudor_dynamics.compiled import compiled, unowned
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import Chain, cholesky, solve
 from tudor_dynamics.mechanics.equations import hermite_slope, inverse_dynamics, section_loads
