@@ -144,7 +144,7 @@ class CausalDifferentiator:
 
     def reset(self) -> None:
         """Forget the past: the next sample is a first one."""
-        self._q: FloatArray | None = None
+        self._last: FloatArray | None = None
 
     def process(
         self, dt: FloatArray, q: FloatArray, measured: FloatArray | None = None,
@@ -156,66 +156,51 @@ class CausalDifferentiator:
         if wrong.size:
             raise SignalError(f'sample time {dt[wrong[0]]} s at sample {wrong[0]}; stamps must '
                               'increase')
-        given = np.empty((len(q), 0)) if measured is None else measured
-        rows = np.empty((len(q), 3 * q.shape[1]))
         self.reset()
-        rows[0] = self.step_row(0.0, q[0], None if measured is None else measured[0])
-        assert self._q is not None
-        _differentiate_record(
-            dt[1:], self.velocity_cutoff, self.acceleration_cutoff,
-            np.ascontiguousarray(q[1:]), np.ascontiguousarray(given[1:]),
-            self._q, self._dq, self._ddq, rows[1:])
-        _, dq, ddq = np.split(rows, 3, axis=1)
+        _, dq, ddq = np.split(self._rows(dt, q, measured), 3, axis=1)
         return FilteredStates(q, dq.copy(), ddq.copy())
 
     def step_row(
         self, dt: float, q: FloatArray, measured: FloatArray | None = None,
     ) -> FloatArray:
         """Filter one sample, for the control loop; gives ``[q, dq, ddq]`` in one new array."""
-        if self._q is None:
-            self._q, self._ddq = q.copy(), np.zeros(len(q))
-            self._dq = np.zeros(len(q)) if measured is None else measured.copy()
-            return np.concatenate([q, self._dq, self._ddq])
-        if not dt > 0:
+        if self._last is not None and not dt > 0:
             raise SignalError(f'sample time {dt} s; stamps must increase')
-        row = np.empty(3 * len(q))
-        _differentiate(dt, self.velocity_cutoff, self.acceleration_cutoff, q,
-                       _NO_VELOCITY if measured is None else measured,
-                       self._q, self._dq, self._ddq, row)
+        row: FloatArray = self._rows(np.array([dt]), q[None],
+                                     None if measured is None else measured[None])[0]
         return row
 
-
-_NO_VELOCITY = np.empty(0)
+    def _rows(self, dt: FloatArray, q: FloatArray, measured: FloatArray | None) -> FloatArray:
+        """Filter the next samples, a row ``[q, dq, ddq]`` each."""
+        given = np.empty((len(q), 0)) if measured is None else measured
+        if self._last is None:  # the first sample comes after itself
+            self._last = np.zeros((3, q.shape[1]))
+            self._last[0], self._last[1, :given.shape[1]] = q[0], given[0]
+            dt = np.concatenate([[1.0], dt[1:]])
+        rows = np.empty((len(q), self._last.size))
+        _differentiate(dt, self.velocity_cutoff, self.acceleration_cutoff,
+                       np.ascontiguousarray(q), np.ascontiguousarray(given), self._last, rows)
+        return rows
 
 
 @compiled
 def _differentiate(
-    dt: float, velocity_cutoff: float, acceleration_cutoff: float, q: FloatArray,
-    measured: FloatArray, last_q: FloatArray, last_dq: FloatArray, last_ddq: FloatArray,
-    row: FloatArray,
-) -> None:
-    """Filter one sample; without measured speeds that array is empty."""
-    n = len(q)
-    first, second = low_pass_gain(velocity_cutoff, dt), low_pass_gain(acceleration_cutoff, dt)
-    for i in range(n):
-        dq = last_dq[i] + first * ((q[i] - last_q[i]) / dt - last_dq[i])
-        if len(measured) > 0:
-            dq = measured[i]
-        ddq = last_ddq[i] + second * ((dq - last_dq[i]) / dt - last_ddq[i])
-        last_q[i], last_dq[i], last_ddq[i] = q[i], dq, ddq
-        row[i], row[n + i], row[2 * n + i] = q[i], dq, ddq
-
-
-@compiled
-def _differentiate_record(
     dt: FloatArray, velocity_cutoff: float, acceleration_cutoff: float, q: FloatArray,
-    measured: FloatArray, last_q: FloatArray, last_dq: FloatArray, last_ddq: FloatArray,
-    rows: FloatArray,
+    measured: FloatArray, last: FloatArray, rows: FloatArray,
 ) -> None:
-    """Filter the samples of a record."""
+    """Filter samples after the last one; without measured speeds that array has no columns."""
+    n = last.shape[1]
     for k in range(len(q)):
-        _differentiate(dt[k], velocity_cutoff, acceleration_cutoff, q[k], measured[k], last_q,
-                       last_dq, last_ddq, rows[k])
+        first = low_pass_gain(velocity_cutoff, dt[k])
+        second = low_pass_gain(acceleration_cutoff, dt[k])
+        for i in range(n):
+            last_q, last_dq, last_ddq = last[0, i], last[1, i], last[2, i]
+            dq = last_dq + first * ((q[k, i] - last_q) / dt[k] - last_dq)
+            if measured.shape[1] > 0:
+                dq = measured[k, i]
+            ddq = last_ddq + second * ((dq - last_dq) / dt[k] - last_ddq)
+            last[0, i], last[1, i], last[2, i] = q[k, i], dq, ddq
+            rows[k, i], rows[k, n + i], rows[k, 2 * n + i] = q[k, i], dq, ddq
 
 
 def zero_phase(
