@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from functools import partial
 import math
-from threading import Event, Lock, Thread
+from threading import Event, Lock
 import time
 from typing import Any
 
@@ -49,10 +49,8 @@ class ArmSimulatorNode(TudorNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('arm_simulator', **kwargs)
         self.arm: ArmProcess | None = None
-        self._stop = Event()
         self._answer, self._commanded = Event(), -math.inf  # to the newest sample; when one came
         self._lock = Lock()
-        self._thread: Thread | None = None
         self.late = 0
         try:
             description = self.described_arm('links and motors', 'a simulated arm')
@@ -70,8 +68,7 @@ class ArmSimulatorNode(TudorNode):
         self.arm.reset()
         self._connect(description)
         self.apply()
-        self._thread = Thread(target=self._live, daemon=True)
-        self._thread.start()
+        self._run_beside(self._live)
 
     def _connect(self, arm: Any) -> None:
         self._names = list(arm.active_joints)
@@ -152,7 +149,7 @@ class ArmSimulatorNode(TudorNode):
         origin = self.get_clock().now().nanoseconds if not simulated else 1_000_000_000
         due = time.perf_counter()
         failure = ''
-        while not self._stop.is_set():
+        while not self._closing.is_set():
             with self._lock:
                 sample = arm.step()
             if arm.failure != failure:
@@ -166,7 +163,7 @@ class ArmSimulatorNode(TudorNode):
             due += period
             wait = due - time.perf_counter()
             if wait > 0.0:
-                self._stop.wait(wait)
+                self._closing.wait(wait)
             elif wait < -LATE:
                 self.late += not lockstep
                 due -= wait
@@ -212,12 +209,6 @@ class ArmSimulatorNode(TudorNode):
         if level != OK:
             return WARN, 'no commands: the joints stand still'
         return level, message
-
-    def close(self) -> None:
-        """End the thread."""
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join(timeout=2.0)
 
 
 main = partial(run, ArmSimulatorNode)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from functools import partial
 from importlib import import_module
-from threading import Event, Thread
 import time
 from typing import Any
 
@@ -62,8 +61,6 @@ class BagPlayerNode(TudorNode):
         super().__init__('bag_player', **kwargs)
         self.track: Track | None = None
         self.finished = False
-        self._stop = Event()
-        self._thread: Thread | None = None
         self._outputs: dict[str, Publisher] = {}
         self._clock_output = (self.create_publisher(Clock, CLOCK, 10)
                               if self.value('clock') else None)
@@ -75,8 +72,7 @@ class BagPlayerNode(TudorNode):
             if self.value('exit_at_end'):
                 self.exit_code = 2
             return
-        self._thread = Thread(target=self._play, daemon=True)
-        self._thread.start()
+        self._run_beside(self._play)
 
     def _open(self) -> None:
         if not self.value('bag'):
@@ -99,28 +95,28 @@ class BagPlayerNode(TudorNode):
             self._outputs[topic] = self.publish_on(kind, topic.lstrip('/'))
 
     def _play(self) -> None:
-        track, stop = self.track, self._stop
+        track, closing = self.track, self._closing
         assert track is not None
         wanted = int(self.value('wait_for_subscribers'))
         while any(p.get_subscription_count() < wanted for p in self._outputs.values()):
-            if stop.wait(0.02):
+            if closing.wait(0.02):
                 return
-        if wanted and stop.wait(0.3):  # a reader that is matched is not yet one that hears
+        if wanted and closing.wait(0.3):  # a reader that is matched is not yet one that hears
             return
         times = track.time.tolist()
-        while not stop.is_set():
+        while not closing.is_set():
             self._pass(times, self._first)
             if not self.value('loop'):
                 break
         self.finished = True
-        if self.value('exit_at_end') and not stop.is_set():
+        if self.value('exit_at_end') and not closing.is_set():
             for publisher in self._outputs.values():
                 publisher.wait_for_all_acked(DELIVERY)
             self.exit_code = 0
 
     def _pass(self, times: list[int], first: int) -> None:
         """Publish all messages once, each when it is due."""
-        track, stop = self.track, self._stop
+        track, closing = self.track, self._closing
         assert track is not None
         due = time.perf_counter()
         before = times[first]
@@ -128,9 +124,9 @@ class BagPlayerNode(TudorNode):
             due += (times[i] - before) * 1e-9 / float(self.value('rate'))
             before = times[i]
             wait = due - time.perf_counter()
-            if wait > 0 and stop.wait(wait):
+            if wait > 0 and closing.wait(wait):
                 return
-            if stop.is_set():
+            if closing.is_set():
                 return
             publisher = self._outputs.get(track.topic[i])
             if publisher is None:
@@ -148,12 +144,6 @@ class BagPlayerNode(TudorNode):
         if self.finished:
             return OK, 'at the end'
         return OK, 'waits for subscribers' if self.meter.count == 0 else 'plays'
-
-    def close(self) -> None:
-        """End the thread."""
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join(timeout=2.0)
 
 
 main = partial(run, BagPlayerNode)

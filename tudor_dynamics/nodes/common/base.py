@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 import re
+from threading import Event, Thread
 import time
 import traceback
 from typing import Any
@@ -350,6 +351,8 @@ class TudorNode(Node):
         self.meter = Meter(lambda: self.steady())
         self.drops: Counter[str] = Counter()
         self.fault = self.ended = ''
+        self._closing = Event()  # for what runs beside the executor
+        self._beside: Thread | None = None
         self._level_log = LevelLog(self.get_logger(), lambda: self.steady())
         self._before: Counter[str] = Counter()
         self.params = {param.name: param for param in NODES[name]}
@@ -557,5 +560,13 @@ class TudorNode(Node):
         self._diagnostics.publish(array)
         self._level_log.take(level, message)
 
+    def _run_beside(self, work: Callable[[], None]) -> None:
+        """Work beside the executor, in a thread that ends by itself or once the node stops."""
+        self._beside = Thread(target=work, daemon=True)
+        self._beside.start()
+
     def close(self) -> None:
         """End what runs beside the executor, before the node is destroyed."""
+        self._closing.set()
+        if self._beside is not None:
+            self._beside.join(timeout=2.0)
