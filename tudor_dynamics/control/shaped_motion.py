@@ -34,7 +34,7 @@ from tudor_dynamics.typing import FloatArray
 SHAPINGS = ('none', 'zv', 'zvd', 'elastic')
 Refine = Callable[[Profile, MotionLimits, float, float], Profile]
 """From a move by the modes, limits, payload [kg] and the period at its end [s] to a better one of
-the same length; see ``models.tuning.refined_moves``."""
+the same length; see ``models.tuning.MoveRefiner``."""
 
 
 @dataclass(eq=False)

@@ -300,8 +300,6 @@ class LoadObserver:
                 and found.left < pressed * found.pressed)
 
 
-# -- The load sample by sample: a Kalman filter
-
 # -- Samples in units of the noise of a model, whose density is then 1
 
 Sensed = tuple[FloatArray, FloatArray, FloatArray]

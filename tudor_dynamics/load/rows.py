@@ -119,13 +119,9 @@ def carrier_frame(arm: Arm) -> str:
 def tip(arm: Arm) -> FloatArray:
     """Give the place (3,) [m] that a load is taken to sit at: the frame that is farthest out."""
     index = arm.model.getJointId(carrier(arm))
-    place = np.zeros(3)
-    for frame in arm.model.frames:
-        if frame.parentJoint == index:
-            found = np.array(frame.placement.translation)
-            if np.linalg.norm(found) > np.linalg.norm(place):
-                place = found
-    return place
+    places = [frame.placement.translation for frame in arm.model.frames
+              if frame.parentJoint == index]
+    return np.array(max(places, key=np.linalg.norm, default=np.zeros(3)))
 
 
 class LoadRows:

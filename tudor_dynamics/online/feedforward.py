@@ -33,12 +33,11 @@ from tudor_dynamics.load.rows import load_worth
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import (
     add, Chain, cholesky, cross, forward, rotation_at, solve, sub, turn, Vector, vector_at)
-from tudor_dynamics.mechanics.equations import inverse_dynamics
 from tudor_dynamics.models.base import Model, SAME, SLIDING
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import Response
 from tudor_dynamics.models.elastic.kernel import (
-    add_shortening, DDZ, driven_of, DZ, FORCE, gear, Gears, shorten, STIFFNESS, Z)
+    DDZ, driven_of, DZ, FORCE, gear, Gears, needed, shorten, STIFFNESS, Z)
 from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
 from tudor_dynamics.online.settings import HELD_WITHIN, LEAST_LEVER, NEWTON_SETTLED, NEWTON_STEPS
 from tudor_dynamics.signals.motion_profile import states
@@ -150,15 +149,6 @@ def twist_of(row: NDArray, torque: float) -> float:
 
 
 @compiled
-def _load(vectors: NDArray, chain: Chain) -> None:
-    """Write into FORCE what the motion needs at every coordinate, without the gears."""
-    z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
-    shorten(z, dz, vectors[DDZ], chain.body_int, chain.body_float)
-    inverse_dynamics(z, dz, vectors[DDZ], chain, False, 1.0, force)
-    add_shortening(z, chain.body_int, chain.body_float, force)
-
-
-@compiled
 def _aim(tables: Inverse, chain: Chain, z: NDArray, wanted: NDArray, turns: NDArray) -> bool:
     """Find the turns (joints,) by which the ends are nearest to where wanted (ends, 3) [m]."""
     n, ends = len(turns), len(tables.ends)
@@ -204,7 +194,7 @@ def _solve_point(
     z, force, bends = vectors[Z], vectors[FORCE], tables.bends
     turns = np.zeros(len(tables.joint))
     for _ in range(NEWTON_STEPS):
-        _load(vectors, chain)
+        needed(vectors, chain, False)
         largest = 0.0
         if reach and not _aim(tables, chain, z, wanted, turns):
             return False
@@ -262,7 +252,7 @@ def invert(
             z[bends] = before
         if not _solve_point(own, factor, vectors, gears, chain, reach, q[k], wanted):
             return k
-        _load(vectors, chain)
+        needed(vectors, chain, False)
         for s in range(gears.place.shape[0]):
             i = gears.place[s]
             torque[k, s] = vectors[FORCE, i]

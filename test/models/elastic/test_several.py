@@ -20,8 +20,8 @@ from elastic_making import blade_arm, even, travel
 import numpy as np
 import pytest
 
-from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.compiled import LANES
+from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.models.elastic.arm import DrivenArm, follow_motions, follow_together, SAMPLE
 from tudor_dynamics.typing import FloatArray
 

@@ -167,12 +167,19 @@ class Equations(NamedTuple):
 
 
 @compiled
-def residual(vectors: NDArray, gears: Gears, chain: Chain, loaded: bool) -> None:
-    """Write into FORCE what is missing for the present motion to be a true one."""
+def needed(vectors: NDArray, chain: Chain, loaded: bool) -> None:
+    """Write into FORCE what the motion needs at every coordinate, without the gears."""
     z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
     shorten(z, dz, vectors[DDZ], chain.body_int, chain.body_float)
     inverse_dynamics(z, dz, vectors[DDZ], chain, loaded, 1.0, force)
     add_shortening(z, chain.body_int, chain.body_float, force)
+
+
+@compiled
+def residual(vectors: NDArray, gears: Gears, chain: Chain, loaded: bool) -> None:
+    """Write into FORCE what is missing for the present motion to be a true one."""
+    z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
+    needed(vectors, chain, loaded)
     for s in range(gears.place.shape[0]):
         i = gears.place[s]
         force[i] += gear(gears.springs[s], z[i] - gears.aim[s], dz[i] - gears.aim_rate[s])[0]

@@ -381,10 +381,7 @@ class LiveElastic:
     extended Kalman filter, slow enough that a collision shows in the innovation first.
     """
 
-    def __init__(
-        self, models: Mapping[str, ElasticModel], observer: str = 'off',
-        bandwidth: float = BANDWIDTH,
-    ) -> None:
+    def __init__(self, models: Mapping[str, ElasticModel], observer: str = 'off') -> None:
         if observer not in OBSERVERS:
             msg = f'observer {observer!r} is unknown; expected one of {list(OBSERVERS)}'
             raise ModelError(msg)
@@ -410,7 +407,7 @@ class LiveElastic:
             if np.any(self._gauges[:, 0] == 0.0):
                 raise ModelError('a gauge of the elastic model has the gain 0; fit again')
             self._driven.start_observer(
-                strain.noise_ / np.abs(self._gauges[:, 0]), bandwidth)
+                strain.noise_ / np.abs(self._gauges[:, 0]), BANDWIDTH)
         self._moment: FloatArray | None = None
         self._strain: FloatArray | None = None
         self._since = 0.0
