@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -217,7 +217,7 @@ def resting_at(arm: td.Arm, q: FloatArray) -> td.Arm:
     """Give the arm that begins at the pose q [rad]."""
     simulation = arm.spec.simulation.model_copy(update={
         'initial': dict(zip(arm.active_joints, q.tolist(), strict=True))})
-    return replace(arm, spec=arm.spec.model_copy(update={'simulation': simulation}))
+    return arm.changed(simulation=simulation)
 
 
 def rig_of(

@@ -96,7 +96,7 @@ def _at_joints(arm: td.Arm) -> td.Arm:
     used = {item.gauge for item in arm.spec.damper.joints}
     gauges = tuple(gauge if gauge.name in used else gauge.model_copy(update={'distance': JOINT})
                    for gauge in arm.gauges)
-    return replace(arm, spec=arm.spec.model_copy(update={'gauges': gauges}))
+    return arm.changed(gauges=gauges)
 
 
 def gauge_moments(campaign: Campaign, payload: float) -> Cached:

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 import math
 from typing import Any
 
@@ -144,7 +143,7 @@ def _trials(
 def without_play(arm: td.Arm) -> td.Arm:
     """Give the same arm with gears that have no play."""
     motors = tuple(motor.model_copy(update={'backlash': 0.0}) for motor in arm.spec.motors)
-    return replace(arm, spec=arm.spec.model_copy(update={'motors': motors}))
+    return arm.changed(motors=motors)
 
 
 def draw_ends(

@@ -26,7 +26,6 @@ from tudor_dynamics.arm.description import arm_from_dict, load_arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
-from tudor_dynamics.identification.doctor.alternatives import with_couplings
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT.parent / 'shared' / 'data'))
@@ -72,9 +71,9 @@ def described(robot):
     arm = load_arm(own if own.exists() else SHARED / 'arms' / f'{robot}.yaml')
     if robot == 'quanser':  # its stage 2 stood still, and its strain was not recorded
         gauges = tuple(gauge for gauge in arm.spec.gauges if gauge.name == 'link1')
-        arm = replace(arm, spec=arm.spec.model_copy(update={'gauges': gauges}))
+        arm = arm.changed(gauges=gauges)
     if robot == 'tx40':  # its maker says that motor 6 turns with joint 5
-        arm = with_couplings(arm, CouplingsSpec(pairs=(CouplingPair(
+        arm = arm.changed(couplings=CouplingsSpec(pairs=(CouplingPair(
             motor='joint_6', joint='joint_5', ratio=1.0),)))
     return arm
 

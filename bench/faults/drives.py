@@ -21,7 +21,6 @@ from faults.signals import moving, put
 import numpy as np
 
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
-from tudor_dynamics.identification.doctor.alternatives import with_couplings
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.signals.filters import zero_phase
 
@@ -38,8 +37,8 @@ def of_drives(bag, rng):
         return
     if arm.coupling is not None:
         pair = arm.spec.couplings.pairs[0]
-        yield Fault('coupling_missing', ('coupling_missing',), with_couplings(arm, None), (data,),
-                    channels=(pair.motor, pair.joint), size=pair.ratio)
+        yield Fault('coupling_missing', ('coupling_missing',), arm.changed(couplings=None),
+                    (data,), channels=(pair.motor, pair.joint), size=pair.ratio)
         return
     case = examine(arm, r).case
     # a wrist that carries nothing feels friction alone, and so nothing of a coupling
@@ -53,7 +52,7 @@ def of_drives(bag, rng):
         both = names[motor], names[joint]
         spec = CouplingsSpec(pairs=(CouplingPair(motor=both[0], joint=both[1], ratio=ratio),),
                              positions='motors', efforts='motors')
-        yield Fault('coupling_wrong', ('coupling_wrong',), with_couplings(arm, spec), (data,),
+        yield Fault('coupling_wrong', ('coupling_wrong',), arm.changed(couplings=spec), (data,),
                     channels=both)
         matrix = np.eye(len(names))
         matrix[motor, joint] = ratio

@@ -28,9 +28,9 @@ from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.bags.reader import read_wrenches
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics.campaign import (
-    random_pushes, record_stimulus, steps_per_message, stimulus_motion, stimulus_seeds,
+    random_pushes, record_stimulus, stimulus_motion, stimulus_seeds,
     StimulusSpec)
-from tudor_dynamics.mechanics.closed_loop import ClosedLoop
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop, steps_per_message
 from tudor_dynamics.mechanics.hardware import with_payload
 from tudor_dynamics.mechanics.mechanism import build_mechanism
 

@@ -213,17 +213,21 @@ class Arm:
             q[index[name]] = place
         return q, [index[name] for name in self.active_joints]
 
+    def changed(self, **parts: Any) -> Arm:
+        """Give the same arm with other parts of its description, not checked again."""
+        return replace(self, spec=self.spec.model_copy(update=parts))
+
     def with_joints(self, changes: Mapping[str, Mapping[str, Any]]) -> Arm:
         """Give the same arm with other values of some keys of its joints, not checked again."""
-        joints = tuple(joint.model_copy(update=dict(changes.get(joint.name, {})))
-                       for joint in self.spec.joints)
-        return replace(self, spec=self.spec.model_copy(update={'joints': joints}))
+        return self.changed(joints=tuple(
+            joint.model_copy(update=dict(changes.get(joint.name, {})))
+            for joint in self.spec.joints))
 
     def with_gauges(self, names: Collection[str]) -> Arm:
         """Give the same arm with the named ones of its gauges."""
-        return replace(self, spec=self.spec.model_copy(update={
-            'gauges': tuple(gauge for gauge in self.spec.gauges if gauge.name in names),
-            'sensors': tuple(item for item in self.spec.sensors if item.gauge in names)}))
+        return self.changed(
+            gauges=tuple(gauge for gauge in self.spec.gauges if gauge.name in names),
+            sensors=tuple(item for item in self.spec.sensors if item.gauge in names))
 
     def with_friction_of(self, other: Arm) -> Arm:
         """Give the same arm with the friction that the joints of another have."""
@@ -232,9 +236,8 @@ class Arm:
 
     def with_open_friction(self) -> Arm:
         """Give the same arm without a word on the friction of its joints, for a fit to choose."""
-        joints = tuple(JointSpec.model_validate(joint.model_dump(
-            exclude_unset=True, exclude=set(FRICTION_KEYS))) for joint in self.spec.joints)
-        return replace(self, spec=self.spec.model_copy(update={'joints': joints}))
+        return self.changed(joints=tuple(JointSpec.model_validate(joint.model_dump(
+            exclude_unset=True, exclude=set(FRICTION_KEYS))) for joint in self.spec.joints))
 
     @cached_property
     def coupling(self) -> FloatArray | None:

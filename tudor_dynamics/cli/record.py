@@ -31,9 +31,9 @@ from tudor_dynamics.errors import BagError, check_budget, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.excitation_plan import best_seed, excitation_report, read_motion
 from tudor_dynamics.mechanics.campaign import (
-    played_motion, random_loads, record_stimuli, steps_per_message, stimulus_motion,
-    stimulus_seeds, StimulusResult, StimulusSpec)
-from tudor_dynamics.mechanics.closed_loop import ClosedLoop
+    played_motion, random_loads, record_stimuli, stimulus_motion, stimulus_seeds,
+    StimulusResult, StimulusSpec)
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop, steps_per_message
 from tudor_dynamics.mechanics.hardware import Imperfections, with_payload
 from tudor_dynamics.parallel import on_cluster
 import yaml

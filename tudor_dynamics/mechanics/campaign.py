@@ -37,7 +37,7 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.errors import check_budget, MAX_STEPS, SimulationError
 from tudor_dynamics.mechanics import chain as at, settings
-from tudor_dynamics.mechanics.closed_loop import CHUNK, ClosedLoop, LoopRecord
+from tudor_dynamics.mechanics.closed_loop import CHUNK, ClosedLoop, LoopRecord, steps_per_message
 from tudor_dynamics.mechanics.hardware import (
     Imperfections, Push, push_forces, push_table, with_payload)
 from tudor_dynamics.mechanics.mechanism import beam_axes, Mechanism
@@ -334,8 +334,7 @@ def record_stimulus(
     carrying = with_payload(arm, spec.payload)
     if spec.loads and carrying.spec.payload is None:
         # a place for what comes
-        carrying = Arm(carrying.spec.model_copy(update={'payload': InertiaPart(mass=0.0)}),
-                       arm.full_model, arm.source, arm.urdf)
+        carrying = arm.changed(payload=InertiaPart(mass=0.0))
     loop = ClosedLoop(carrying, damping=spec.damping,
                       imperfections=spec.imperfections, seed=spec.noise_seed)
     every = steps_per_message(loop.dt, spec.rate)
@@ -410,15 +409,6 @@ def record_stimuli(
     pieces = [(Path.cwd(), str(source), spec, str(path))
               for spec, path in zip(specs, paths, strict=True)]
     return in_processes(_record_piece, pieces, jobs, progress)
-
-
-def steps_per_message(dt: float, rate: float) -> int:
-    """Give the number of steps between two messages: dt [s], rate [Hz]."""
-    every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
-    if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
-        raise SimulationError(f'a rate of {rate:g} Hz does not divide that of the loop, '
-                              f'{1.0 / dt:g} Hz; give e.g. 100')
-    return int(round(every))
 
 
 def _recording(arm: Arm, signals: LoopRecord, stamp: NDArray[np.int64]) -> Recording:

@@ -31,7 +31,7 @@ from tudor_dynamics.control.cascade import (
     velocity_lag, velocity_law)
 from tudor_dynamics.control.damper import (
     arm_damping, Damper, damper_law, moving_share, STATUS, Status)
-from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.errors import MAX_STEPS, SimulationError
 from tudor_dynamics.mechanics import chain as at, hardware as dr, integrator as gen, settings
 from tudor_dynamics.mechanics.equations import inverse_dynamics, section_loads
 from tudor_dynamics.mechanics.hardware import (
@@ -464,6 +464,15 @@ class ClosedLoop:
         return LoopRecord(np.asarray(t, dtype=np.float64), *np.split(out, cuts, axis=1))
 
 
+def steps_per_message(dt: float, rate: float) -> int:
+    """Give the number of steps between two messages: dt [s], rate [Hz]."""
+    every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
+    if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
+        raise SimulationError(f'a rate of {rate:g} Hz does not divide that of the loop, '
+                              f'{1.0 / dt:g} Hz (damper.rate); give e.g. 100')
+    return int(round(every))
+
+
 @dataclass(frozen=True, eq=False)
 class Sample:
     """What the sensors say."""
@@ -489,12 +498,7 @@ class ArmProcess:
         chosen = Imperfections() if imperfect else Imperfections.none()
         self.loop = ClosedLoop(arm, damping=damping, imperfections=chosen, seed=seed,
                                position_loop=False)
-        steps = 1.0 / (rate * self.loop.dt)
-        self.steps = round(steps)
-        if self.steps < 1 or abs(steps - self.steps) > 1e-6:
-            msg = (f'rate {rate:g} Hz: expected a whole part of the rate at which the arm is '
-                   f'controlled, {1.0 / self.loop.dt:g} Hz (damper.rate)')
-            raise SimulationError(msg)
+        self.steps = steps_per_message(self.loop.dt, rate)
         self._probe = Probe(self.loop.plant, [])
         self._samples = 0
         initial = arm.spec.simulation.initial

@@ -420,6 +420,4 @@ def with_payload(arm: Arm, mass: float) -> Arm:
     """
     if not (math.isfinite(mass) and mass >= 0.0):
         raise SimulationError(f'a payload of {mass} kg is impossible; give 0 or more')
-    part = InertiaPart(mass=mass) if mass > 0.0 else None
-    spec = arm.spec.model_copy(update={'payload': part})
-    return Arm(spec, arm.full_model, arm.source, arm.urdf)
+    return arm.changed(payload=InertiaPart(mass=mass) if mass > 0.0 else None)

@@ -114,8 +114,7 @@ def with_motors(arm: Arm) -> Arm:
             'joint_stiffness': motor.stiffness,
             'joint_damping': motor.damping if motor.stiffness is not None else 0.0,
             'viscous_friction': motor.joint_torque_constant * sum(motor.viscous) / 2})
-    spec = arm.spec.model_copy(update={'links': tuple(links.values()), 'motors': ()})
-    return Arm(spec, arm.full_model, arm.source, arm.urdf)
+    return arm.changed(links=tuple(links.values()), motors=())
 
 
 def left_out(arm: Arm) -> dict[str, list[str]]:

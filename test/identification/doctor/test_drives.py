@@ -27,7 +27,6 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.identification.doctor.alternatives import with_couplings
 from tudor_dynamics.identification.doctor.examine import examine
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -43,7 +42,7 @@ def _bag() -> Recording:
 
 
 def _coupled(ratio: float) -> Arm:
-    return with_couplings(_arm(), CouplingsSpec(
+    return _arm().changed(couplings=CouplingsSpec(
         pairs=(CouplingPair(motor='joint3', joint='joint2', ratio=ratio),),
         positions='motors', efforts='motors'))
 

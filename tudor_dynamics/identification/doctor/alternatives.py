@@ -88,13 +88,7 @@ def with_gravity(arm: Arm, gravity: FloatArray) -> Arm:
     """Give an arm with another gravity: gravity (3,) [m/s^2]."""
     model = pin.Model(arm.full_model)
     model.gravity = pin.Motion(np.asarray(gravity, dtype=float), np.zeros(3))
-    spec = arm.spec.model_copy(update={'gravity': tuple(float(x) for x in gravity)})
-    return replace(arm, spec=spec, full_model=model)
-
-
-def with_couplings(arm: Arm, couplings: CouplingsSpec | None) -> Arm:
-    """Give an arm with other couplings."""
-    return replace(arm, spec=arm.spec.model_copy(update={'couplings': couplings}))
+    return replace(arm.changed(gravity=tuple(float(x) for x in gravity)), full_model=model)
 
 
 def _scaled(n: int, i: int, factor: float) -> FloatArray:
@@ -258,7 +252,7 @@ def drives(case: Case) -> Iterator[Alternative]:
         coupled = tuple(name for i, name in enumerate(names)
                         if np.count_nonzero(arm.coupling[i]) > 1
                         or np.count_nonzero(arm.coupling[:, i]) > 1)
-        alone = with_couplings(arm, None)
+        alone = arm.changed(couplings=None)
         yield Alternative(case, 'coupling_wrong', coupled, case.explained(arm=alone),
                           f'the outputs show no coupling of {" and ".join(coupled)}', '', 0.0,
                           arm=alone)
@@ -278,7 +272,7 @@ def _coupled(
 ) -> Alternative:
     couplings = CouplingsSpec(pairs=(CouplingPair(motor=motor, joint=joint, ratio=ratio),),
                               positions=at, efforts=at)
-    arm = with_couplings(case.arm, couplings)
+    arm = case.arm.changed(couplings=couplings)
     return Alternative(
         case, 'coupling_missing', (motor, joint), case.explained(arm=arm),
         f'the motor of {motor} turns with {joint} as well, '

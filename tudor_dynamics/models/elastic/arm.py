@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -57,9 +57,8 @@ def reduced_mechanism(arm: Arm) -> Mechanism:
                 for part in beam.lumped)
             beam = beam.model_copy(update={'elements': 1, 'stretch': False, 'lumped': lumped})
         links.append(link.model_copy(update={'flexible': beam}))
-    payload = arm.spec.payload or InertiaPart(mass=0.0)
-    mechanism = build_mechanism(replace(arm, spec=arm.spec.model_copy(
-        update={'links': tuple(links), 'payload': payload})))
+    mechanism = build_mechanism(arm.changed(
+        links=tuple(links), payload=arm.spec.payload or InertiaPart(mass=0.0)))
     if not mechanism.beams:
         raise SimulationError(f'{arm.source}: no link is flexible; give links with flexible: to '
                               'use the elastic model')
