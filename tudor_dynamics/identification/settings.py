@@ -164,6 +164,8 @@ SCALES = tuple(10.0 ** (sign * exponent) for sign in (1.0, -1.0)
                for exponent in (0.5, 0.75, 1.0, 1.25, 1.5, 2.75, 3.0, 3.25))
 NEARLY = 2.0  # a scale within this factor of a thousand(th) is taken for it (bench/doctor)
 LAGS = np.arange(-0.06, 0.1501, 0.01)  # lags that are tried [s]
+CLOCKS = np.arange(-2.0, 2.01, 0.05)  # the same of clocks that are apart [s]
+LAG_FAR = 0.3  # relative residual from which on they may be: half of what 0.1 s leave at 1 Hz
 # Smaller lags are the filters of drivers, which every arm has [s] (bench/doctor).
 USUAL_LAG = {'effort': 0.015, 'strain': 0.015, 'velocity': 0.03}
 # Sum of log ratios by which a lag has to reduce the residual (bench/doctor).
@@ -231,7 +233,7 @@ SIGNS, SIGN_PASSES = 3, 10  # first guesses of a lost sign by what bodies do; pa
 SIGNED = 0.5  # part of the residual's power that remains with the sign guessed (simulated arms)
 STEP_SECONDS, STEP_WITHIN = 6.0, (0.3, 0.7)  # of recordings, in which a gain or zero may change
 STEPS = 11  # times that are tried there; what changes at the ends is friction (bench/lab_faults)
-AT_ONCE = 0.25  # part of the time by which changes of one load may be apart
+SAME_TIME = 0.25  # part of the time by which changes of one load may be apart
 STEPPED = (0.25, 0.42)  # residual's power after over before it: short, long recordings
 STEP_LONG = 40.0  # longer recordings show more [s]
 STEP_SHARE = 1e-3  # part of the variance that it explains

@@ -24,7 +24,7 @@ import pytest
 
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification.doctor.alternatives import axis_name
-from tudor_dynamics.identification.doctor.case import decimate
+from tudor_dynamics.identification.doctor.case import decimate, Delay
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
 
@@ -80,7 +80,7 @@ def test_what_is_compared_has_one_bandwidth() -> None:
     assert seen.output('effort').shape == (len(seen.t), 2)
     assert np.abs(seen.output('velocity') - dq).max() < 0.02
     # as if it had come 50 ms earlier
-    moved = seen.output('velocity', 0.05)
+    moved = seen.output('velocity', Delay(0.05))
     assert np.sqrt(np.mean((moved - dq - 0.05 * ddq) ** 2)) < 0.05 * np.std(dq)
 
 

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Alternatives of a description that explain a recording better: gravity, signs, drives, lags."""
+"""Alternatives of a description that explain a recording better: gravity, signs, drives."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import combinations
 from typing import Literal
 
@@ -27,17 +27,15 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
-from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.case import (
-    Case, Decimated, Explained, gain, relative, share_of, unit_scale)
+    Case, Delay, Explained, gain, unit_scale)
 from tudor_dynamics.identification.doctor.findings import Finding, found, UNSEEN
 from tudor_dynamics.load.rows import described_masses
 from tudor_dynamics.typing import FloatArray
 
 AT: tuple[Literal['joints', 'motors'], ...] = ('joints', 'motors')
 """What positions and efforts of coupled drives may be those of."""
-PLURAL = {'effort': 'efforts', 'strain': 'strains', 'velocity': 'velocities'}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +53,19 @@ class Alternative:
     mixed: Mapping[str, FloatArray] = field(default_factory=dict)
     gravity: FloatArray | None = None  # of another direction, (3,) [m/s^2]
     turned: FloatArray | None = None  # positions to those of the joints, (joints, joints)
+    late: Mapping[str, Delay] = field(default_factory=dict)  # outputs that come late
     arm: Arm | None = None  # other description
     unseen: tuple[float, float] = (0.0, 0.0)  # errors on parts left out, without and with it
 
-    def output(self, name: str, lag: float = 0.0) -> FloatArray:
-        """Give an output that it would explain, as if it had come earlier: lag [s]."""
-        values = self.case.output(name, lag) if lag else self.case.outputs[name]
+    def output(self, name: str, late: Delay | None = None) -> FloatArray:
+        """Give an output that it would explain, as if it had not come late."""
+        late = self.late.get(name) if late is None else late
+        values = self.case.outputs[name] if late is None else self.case.output(name, late)
         return values @ self.mixed[name] if name in self.mixed else values
 
-    def shares_of(self, name: str, lag: float = 0.0) -> FloatArray:
+    def shares_of(self, name: str, late: Delay | None = None) -> FloatArray:
         """Give the share that remains of the variance of each channel of an output."""
-        return self.explained[name].shares(self.output(name, lag))
+        return self.explained[name].shares(self.output(name, late))
 
     @cached_property
     def shares(self) -> FloatArray:
@@ -341,71 +341,6 @@ def opposite(case: Case, hinted: Mapping[int, float]) -> list[Finding]:
         f'{axis_name(own)}', case.recording.path, size=180.0, now=ratio, otherwise=-ratio,
         measure='measured effort over that of the masses',
         remedy=f'gravity: {[float(-x + 0.0) for x in own]}')]
-
-
-def lags(chosen: Alternative) -> list[tuple[Finding, str, float]]:
-    """Look for outputs that come late, with their names and what their lags gain."""
-    late = {name: _late(chosen.case.recording, name, partial(chosen.shares_of, name),
-                        chosen.case.brevity) for name in chosen.explained}
-    return [(item[0], name, item[1]) for name, item in late.items() if item is not None]
-
-
-def velocity_lag(
-    recording: Recording, decimated: Decimated, joints: Sequence[str],
-) -> list[Finding]:
-    """Look for velocities of the driver that come later than the derivative of the positions."""
-    if not decimated.has('velocity'):
-        return []
-    n = decimated.motion.shape[1] // 3
-    derivative = decimated.motion[:, n:2 * n]
-    sizes = np.std(derivative, axis=0)
-    moves = sizes > settings.STILL * float(sizes.max())
-
-    def shares(lag: float) -> FloatArray:
-        values = decimated.output('velocity', lag)[:, moves]
-        return share_of(values - derivative[:, moves], derivative[:, moves])
-
-    late = _late(recording, 'velocity', shares, 1.0)
-    if late is not None:
-        return [late[0]]
-
-    def of(place: int, lag: float) -> FloatArray:
-        return shares(lag)[[place]]
-
-    each = [(name, _late(recording, 'velocity', partial(of, i), 1.0))
-            for i, name in enumerate(np.array(joints)[moves])]
-    return [replace(one[0], channels=(str(name),), what=f'of {name}: {one[0].what}')
-            for name, one in each if one is not None]
-
-
-def _late(
-    recording: Recording, name: str, shares: Callable[[float], FloatArray], brevity: float,
-) -> tuple[Finding, float] | None:
-    """Search for the lag with the least residuals; report one that drivers do not have."""
-    values = [shares(float(lag)) for lag in settings.LAGS]
-    scores = np.array([float(np.sum(np.log(x))) for x in values])
-    i = int(np.argmin(scores))
-    first, last = float(settings.LAGS[0]), float(settings.LAGS[-1])
-    seconds = float(settings.LAGS[i])
-    if 0 < i < len(scores) - 1:  # the vertex of the parabola through three
-        before, here, after = scores[i - 1:i + 2]
-        bend = before - 2.0 * here + after
-        if bend > 0.0:
-            seconds += float(0.5 * (before - after) / bend
-                             * (settings.LAGS[1] - settings.LAGS[0]))
-    zero = shares(0.0)
-    better, now, otherwise = gain(zero, values[i]), relative(zero), relative(values[i])
-    # stamps of samples show no less than the time between them
-    if (abs(seconds) < max(settings.USUAL_LAG[name], recording.dt) * np.sqrt(brevity)
-            or better < settings.LAG_GAIN[name]):
-        return None
-    if otherwise > settings.LAG_SHARE or not first < seconds < last - 1e-9:
-        return None  # it is not the lag that the residual comes from
-    size = round(seconds, 4)
-    way = 'late' if seconds > 0.0 else 'early'
-    return found(
-        f'{name}_late', f'{PLURAL[name]} come {abs(size) * 1e3:.0f} ms {way} against the '
-        'positions', recording.path, time=0.0, size=size, now=now, otherwise=otherwise), better
 
 
 def _gauges_turned(case: Case) -> list[Finding]:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,24 @@ from tudor_dynamics.models.regressor import regressor_of
 from tudor_dynamics.models.rigid_bodies import RigidBodies
 from tudor_dynamics.signals.filters import zero_phase
 from tudor_dynamics.typing import FloatArray, IndexArray
+
+
+class Delay(NamedTuple):
+    """How late an output comes."""
+
+    seconds: FloatArray | float = 0.0  # of each channel, or of all [s]
+    rate: float = 0.0  # by how much it grows with time: a clock that runs fast [s/s]
+
+    @property
+    def size(self) -> float:
+        """Give that of all channels, or of the one that is late, at first [s]."""
+        return round(float(np.sum(self.seconds)), 4)
+
+    def undone(self, t: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
+        """Give values (n, channels) as if they had not come late, at other times than t [s]."""
+        each = np.broadcast_to(self.seconds, values.shape[1])
+        return np.stack([np.interp((1.0 + self.rate) * at + late, t, column)
+                         for late, column in zip(each, values.T, strict=True)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +74,9 @@ class Decimated:
         """Say whether an output, or the driver's velocity, of this name is there."""
         return name in self.parts[0].signals
 
-    def output(self, name: str, lag: float = 0.0) -> FloatArray:
-        """Give an output on the samples kept, (n, channels), as if it had come earlier [s]."""
-        return np.vstack([np.stack([np.interp(part.t[part.keep] + lag, part.t, column)
-                                    for column in part.signals[name].T], axis=1)
+    def output(self, name: str, late: Delay = Delay()) -> FloatArray:
+        """Give an output on the samples kept, (n, channels), as if it had not come late."""
+        return np.vstack([late.undone(part.t, part.signals[name], part.t[part.keep])
                           for part in self.parts])
 
 
@@ -276,10 +294,10 @@ class Case:
         return {name: np.array([one not in self.broken for one in bodies.channels])
                 for name, bodies in self.bodies.items()}
 
-    def output(self, name: str, lag: float = 0.0) -> FloatArray:
-        """Give an output in the unit described, as if it had come earlier [s]; (n, channels)."""
+    def output(self, name: str, late: Delay = Delay()) -> FloatArray:
+        """Give an output in the unit described, as if it had not come late; (n, channels)."""
         # what never changes leaves the same whatever is changed
-        values = np.where(self.sound[name], self.decimated.output(name, lag), 0.0)
+        values = np.where(self.sound[name], self.decimated.output(name, late), 0.0)
         return values if name == 'strain' else values / [
             self.units.get(joint, 1.0) for joint in self.arm.active_joints]
 

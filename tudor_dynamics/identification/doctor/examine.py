@@ -32,8 +32,9 @@ from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.choice import Choices
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.doctor.alternatives import (
-    Alternative, choose, driven_by_friction, lags, opposite, velocity_lag)
+    Alternative, choose, driven_by_friction, opposite)
 from tudor_dynamics.identification.doctor.case import Case, decimate, Explained, gain, relative
+from tudor_dynamics.identification.doctor.delays import lags, velocity_lag
 from tudor_dynamics.identification.doctor.findings import Finding, found, RESIDUAL
 from tudor_dynamics.identification.doctor.residuals import trends
 from tudor_dynamics.identification.doctor.samples import look_at_samples, sizes
@@ -258,5 +259,5 @@ def _by_model(
 
 def _proposed(usual: Alternative) -> list[Alternative]:
     """Give what explains a bag better than the description, and than a lag does."""
-    least = max((gain for *_, gain in lags(usual)), default=0.0)
+    least = max((late.gain for late in lags(usual)), default=0.0)
     return [item for item in choose(usual.case) if item.gain >= least]

@@ -68,7 +68,7 @@ def _at_once(findings: list[Finding]) -> list[Finding]:
     """Take gains and zeros of several channels that change at one time for a change of load."""
     steps = [item for item in findings if item.kind in ('gain_step', 'offset_step')]
     times = [item.time or 0.0 for item in steps]
-    if len(steps) < 2 or max(times) - min(times) > settings.AT_ONCE * max(times):
+    if len(steps) < 2 or max(times) - min(times) > settings.SAME_TIME * max(times):
         return findings
     names, at = tuple(item.channels[0] for item in steps), float(np.median(times))
     most = max(steps, key=lambda item: item.now or 0.0)
@@ -178,9 +178,9 @@ def _step(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding |
                   now, now * share, at)
 
 
-def ringing(chosen: Alternative, output: str, lag: float = 0.0) -> float | None:
+def ringing(chosen: Alternative, output: str) -> float | None:
     """Give the frequency of an oscillation that is most of a residual, faster than the motion."""
-    case, measured = chosen.case, chosen.output(output, lag)
+    case, measured = chosen.case, chosen.output(output)
     rate = 1.0 / float(np.median(np.diff(case.decimated.t)))
     frequency, densities = power_density(
         np.hstack([chosen.explained[output].residuals(measured),

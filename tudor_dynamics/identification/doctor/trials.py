@@ -31,7 +31,7 @@ from tudor_dynamics.identification.choice import Choices, hysteretic, LeftOut
 from tudor_dynamics.identification.dataset import BagChoice, BagData, filtered
 from tudor_dynamics.identification.doctor.alternatives import Alternative
 from tudor_dynamics.identification.doctor.case import Case
-from tudor_dynamics.identification.doctor.findings import Finding, UNSEEN
+from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.doctor.residuals import ringing
 from tudor_dynamics.load.rows import described_masses
 from tudor_dynamics.load.settings import BELIEVED
@@ -55,7 +55,7 @@ class Trials:
         self._settings = None if chosen is None else chosen.settings
         self._sound = {name: np.all([case.sound[name] for case in cases], axis=0)
                        for name in cases[0].outputs if all(name in one.outputs for one in cases)}
-        self._before: dict[tuple[int, str], FloatArray] = {}  # errors by remedy and filters
+        self._before: dict[tuple[Alternative | None, str], FloatArray] = {}  # of remedy, filters
 
     def paying(
         self, usual: Sequence[Alternative], proposed: Sequence[Sequence[Alternative]],
@@ -65,30 +65,30 @@ class Trials:
         for item in chain.from_iterable(proposed):
             groups.setdefault(item.what, []).append(item)
         likeliest = sorted(groups.values(), key=lambda group: -sum(one.gain for one in group))
-        spec = self._slower(usual, {}) if likeliest else self._spec
+        spec = self._slower(usual) if likeliest else self._spec
         tried = [(errors[::-1], group) for group in likeliest[:settings.LIKELIEST]
-                 if (errors := self._try(group[0], {}, settings.PAYING, spec)) is not None
+                 if (errors := self._try(group[0], settings.PAYING, spec, None)) is not None
                  and (group[0].kind != 'joint_scale' or errors[1] < settings.RESCALED * errors[0])]
         (otherwise, now), best = min(tried, key=lambda item: item[0], default=((0.0, 0.0), []))
         return [next((replace(one, unseen=(now, otherwise)) for one in best
                       if one.case is own.case), own) for own in usual]
 
     def paying_lags(
-        self, chosen: Sequence[Alternative],
-        found: Sequence[Sequence[tuple[Finding, str, float]]],
+        self, chosen: Sequence[Alternative], found: Sequence[Sequence[Alternative]],
     ) -> list[list[Finding]]:
-        """Give the lags of each bag that pay on all of them."""
+        """Give the lags of each bag that pay on all of them: the likeliest of each output."""
         base = next((item for item in chosen if item.kind), None)
+        spec = self._slower(chosen) if any(found) else self._spec
         paid = {}
         for name in self._sound:
-            sizes = [item.size or 0.0 for late in found for item, what, _ in late if what == name]
-            lag = {name: float(np.median(sizes))} if sizes else {}
-            if lag and (errors := self._try(
-                    base, lag, settings.PAYING_LAG, self._slower(chosen, lag),
-                    base)) is not None:
-                paid[name] = errors
-        return [[replace(item, now=paid[name][0], otherwise=paid[name][1], measure=UNSEEN)
-                 for item, name, _ in late if name in paid] for late in found]
+            late = [one for one in chain.from_iterable(found) if name in one.late]
+            if late:
+                likeliest = max(late, key=lambda one: one.gain)
+                paid[likeliest.kind, likeliest.channels] = self._try(
+                    likeliest, settings.PAYING_LAG, spec, base)
+        return [[replace(one, unseen=errors).finding() for one in of_bag
+                 if (errors := paid.get((one.kind, one.channels))) is not None]
+                for of_bag in found]
 
     def driven(self, joint: int, hints: Sequence[Mapping[int, float]]) -> bool:
         """Say whether all bags and the masses agree that friction would drive a joint."""
@@ -99,25 +99,27 @@ class Trials:
                 return False
         return True
 
-    def _slower(
-        self, chosen: Sequence[Alternative], lags: Mapping[str, float],
-    ) -> PreprocessingSpec:
+    def _slower(self, chosen: Sequence[Alternative]) -> PreprocessingSpec:
         """Give filters below an oscillation: it has its own cause, bodies explain the rest."""
         peaks = [peak for one in chosen for name in self._sound
-                 if (peak := ringing(one, name, lags.get(name, 0.0))) is not None]
+                 if (peak := ringing(one, name)) is not None]
         return self._spec if not peaks else self._spec.model_copy(update={
             'filter': 'zero_phase', 'cutoff': settings.BELOW_RINGING * min(peaks)})
 
     def _try(
-        self, remedy: Alternative | None, lags: Mapping[str, float], least: float,
-        spec: PreprocessingSpec, base: Alternative | None = None,
+        self, remedy: Alternative, least: float, spec: PreprocessingSpec,
+        base: Alternative | None,
     ) -> tuple[float, float] | None:
-        """Give relative errors without a remedy and lags [s], and with; None if these lose."""
+        """Give relative errors without a remedy and with it; None if it loses."""
+        names = np.concatenate([np.array(self.cases[0].bodies[output].channels)[sound]
+                                for output, sound in self._sound.items()])
+        judged = np.isin(names, remedy.channels if remedy.late and remedy.channels else names)
         try:
-            without = id(base), spec.model_dump_json()
+            without = base, spec.model_dump_json()
             if without not in self._before:
-                self._before[without] = self._shares(base, {}, spec)
-            before, after = self._before[without], self._shares(remedy, lags, spec)
+                self._before[without] = self._shares(base, spec)
+            before = self._before[without][:, judged]
+            after = self._shares(remedy, spec)[:, judged]
         except TudorError:
             return None  # too short for the filters, or nothing is left to be predicted
         # every channel and part counts alike, whatever its error
@@ -127,12 +129,10 @@ class Trials:
         pays = otherwise < min(now, settings.PREDICTED) and gains.mean() > max(least, errors)
         return (now, otherwise) if pays else None
 
-    def _shares(
-        self, remedy: Alternative | None, lags: Mapping[str, float], spec: PreprocessingSpec,
-    ) -> FloatArray:
+    def _shares(self, remedy: Alternative | None, spec: PreprocessingSpec) -> FloatArray:
         """Give squared errors over the power of a part, (parts, channels), 1 at most."""
         bags = [filtered(BagData(
-            BagChoice(case.recording.path), remedied(case, remedy, lags), (), payload), spec)
+            BagChoice(case.recording.path), remedied(case, remedy), (), payload), spec)
             for case, payload in zip(self.cases, self._payloads, strict=True)]
         arm = remedy.arm if remedy is not None and remedy.arm is not None else self.cases[0].arm
         found = []
@@ -148,8 +148,8 @@ class Trials:
         return np.hstack(found)
 
 
-def remedied(case: Case, remedy: Alternative | None, lags: Mapping[str, float]) -> Recording:
-    """Give the recording of a bag as it would be with a remedy, and without lags [s]."""
+def remedied(case: Case, remedy: Alternative | None) -> Recording:
+    """Give the recording of a bag as it would be with a remedy."""
     recording = case.recording
     changed: dict[str, Any] = {'earlier': None}
     for name in case.outputs:
@@ -158,10 +158,10 @@ def remedied(case: Case, remedy: Alternative | None, lags: Mapping[str, float]) 
             values = values / [case.units.get(joint, 1.0) for joint in case.arm.active_joints]
         if remedy is not None and name in remedy.mixed:
             values = values @ remedy.mixed[name]
-        if name in lags:
-            values = np.vstack([np.stack([np.interp(t + lags[name], t, column) for column in
-                                          values[part].T], axis=1)
-                                for part in recording.segments if len(t := recording.t[part])])
+        if remedy is not None and name in remedy.late:
+            values = np.vstack([
+                remedy.late[name].undone(t, values[part], t) for part in recording.segments
+                if len(t := recording.t[part])])
         changed[name] = values
     if remedy is not None and remedy.turned is not None:
         changed['q'] = recording.q @ remedy.turned
