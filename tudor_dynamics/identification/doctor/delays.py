@@ -55,11 +55,10 @@ def _of_output(chosen: Alternative, name: str) -> Alternative | None:
     seconds = least(grid, Delay)
     more = least(settings.CLOCKS, lambda size: Delay(seconds - size, 2.0 * size / span))
     # filters of drivers; and stamps of samples show no less than the time between them
-    usual = np.sqrt(case.brevity) * settings.USUAL_LAG[name]
-    stamps = max(usual, np.sqrt(case.brevity) * case.recording.dt)
+    usual = np.sqrt(case.brevity) * max(settings.USUAL_LAG[name], case.recording.dt)
     ways: list[tuple[tuple[int, ...], float, Delay]] = [
-        ((), abs(seconds) / stamps, Delay(seconds)),
-        ((), abs(more) / stamps, Delay(seconds - more, 2.0 * more / span))]
+        ((), abs(seconds) / usual, Delay(seconds)),
+        ((), abs(more) / usual, Delay(seconds - more, 2.0 * more / span))]
     step = 0.5 * float(settings.LAGS[1] - settings.LAGS[0])
     rates = (chosen.output(name, Delay(step)) - chosen.output(name, Delay(-step))) / (2.0 * step)
     for i in sound if len(sound) > 1 else ():

@@ -201,7 +201,7 @@ def _wave(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
     """Find a wave that goes on through most of a residual, and is none of the motion."""
     case, t = chosen.case, chosen.case.decimated.t
     seconds = float(t[-1] - t[0])
-    if seconds < settings.RINGING_SECONDS:
+    if seconds < settings.WAVE_SECONDS:
         return None
     left = chosen.explained[name].residuals(chosen.output(name))[:, i]
     both = np.column_stack([left, np.split(case.motion, 3, axis=1)[1][:, case.moves]])
