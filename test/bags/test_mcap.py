@@ -131,7 +131,7 @@ def test_what_contradicts_itself_is_refused(
     file.write_bytes(change(content))
     with pytest.raises(BagError, match=cause) as caught:
         read_recording(file, plain_arm())
-    assert str(caught.value).endswith('recover what is left with `mcap recover`')
+    assert str(caught.value).endswith('recover its messages with `mcap recover`')
 
 
 def test_summary_and_data_that_contradict_each_other(content: bytes, tmp_path: Path) -> None:

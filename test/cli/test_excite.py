@@ -81,7 +81,7 @@ def test_plan_record_fit(
 @pytest.mark.parametrize(('options', 'said'), [
     (('--seconds', '3'), 'give 10 to 3600'), (('--noise-of', 'joint2=-1'), 'positive size'),
     (('--noise-of', 'nobody=1'), 'one of joint2, joint3'),
-    (('--highest', '0.01'), 'has no room'), (('--noise', '0'), '--noise 0: give'),
+    (('--highest', '0.01'), 'is too short'), (('--noise', '0'), '--noise 0: give'),
     (('--model', 'none'), 'none'), (('--srdf', 'none.srdf'), 'SRDF cannot be read'),
     (('--model', 'm', '--noise', '1'), 'leave out --noise')])
 def test_wrong_input(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],

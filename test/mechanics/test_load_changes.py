@@ -66,5 +66,5 @@ def test_put_on_while_it_runs(root: Path) -> None:
             loop.set_payload(picked)
         strains.append(np.mean(loop.run(q, 0.0 * q).strain[-600:], axis=0))
     assert strains[0] == pytest.approx(strains[1], rel=0.05)
-    with pytest.raises(SimulationError, match='describe the arm with a payload'):
+    with pytest.raises(SimulationError, match='and payload: in the description'):
         ClosedLoop(with_payload(arm, 0.0)).set_payload(0.1)

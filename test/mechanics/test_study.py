@@ -86,7 +86,7 @@ def test_bare_models_are_the_same(model: Path, root: Path, tmp_path: Path) -> No
     assert not {'thresholds', 'uses', 'payload_errors'} & {*bare.facts}
     td.save_bundle(bare, tmp_path / 'bare')
     assert td.predict(td.load_bundle(tmp_path / 'bare'), test).outputs.keys() == full.models.keys()
-    with pytest.raises(td.TudorError, match='no report'):
+    with pytest.raises(td.TudorError, match='no data for the report'):
         td.fit(bags, arm, out=tmp_path / 'x', bare=True)
 
 

@@ -108,7 +108,7 @@ def test_wrench_point_and_diagnosis(world: World, elastic: Path, pushed: Recordi
         return values_of(world.status('monitor', lambda item: wanted in values_of(item)))
 
     during = say(FIRST[0] + 0.7, 0, 'contact link')
-    assert during['contact link'] == 'link3' and during['contact'] == 'by strain, felt'
+    assert during['contact link'] == 'link3' and during['contact'] == 'by strain, now'
     assert float(during['contact force [N]']) > 3.0
     assert abs(float(during['contact place [m]']) - 0.33) < 0.03
     assert 0.0 < float(during['contact force deviation [N]']) < 3.0

@@ -59,7 +59,7 @@ def test_the_outermost_joint_that_feels_a_force_moves_the_link_that_is_touched()
     assert inner.torque == pytest.approx([0.0, 0.0, 3.0])
     assert outer.torque == pytest.approx([0.0, 0.0, -1.5])
     assert outer.torque_deviation == RMSE and np.isnan(outer.force_deviation)
-    assert not outer.located and 'cannot tell place' in outer.note
+    assert not outer.located and 'cannot separate place' in outer.note
     assert not none.felt and none.note == ''
 
 
@@ -96,7 +96,7 @@ def test_why_there_is_no_estimate_is_said() -> None:
     bare = ModelBundle(planar_arm(), PreprocessingSpec(), {})
     with pytest.raises(ModelError, match='methods strain or momentum'):
         contact_estimator(bare, 'analytical', ('effort',))
-    with pytest.raises(ModelError, match='model of the strain.*; .*fit it with bags'):
+    with pytest.raises(ModelError, match='model of the strain.*; .*fit it with test bags'):
         contact_estimator(bare, 'analytical', ('strain', 'momentum'))
 
 

@@ -695,9 +695,9 @@ class RayleighSpec(Spec):
     """Structural damping C = alpha M + beta K."""
 
     alpha: NonNegative = 0.0
-    """Damping by the masses, felt by slow modes [1/s]."""
+    """Damping by the masses, of slow modes above all [1/s]."""
     beta: NonNegative = 0.0
-    """Damping by the stiffness, felt by fast modes [s]."""
+    """Damping by the stiffness, of fast modes above all [s]."""
 
 
 class SimulationSpec(Spec):

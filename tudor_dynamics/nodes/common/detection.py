@@ -135,7 +135,7 @@ class ContactOutput:
         last = self._last
         values = {'contact': f'by {watch.contact.source}'}
         if last is not None and last.felt:
-            values['contact'] += ', felt'
+            values['contact'] += ', now'
             values['contact link'] = last.link
             values |= {name: f'{value:.3g}' for name, value in (
                 ('contact force [N]', float((last.force**2).sum()) ** 0.5),
