@@ -152,7 +152,7 @@ def test_plans_that_are_none(root: Path, tmp_path: Path,
     fit = ('fit', bag, '--arm', arm, '--out', str(tmp_path / 'm'), '--plan', str(folder))
     assert 'there is no plan.json' in refused(*fit)
     (folder / 'plan.json').write_text('{"format": "x"}')
-    assert 'no plan (' in refused(*fit)
+    assert 'no plan of ' in refused(*fit)
     (folder / 'plan.json').write_text(json.dumps({
         'format': 'tudor_dynamics/excitation', 'version': 1, 'noise_of': 'samples',
         'noise_stated': True, 'noise': {'effort': {'joint2': 1e-300, 'joint3': 1.0}}}))
