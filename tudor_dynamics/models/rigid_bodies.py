@@ -72,13 +72,9 @@ class RigidBodies:
         """Evaluate the efforts (samples, channels) of bodies, by parameters of each channel."""
         rigid_outputs(self.bodies, motion, parameters, out)
 
-    def rows(
-        self, motion: FloatArray, out: FloatArray, gravity: FloatArray | None = None,
-    ) -> None:
+    def rows(self, motion: FloatArray, out: FloatArray) -> None:
         """Evaluate the efforts of unit parameters, (samples, channels, 10 bodies)."""
-        bodies = self.bodies if gravity is None else (
-            *self.bodies[:5], np.array(gravity, dtype=float), *self.bodies[6:])
-        rigid_rows(bodies, motion, out)
+        rigid_rows(self.bodies, motion, out)
 
 
 @compiled

@@ -29,7 +29,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.case import (
-    Case, Delay, Explained, gain, unit_scale)
+    BodyRows, Case, Delay, Explained, gain, unit_scale)
 from tudor_dynamics.identification.doctor.findings import Finding, found, UNSEEN
 from tudor_dynamics.load.rows import described_masses
 from tudor_dynamics.typing import FloatArray
@@ -133,12 +133,13 @@ def tilted(case: Case, gravity: FloatArray) -> Alternative:
         kind = 'axes_parallel_to_gravity'
         parallel = ('all axes of the description are parallel to gravity, but the outputs follow '
                     'the pose; ')
+    arm = with_gravity(case.arm, gravity)
     return Alternative(
-        case, kind, (), case.explained(gravity=gravity),
+        case, kind, (), case.explained(arm=arm),
         f'{parallel}gravity along {axis_name(g)} explains the outputs, not that of the '
         f'description, {axis_name(own)}',
         f'gravity: {[float(x) for x in g]}, or correct alpha of the first D-H row', angle,
-        gravity=gravity, arm=with_gravity(case.arm, gravity))
+        gravity=gravity, arm=arm)
 
 
 def feels_gravity(case: Case) -> bool:
@@ -146,8 +147,9 @@ def feels_gravity(case: Case) -> bool:
     own = np.array(case.arm.spec.gravity)
     still = case.motion[::8].copy()
     still[:, still.shape[1] // 3:] = 0.0
-    for bodies in case.bodies.values():
-        parts = np.stack([bodies.rows(still, axis) for axis in np.eye(3)])
+    along = [with_gravity(case.arm, axis) for axis in np.eye(3)]
+    for name in case.bodies:
+        parts = np.stack([BodyRows(arm, name).rows(still) for arm in along])
         felt = np.tensordot(own, parts, axes=1)
         if np.abs(felt).max() > 1e-3 * np.abs(parts).max() * np.linalg.norm(own):
             return True

@@ -30,7 +30,6 @@ from tudor_dynamics.identification import settings
 from tudor_dynamics.load.rows import friction_terms
 from tudor_dynamics.models.friction import Coupling
 from tudor_dynamics.models.regressor import regressor_of
-from tudor_dynamics.models.rigid_bodies import RigidBodies
 from tudor_dynamics.signals.filters import zero_phase
 from tudor_dynamics.typing import FloatArray, IndexArray
 
@@ -110,30 +109,20 @@ def decimate(recording: Recording) -> Decimated | None:
 
 
 class BodyRows:
-    """Rows of an output, linear in the parameters of the bodies and in gravity."""
+    """Rows of an output, linear in the parameters of the bodies."""
 
     def __init__(self, arm: Arm, output: str) -> None:
-        regressor = regressor_of(arm, output, 'exact')
-        self.channels, self.groups = regressor.channels, regressor.groups
-        model = arm.gauge_model if output == 'strain' else arm.model
-        self._columns = 10 * (model.njoints - 1)
-        self._gravity = np.array(arm.spec.gravity)
-        self._bodies = RigidBodies(model, *(
-            np.array([model.joints[model.getJointId(name)].idx_v for name in names])
-            for names in (arm.active_joints, self.channels)))
+        self._regressor = regressor_of(arm.with_joints({
+            joint.name: {'friction': (), 'rotor_inertia': False} for joint in arm.joints}),
+            output, 'exact')
+        self.channels, self.groups = self._regressor.channels, self._regressor.groups
         self._joints = arm.joints if output == 'effort' else ()
-        self._scale = np.array([joint.effort.torque_constant or 1.0 for joint in self._joints]
-                               or [1.0])
         self._coupling = Coupling(arm)
 
-    def rows(self, motion: FloatArray, gravity: FloatArray | None = None) -> FloatArray:
-        """Evaluate the bodies by columns (n, channels, columns), for gravity (3,) [m/s^2]."""
-        out = np.zeros((len(motion), len(self.channels), self._columns))
-        self._bodies.rows(self._coupling.of_joints(motion), out,
-                          self._gravity if gravity is None else gravity)
-        if self._joints:
-            self._coupling.mix(out)
-        return out / self._scale[:, None]
+    def rows(self, motion: FloatArray) -> FloatArray:
+        """Evaluate the bodies by columns (n, channels, columns)."""
+        rows = self._regressor.rows(motion)
+        return rows if self._joints else rows[:, :, :-1]  # the last is the offset of a gauge
 
     def own(self, motion: FloatArray) -> list[FloatArray]:
         """Evaluate what each channel has to itself: rotor, friction and offset, or an offset."""
@@ -307,14 +296,13 @@ class Case:
         return {name: self.output(name) for name in self.bodies}
 
     def explained(
-        self, motion: FloatArray | None = None, gravity: FloatArray | None = None,
-        arm: Arm | None = None,
+        self, motion: FloatArray | None = None, arm: Arm | None = None,
     ) -> dict[str, Explained]:
-        """Build least squares of all outputs for other motion, gravity [m/s^2] or description."""
+        """Build least squares of all outputs for other motion or another description."""
         x = self.motion if motion is None else motion
         described = self.bodies if arm is None else {
             name: BodyRows(arm, name) for name in self.bodies}
-        return {name: Explained(bodies.rows(x, gravity), bodies.own(x), bodies.groups)
+        return {name: Explained(bodies.rows(x), bodies.own(x), bodies.groups)
                 for name, bodies in described.items()}
 
     @property
