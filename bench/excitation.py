@@ -49,7 +49,6 @@ from tudor_dynamics.identification.excitation import (  # noqa: E402
 from tudor_dynamics.identification.excitation_plan import (  # noqa: E402
     best_series, bounds_of, default_highest, information_of, make_plan, Order, target_of_arm)
 from tudor_dynamics.models.analytical import AnalyticalModel  # noqa: E402
-from tudor_dynamics.models.base import TrainingBlock  # noqa: E402
 from tudor_dynamics.models.regressor import base_sets, random_inputs  # noqa: E402
 from tudor_dynamics.signals.motion_profile import aprbs_motion, fourier_motion  # noqa: E402
 from tudor_dynamics.signals.preprocessing import prepare  # noqa: E402
@@ -231,8 +230,7 @@ def recorded(arm, target, trajectory, parameters, noise, seed):
     stretches = prepare(recording, target.preprocessing)
     model = AnalyticalModel(target.models['effort'].regressor, len(arm.joints))
     return model.fit_blocks(lambda: [
-        TrainingBlock(block.motion, block.effort, block.decimation)
-        for stretch in stretches for block in stretch.blocks()])
+        block for stretch in stretches for block in stretch.blocks('effort')])
 
 
 def promises():

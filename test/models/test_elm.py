@@ -20,9 +20,8 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.models.base import TrainingBlock
 from tudor_dynamics.models.elm import ExtremeLearningMachine
-from tudor_dynamics.signals.preprocessing import Decimation
+from tudor_dynamics.signals.preprocessing import Decimation, TrainingBlock
 from tudor_dynamics.typing import FloatArray
 
 CHANNELS = ('a', 'b')

@@ -21,11 +21,10 @@ import pytest
 
 from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import TrainingBlock
 from tudor_dynamics.models.estimation import (
     ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, Products, solve, squared_residuals)
 from tudor_dynamics.models.regressor import Regressor
-from tudor_dynamics.signals.preprocessing import Decimation
+from tudor_dynamics.signals.preprocessing import Decimation, TrainingBlock
 from tudor_dynamics.typing import FloatArray
 
 

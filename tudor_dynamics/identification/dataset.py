@@ -35,8 +35,9 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import bags_below, natural
 from tudor_dynamics.errors import (
     check_type, FitError, quiet, TudorError, TudorWarning, UsageError)
-from tudor_dynamics.models.base import Blocks, Inputs, Model, Range, SAME, TrainingBlock
-from tudor_dynamics.signals.preprocessing import prepare, retimed, Stretch, Timing
+from tudor_dynamics.models.base import Blocks, Inputs, Model, Range, SAME
+from tudor_dynamics.signals.preprocessing import (
+    prepare, retimed, Stretch, Timing, TrainingBlock)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -352,11 +353,10 @@ def training_blocks(
     def blocks() -> Iterator[TrainingBlock]:
         for bag in data:
             for stretch in bag.stretches:
-                for block in stretch.blocks(None if inputs is None else inputs(stretch)):
-                    motion = block.motion
-                    if with_payload:
-                        motion = np.column_stack([motion, np.full(len(motion), bag.payload)])
-                    yield TrainingBlock(motion, getattr(block, output), block.decimation)
+                motion = stretch.motion if inputs is None else inputs(stretch)
+                if with_payload:
+                    motion = np.column_stack([motion, np.full(len(motion), bag.payload)])
+                yield from stretch.blocks(output, motion)
     return blocks
 
 

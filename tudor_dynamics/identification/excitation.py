@@ -30,11 +30,10 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import check_budget, SignalError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import Blocks, TrainingBlock
 from tudor_dynamics.models.estimation import expected, rescaled
 from tudor_dynamics.models.regressor import column_unit, EffortRegressor, Regressor
 from tudor_dynamics.signals.motion_profile import fade, JointRange, MotionLimits, Reference, states
-from tudor_dynamics.signals.preprocessing import noise_gain, prepare, Stretch
+from tudor_dynamics.signals.preprocessing import noise_gain, prepare
 from tudor_dynamics.typing import FloatArray
 
 
@@ -272,7 +271,8 @@ def expected_errors(
     gain = 1.0 if noise.residual else noise_gain(stretches[0], preprocessing)
     found = []
     for output, model in models.items():
-        data = model.products(_blocks(stretches, output))
+        data = model.products(lambda: [
+            block for stretch in stretches for block in stretch.blocks(output)])
         for place, (base, products) in enumerate(zip(model.base_, data, strict=True)):
             names = tuple(model.channels[i] for i in base.channels)
             constants = model.groups_[place].constants if model.groups_ else None
@@ -287,11 +287,6 @@ def expected_errors(
                 for kept, name, error in zip(
                     base.kept, base.names, estimate.standard_errors, strict=True)]
     return found
-
-
-def _blocks(stretches: list[Stretch], output: str) -> Blocks:
-    return lambda: [TrainingBlock(block.motion, getattr(block, output), block.decimation)
-                    for stretch in stretches for block in stretch.blocks()]
 
 
 # -- What a motion has to keep to, as penalties with slopes, and how far it goes beyond.

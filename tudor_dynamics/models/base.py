@@ -30,7 +30,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import validation_message
 from tudor_dynamics.errors import FitError, ModelError, TudorWarning
 from tudor_dynamics.models.friction import FrictionStates, LiveFriction
-from tudor_dynamics.signals.preprocessing import Decimation, Stretch
+from tudor_dynamics.signals.preprocessing import Stretch, TrainingBlock
 from tudor_dynamics.typing import FloatArray
 
 SAME = 1e-6
@@ -38,15 +38,6 @@ SAME = 1e-6
 
 
 # -- What models learn from: blocks of motion with their outputs, checked
-
-@dataclass(frozen=True, eq=False)
-class TrainingBlock:
-    """Motion and the outputs that belong to it."""
-
-    motion: FloatArray  # of all samples
-    output: FloatArray  # measured outputs after decimation, (kept, channels)
-    decimation: Decimation | None = None  # of `motion` to `output`; None where rows match
-
 
 Blocks = Callable[[], Iterable[TrainingBlock]]
 Inputs = Callable[[Stretch], FloatArray]

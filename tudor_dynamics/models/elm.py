@@ -31,7 +31,8 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import check_budget, FitError, ModelError, NotFittedError
 from tudor_dynamics.models.base import (
     Blocks, BundlePart, check_block, check_motion, check_payload, Flag, MAX_COEFFICIENT,
-    MemorylessModel, ModelSettings, Payloads, Range, read, TrainingBlock, Whole)
+    MemorylessModel, ModelSettings, Payloads, Range, read, Whole)
+from tudor_dynamics.signals.preprocessing import TrainingBlock
 from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 2048

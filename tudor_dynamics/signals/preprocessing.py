@@ -140,17 +140,6 @@ COLUMNS_AT_A_TIME = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
-    """A stretch of motion small enough to build regressor rows for."""
-
-    motion: FloatArray  # of all samples
-    # Outputs, already decimated, (kept, channels).
-    effort: FloatArray | None
-    strain: FloatArray | None
-    decimation: Decimation  # what turns rows of `motion` into rows of the outputs
-
-
-@dataclass(frozen=True, eq=False)
 class Decimation:
     """A linear operation on the samples: anti-alias filter if need be, then their choice."""
 
@@ -170,6 +159,15 @@ class Decimation:
             part = slice(first, first + COLUMNS_AT_A_TIME)
             smooth[:, part] = forward_backward(self.sections, flat[:, part], pad)[self.keep]
         return smooth.reshape(len(self.keep), *x.shape[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingBlock:
+    """Motion, little enough to build regressor rows for, and the outputs that belong to it."""
+
+    motion: FloatArray  # of all samples
+    output: FloatArray  # measured outputs after decimation, (kept, channels)
+    decimation: Decimation | None = None  # of `motion` to `output`; None where rows match
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,14 +205,16 @@ class Stretch:
         """Give the number of samples after decimation."""
         return len(self.decimation.keep)
 
-    def blocks(self, motion: FloatArray | None = None) -> Iterator[Block]:
-        """Cut the stretch into blocks of bounded size; writes motion (samples, inputs)."""
+    def blocks(self, output: str, motion: FloatArray | None = None) -> Iterator[TrainingBlock]:
+        """Cut motion (samples, inputs), that of the stretch by default, and an output."""
         keep = self.decimation.keep
         motion = self.motion if motion is None else motion
+        values: FloatArray = getattr(self, output)
         if self.decimation.sections is None:
             for first in range(0, len(keep), BLOCK):
                 index = keep[first:first + BLOCK]
-                yield self._block(motion, index, Decimation(np.arange(len(index))))
+                yield TrainingBlock(motion[index], values[index],
+                                    Decimation(np.arange(len(index))))
             return
         step = max(1, int(np.median(np.diff(keep)))) if len(keep) > 1 else 1
         size = max(1, BLOCK // step)
@@ -222,17 +222,8 @@ class Stretch:
             part = keep[first:first + size]
             begin = max(0, int(part[0]) - self.margin)
             end = min(len(self.t), int(part[-1]) + 1 + self.margin)
-            yield self._block(motion, np.arange(begin, end),
-                              Decimation(part - begin, self.decimation.sections))
-
-    def _block(
-        self, motion: FloatArray, index: NDArray[np.intp], decimation: Decimation,
-    ) -> Block:
-        return Block(
-            motion[index],
-            None if self.effort is None else decimation(self.effort[index]),
-            None if self.strain is None else decimation(self.strain[index]),
-            decimation)
+            decimation = Decimation(part - begin, self.decimation.sections)
+            yield TrainingBlock(motion[begin:end], decimation(values[begin:end]), decimation)
 
 
 def noise_gain(stretch: Stretch, spec: PreprocessingSpec) -> float:
