@@ -175,11 +175,6 @@ class RowTrainer:
             [bag], output, with_payload=with_payload, inputs=model.inputs) for bag in bags},
             self.sums.setdefault(output, {}))
 
-    def fit_sums(self, names: Iterable[str], output: str) -> MemorylessModel:
-        """Fit the model of one output to parts whose sums are kept."""
-        return blank(self.kind, self.arm, output, self.settings).fit_parts(
-            dict.fromkeys(names, lambda: ()), self.sums[output])
-
 
 ELASTIC = 'elastic'
 """The kind that learns from whole stretches; rows do for all others."""

@@ -32,7 +32,7 @@ from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, BagFacts, filtered, load, model_for, OUTPUTS, spread_sample, SurveyedBag,
     Unused, with_recorded_gauges)
 from tudor_dynamics.identification.fit import (
-    enough, FitResult, FitSettings, FittedOutput, result_of, RowTrainer)
+    enough, FitResult, FitSettings, FittedOutput, result_of)
 from tudor_dynamics.identification.passes import (
     Folder, Gathering, go_through, Judging, Part, Pass, Place, survey, Task)
 from tudor_dynamics.identification.validation import (
@@ -60,6 +60,7 @@ def fold_models(
 ) -> dict[Place, FoldModels]:
     """Add up what groups of bags came to, in their order; fit all, and all but each group."""
     parts: dict[Place, dict[int, Part]] = {}
+    task = gathered.task
     for seen in gathered.bags:
         progress('add up')
         for place, part in gathered.kept(seen).parts.items():
@@ -69,17 +70,15 @@ def fold_models(
     progress('fit')
     found = {}
     for (number, output), folds in parts.items():
-        trainer = RowTrainer('analytical', gathered.task.arm, gathered.task.settings)
-        trainer.sums[output] = {}
+        sums: dict[tuple[str, bool], Part] = {}
         for fold, part in folds.items():
-            trainer.sums[output][str(fold), True] = part
-            trainer.sums[output][str(fold), False] = [
-                [Products(item.gram, item.n) for item in group] for group in part]
+            sums[str(fold), True] = part
+            sums[str(fold), False] = [[Products(item.gram, item.n) for item in group]
+                                      for group in part]
 
         def fit(some: Iterable[int]) -> AnalyticalModel:
-            model = trainer.fit_sums(map(str, some), output)
-            assert isinstance(model, AnalyticalModel)
-            return model
+            return AnalyticalModel.new(task.arm, output, task.settings).fit_parts(
+                {str(fold): tuple for fold in some}, sums)
 
         found[number, output] = FoldModels(fit(folds), {
             out: fit(fold for fold in folds if fold != out) for out in folds if len(folds) > 1})
