@@ -25,6 +25,7 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.dataset import all_stretches, BagData, SurveyedBag, Unused
+from tudor_dynamics.identification.many_bags import FoldModels
 from tudor_dynamics.identification.next_steps import change_of, ErrorChange
 from tudor_dynamics.identification.ringdowns import clear_ring, standstills
 from tudor_dynamics.identification.settings import LEAST_SPREAD, SIGMAS
@@ -32,7 +33,6 @@ from tudor_dynamics.identification.validation import part_errors
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.elastic.model import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import kind_of
-from tudor_dynamics.models.estimation import Products
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.show.figures import label, panel, Plot, trace
 from tudor_dynamics.show.page import rendered
@@ -188,19 +188,13 @@ def stiffness_quantities(physical: Sequence[PhysicalParameter]) -> list[Quantity
 
 # -- Has the model of a first date aged: its errors on later ones, and on parts left out
 
-Part = list[list[Products]]
-
-
-def aged(
-    output: str, model: AnalyticalModel, others: Sequence[AnalyticalModel],
-    then: Sequence[Part], now: Sequence[Part],
-) -> list[ErrorChange]:
+def aged(output: str, then: FoldModels, now: FoldModels) -> list[ErrorChange]:
     """Compare the errors of a model on a later date with those on the date that it is of."""
-    old = [part_errors(blind, part) for blind, part in zip(others, then, strict=True)]
-    new = [part_errors(model, part) for part in now]
+    old = [part_errors(then.others[fold], part) for fold, part in then.parts.items()]
+    new = [part_errors(then.whole, part) for part in now.parts.values()]
     return [change_of((output, 'analytical', channel), *(
         (first[i], second[i]) for first, second in zip(_figures(old), _figures(new), strict=True)))
-        for i, channel in enumerate(model.channels)]
+        for i, channel in enumerate(then.whole.channels)]
 
 
 def _figures(parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -42,10 +42,9 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.elastic_problem import records_of
 from tudor_dynamics.identification.elastic_search import identify
 from tudor_dynamics.identification.fit import check_arm, FitSettings, RowTrainer
-from tudor_dynamics.identification.many_bags import fold_models
+from tudor_dynamics.identification.many_bags import fold_models, FoldModels
 from tudor_dynamics.identification.next_steps import ErrorChange
-from tudor_dynamics.identification.passes import (
-    Folder, Gathering, go_through, Part, survey, Task)
+from tudor_dynamics.identification.passes import Folder, Gathering, go_through, survey, Task
 from tudor_dynamics.library import fit
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -265,9 +264,7 @@ class _Date:
 
     whole: list[SurveyedBag] = field(default_factory=list)
     sights: list[SurveyedBag] = field(default_factory=list)
-    models: dict[str, AnalyticalModel] = field(default_factory=dict)
-    others: dict[str, list[AnalyticalModel]] = field(default_factory=dict)
-    parts: dict[str, list[Part]] = field(default_factory=dict)
+    models: dict[str, FoldModels] = field(default_factory=dict)  # by output
 
     @property
     def used(self) -> tuple[SurveyedBag, ...]:
@@ -307,8 +304,8 @@ class _Study:
         self._gather(outputs)
         self.progress('compare')
         seen = [Observation(*when, output, item) for when, date in self.dates.items()
-                for output, model in date.models.items()
-                for item in quantities(some[output], model, date.others[output])]
+                for output, of in date.models.items()
+                for item in quantities(some[output], of.whole, list(of.others.values()))]
         seen += self._rings()
         if self.run.elastic:
             stiff, without = stiffnesses(
@@ -414,12 +411,8 @@ class _Study:
         date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
         if len(used) < 2:
             raise FitError(f'{len(used)} usable parts of bags, 2 are needed', remedy='record more')
-        gathered = Gathering(task, tuple(date.sights))
-        for (_, output), (model, others) in fold_models(gathered).items():
-            date.models[output], date.others[output] = model, list(others.values())
-        for sight in gathered.bags:
-            for (_, output), part in gathered.kept(sight).parts.items():
-                date.parts.setdefault(output, []).append(part)
+        date.models = {output: found for (_, output), found in fold_models(
+            Gathering(task, tuple(date.sights))).items()}
 
     def _rings(self) -> list[Observation]:
         if not any(arm.gauges for arm in self.arms.values()):
@@ -440,8 +433,7 @@ class _Study:
             if len(dates) > 1:
                 old, new = self.dates[name, dates[0]], self.dates[name, dates[-1]]
                 found[name] = [change for output in outputs for change in aged(
-                    output, old.models[output], old.others[output], old.parts[output],
-                    new.parts[output])]
+                    output, old.models[output], new.models[output])]
         return named_aged(found)
 
     def _models(self) -> dict[str, str]:

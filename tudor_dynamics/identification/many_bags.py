@@ -53,6 +53,7 @@ class FoldModels(NamedTuple):
 
     whole: AnalyticalModel  # of all groups of bags
     others: Mapping[int, AnalyticalModel]  # without each group; empty where there is but one
+    parts: Mapping[int, Part]  # what each group came to
 
 
 def fold_models(
@@ -81,7 +82,8 @@ def fold_models(
                 {str(fold): tuple for fold in some}, sums)
 
         found[number, output] = FoldModels(fit(folds), {
-            out: fit(fold for fold in folds if fold != out) for out in folds if len(folds) > 1})
+            out: fit(fold for fold in folds if fold != out) for out in folds if len(folds) > 1},
+            folds)
     return found
 
 
@@ -188,7 +190,7 @@ class ManyBags:
             test = [filtered(bag, spec) for bag in self.held_test]
             fitted = []
             for output in self.outputs:
-                model, others = models[number, output]
+                model, others, _ = models[number, output]
                 left = [(model_for(others[folds[str(bag.choice)]], bag), bag) for bag in training]
                 cases = cases_of(model, test) if test else left
                 fitted.append(FittedOutput.judged(
@@ -324,10 +326,10 @@ def _trials(
     gathered: Gathering, test: Sequence[SurveyedBag], models: Mapping[Place, FoldModels],
 ) -> list[Judging]:
     """Let each group of bags be judged by models of the others, or test bags by those of all."""
-    task, whole = gathered.task, {place: light(model) for place, (model, _) in models.items()}
+    task, whole = gathered.task, {place: light(of.whole) for place, of in models.items()}
     found = []
     for fold in dict.fromkeys(seen.fold for seen in gathered.bags):
-        blind = {} if test else {place: light(of[fold]) for place, (_, of) in models.items()}
+        blind = {} if test else {place: light(of.others[fold]) for place, of in models.items()}
         bags = tuple(seen for seen in gathered.bags if seen.fold == fold)
         found.append(Judging(task, bags, blind, whole))
     return [*found, Judging(task, tuple(test), whole, {})] if test else found
