@@ -29,7 +29,7 @@ import hashlib
 import json
 from pathlib import Path
 import re
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -212,6 +212,7 @@ Models = Mapping[Place, AnalyticalModel]
 class Pass(ABC, Generic[Kept]):
     """A pass over bags, and what it keeps of each."""
 
+    form: ClassVar[Any]  # what it keeps, `BagSums` or `BagErrors`
     task: Task  # what is asked of every bag
     bags: tuple[SurveyedBag, ...]
 
@@ -223,14 +224,11 @@ class Pass(ABC, Generic[Kept]):
     def made(self, seen: SurveyedBag) -> Kept:
         """Read a bag, and make of it what is kept."""
 
-    @abstractmethod
-    def loaded(self, content: bytes) -> Kept:
-        """Read what is kept; whatever is wrong with it is an error."""
-
     def found(self, seen: SurveyedBag) -> Kept | None:
         """Read what is kept of a bag; None where nothing whole is."""
         try:
-            return self.loaded(self.task.store.read(self.name(seen)) or b'')
+            whole: Kept = self.form.loaded(self.task.store.read(self.name(seen)) or b'')
+            return whole
         except (TudorError, ValueError, KeyError, TypeError):
             return None
 
@@ -258,13 +256,11 @@ class Pass(ABC, Generic[Kept]):
 class Gathering(Pass[BagSums]):
     """Bags that are multiplied out."""
 
+    form = BagSums
+
     def name(self, seen: SurveyedBag) -> str:
         """Name the sums of a bag."""
         return self.task.name(seen, '.npz')
-
-    def loaded(self, content: bytes) -> BagSums:
-        """Read the sums of a bag."""
-        return BagSums.loaded(content)
 
     def made(self, seen: SurveyedBag) -> BagSums:
         """Multiply a bag out."""
@@ -286,6 +282,7 @@ class Gathering(Pass[BagSums]):
 class Judging(Pass[BagErrors]):
     """Bags with the models that are judged by them."""
 
+    form = BagErrors
     # Models that have not seen these bags, and models that have; either may be none.
     unseen: Models
     seen: Models
@@ -293,10 +290,6 @@ class Judging(Pass[BagErrors]):
     def name(self, seen: SurveyedBag) -> str:
         """Name how the models did on a bag."""
         return self.task.name(seen, '.json', self._digest)
-
-    def loaded(self, content: bytes) -> BagErrors:
-        """Read how the models did on a bag."""
-        return BagErrors.loaded(content)
 
     def made(self, seen: SurveyedBag) -> BagErrors:
         """Let the models predict a bag."""
