@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import hashlib
 from pathlib import Path
 import time
-from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
+from typing import NamedTuple, TYPE_CHECKING, TypeVar
 import warnings
 
 import numpy as np
@@ -372,23 +372,14 @@ def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:
                  for kind, model in bundle.models[output].items()} for output in outputs})
 
 
-def _training(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Give what a bundle says of its training bags."""
-    listed = facts.get('training')
-    return [item for item in (listed if isinstance(listed, list) else ())
-            if isinstance(item, dict)]
-
-
-def _copied(bag: BagData, training: Sequence[Mapping[str, Any]]) -> bool:
-    """Say whether a training bag, by whatever name, has samples of a bag."""
-    return any(item.get('sha256') == bag.recording.checksum != ''
-               and bag.choice.overlaps(parse_choice(str(item.get('bag')))) for item in training)
-
-
 def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
-    """Warn of bags that a model was trained on."""
-    training = _training(bundle.facts)
-    seen = [str(bag.choice) for bag in data if _copied(bag, training)]
+    """Warn of bags whose samples a model was trained on, by whatever name."""
+    listed = bundle.facts.get('training')
+    training = [item for item in (listed if isinstance(listed, list) else ())
+                if isinstance(item, dict)]
+    seen = [str(bag.choice) for bag in data if any(
+        item.get('sha256') == bag.recording.checksum != ''
+        and bag.choice.overlaps(parse_choice(str(item.get('bag')))) for item in training)]
     if seen:
         msg = (f'{", ".join(seen)}: the model was trained on this; how well it does there is no '
                'test')

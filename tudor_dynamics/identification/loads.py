@@ -25,7 +25,7 @@ import numpy as np
 
 from tudor_dynamics.errors import TudorError, UsageError
 from tudor_dynamics.identification.dataset import BagData, motion_span, part
-from tudor_dynamics.identification.fit import choices_to_list, FitResult, FittedOutput, RowTrainer
+from tudor_dynamics.identification.fit import choices_to_list, FitResult, RowTrainer
 from tudor_dynamics.identification.next_steps import assess, Assessment, spread
 from tudor_dynamics.identification.uses import as_plain
 from tudor_dynamics.identification.validation import rounded
@@ -212,19 +212,15 @@ def figures(result: FitResult) -> dict[str, Any]:
     """Give the figures of a fit as plain values: output, model, then training and validation."""
     content: dict[str, Any] = {}
     for item in result.fitted:
-        content.setdefault(item.output, {})[item.kind] = _figures(item)
-    return content
-
-
-def _figures(item: FittedOutput) -> dict[str, Any]:
-    content: dict[str, Any] = {
-        'verdict': item.verdict.level.value, 'reasons': list(item.verdict.reasons),
-        'method': item.validation.method, 'validation': rounded(item.validation.score),
-        'spread': {name: float(f'{value:.3g}') for name, value in spread(item.validation).items()},
-        'noise': {name: float(f'{value:.3g}') for name, value in zip(
-            item.validation.channels, item.noise.tolist(), strict=False)},
-        'channel_verdicts': {name: level.value for name, level in item.verdict.channels.items()},
-        'training': rounded(item.training.score)}
-    if item.random is not None:
-        content['random_split_optimistic'] = rounded(item.random.score)
+        verdict, validation = item.verdict, item.validation
+        content.setdefault(item.output, {})[item.kind] = {
+            'verdict': verdict.level.value, 'reasons': list(verdict.reasons),
+            'method': validation.method, 'validation': rounded(validation.score),
+            'spread': {name: float(f'{value:.3g}') for name, value in spread(validation).items()},
+            'noise': {name: float(f'{value:.3g}') for name, value in zip(
+                validation.channels, item.noise.tolist(), strict=False)},
+            'channel_verdicts': {name: level.value for name, level in verdict.channels.items()},
+            'training': rounded(item.training.score),
+            **({} if item.random is None else {
+                'random_split_optimistic': rounded(item.random.score)})}
     return content
