@@ -125,14 +125,6 @@ what a motion does not show at all is expensive, not infinite."""
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
-    """A model whose parameters are to be shown."""
-
-    model: AnalyticalModel  # model of efforts or strains; it need not be fitted
-    noise: FloatArray  # standard deviation of each channel, in its unit, (channels,)
-
-
-@dataclass(frozen=True, eq=False)
 class _Group:
     """Channels with common parameters, and what brings their rows to units of the noise."""
 
@@ -141,11 +133,11 @@ class _Group:
     factor: FloatArray
 
     @classmethod
-    def of(cls, subject: Subject, place: int) -> _Group:
+    def of(cls, model: AnalyticalModel, noise: FloatArray, place: int) -> _Group:
         """Give one group of a model."""
-        model, base = subject.model, subject.model.base_[place]
+        base = model.base_[place]
         channels = list(base.channels)
-        factor = np.repeat(1.0 / subject.noise[channels, None], len(base.kept), axis=1)
+        factor = np.repeat(1.0 / noise[channels, None], len(base.kept), axis=1)
         constants = model.groups_[place].constants if model.groups_ else None
         if constants is not None:
             factor[:, model.regressor.scaled[base.kept]] /= constants.values[:, None]
@@ -172,15 +164,16 @@ def mean_error(covariances: Sequence[FloatArray]) -> tuple[float, list[FloatArra
 
 
 class Information:
-    """Information that motions hold about the parameters of several models."""
+    """What motions show of models, fitted or not, in the noise (channels,) of each output."""
 
-    def __init__(self, subjects: Sequence[Subject]) -> None:
+    def __init__(
+        self, models: Mapping[str, AnalyticalModel], noise: Mapping[str, FloatArray],
+    ) -> None:
         self._parts: list[tuple[Regressor, list[_Group]]] = []
-        for subject in subjects:
-            regressor = subject.model.regressor
-            regressor.assume(None)
-            self._parts.append((regressor, [
-                _Group.of(subject, place) for place in range(len(subject.model.base_))]))
+        for output, model in models.items():
+            model.regressor.assume(None)
+            self._parts.append((model.regressor, [
+                _Group.of(model, noise[output], place) for place in range(len(model.base_))]))
 
     def matrices(self, motion: FloatArray) -> list[FloatArray]:
         """Give the information matrix of each group of channels of all models."""

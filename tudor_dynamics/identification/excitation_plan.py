@@ -36,7 +36,7 @@ from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.identification.dataset import OUTPUTS
 from tudor_dynamics.identification.excitation import (
     Beyond, Bounds, CLEARANCE, covariance_of, Criterion, expected_errors, ExpectedError,
-    Information, known_efforts, mean_error, Noise, Series, series, Subject)
+    Information, known_efforts, mean_error, Noise, Series, series)
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.friction import sliding
@@ -373,8 +373,7 @@ def bounds_of(target: Target, links: SelfCollision | None = None) -> Bounds:
 
 def information_of(target: Target) -> Information:
     """Give what judges motions by what they show."""
-    return Information([Subject(model, target.noise.size[output])
-                        for output, model in target.models.items()])
+    return Information(target.models, target.noise.size)
 
 
 def make_plan(
