@@ -355,8 +355,8 @@ class Ring:
     noise: FloatArray  # rms of what it leaves over, (joints,)
 
 
-def standing(t: FloatArray, dq: FloatArray) -> list[tuple[int, slice]]:
-    """Find where joints stand for long enough: the sample of the stop, and those looked at."""
+def standing(t: FloatArray, dq: FloatArray) -> list[slice]:
+    """Find samples to look at where joints stand for long enough after a motion."""
     speed = np.abs(dq).max(axis=1)
     # an arm that rings through stands all the same
     moving = speed > max(settings.RING_STILL, settings.RING_SPEED * float(speed.max()))
@@ -367,7 +367,7 @@ def standing(t: FloatArray, dq: FloatArray) -> list[tuple[int, slice]]:
         first = int(np.searchsorted(t, t[stop] + settings.RING_AFTER))
         last = int(np.searchsorted(t, min(t[stop] + settings.RING_UNTIL, t[after])))
         if last - first >= 12 and t[last - 1] - t[first] >= settings.RING_LEAST:
-            found.append((stop, slice(first, last)))
+            found.append(slice(first, last))
     return found
 
 
@@ -438,7 +438,7 @@ def loudest_ring(recording: Recording) -> Ring | None:
         if recording.effort is None or t[-1] - t[0] < settings.RING_AFTER + settings.RING_LEAST:
             continue
         states = zero_phase(t, recording.q[part], min(settings.CUTOFF, 0.2 / recording.dt))
-        for _, rest in standing(t, states.dq):
+        for rest in standing(t, states.dq):
             rests += 1
             ring = ring_of(*block_means(t[rest], recording.effort[part][rest]))
             if ring is not None:
