@@ -79,11 +79,12 @@ def _steps(setting: Setting, floors: tuple[float, ...], seeds: int) -> Cached:
             rig = td.ForceRig(setting.campaign.arm, stiffness, setting.campaign.plan.seed + seed)
             rig.approach(FIRST)
             rig.press(SECOND)
-            force = rig.run(SECONDS)
+            rig.run(SECONDS)
+            force = rig.force[-round(SECONDS * RATE):]
             rows.append({'stiffness': stiffness, 'seed': seed,
                          'held': rig.held, **judge(force)})
             if seed == 0:
-                traces[f'{stiffness:g}'] = np.array(rig.force[-round((SECONDS + 0.5) * RATE):])
+                traces[f'{stiffness:g}'] = rig.force[-round((SECONDS + 0.5) * RATE):]
     return Cached({'steps': rows}, traces)
 
 

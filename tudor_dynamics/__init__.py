@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from tudor_dynamics.mechanics.hardware import Imperfections, Push, with_payload
     from tudor_dynamics.mechanics.mechanism import build_mechanism
     from tudor_dynamics.mechanics.plant import Plant
-    from tudor_dynamics.mechanics.rig import Rig
+    from tudor_dynamics.mechanics.rig import Loop, Rig
     from tudor_dynamics.mechanics.run import modes
     from tudor_dynamics.mechanics.study import simulate, SimulatedRun
     from tudor_dynamics.models.bundle import ModelBundle
@@ -63,14 +63,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     'Arm', 'ClosedLoop', 'ContactEstimator', 'ElasticModel', 'Feedforward', 'FitSettings',
-    'ForceRig', 'Imperfections', 'ModelBundle', 'Monitor', 'MonitorSettings', 'MoveRefiner',
-    'Plant', 'Push', 'Recording', 'Rig', 'Schedule', 'ShapedPlanner', 'Shaping', 'SimulatedRun',
-    'StimulusSpec', 'Trajectory', 'TudorError', 'TunedArm', 'Wish', 'arm_from_dict',
-    'build_mechanism', 'carried', 'design', 'detect', 'draw_schedule', 'excitation', 'fit',
-    'fixed_ratios', 'follow_load', 'follow_targets', 'joint_signals', 'load_arm', 'load_bundle',
-    'modes', 'motion_limits', 'on_cluster', 'planned_limits', 'predict', 'prepare', 'random_loads',
-    'random_pushes', 'read_recording', 'record_stimuli', 'save_bundle', 'score', 'simulate',
-    'stimulus_motion', 'with_payload', 'write_bag',
+    'ForceRig', 'Imperfections', 'Loop', 'ModelBundle', 'Monitor', 'MonitorSettings',
+    'MoveRefiner', 'Plant', 'Push', 'Recording', 'Rig', 'Schedule', 'ShapedPlanner', 'Shaping',
+    'SimulatedRun', 'StimulusSpec', 'Trajectory', 'TudorError', 'TunedArm', 'Wish',
+    'arm_from_dict', 'build_mechanism', 'carried', 'design', 'detect', 'draw_schedule',
+    'excitation', 'fit', 'fixed_ratios', 'follow_load', 'follow_targets', 'joint_signals',
+    'load_arm', 'load_bundle', 'modes', 'motion_limits', 'on_cluster', 'planned_limits', 'predict',
+    'prepare', 'random_loads', 'random_pushes', 'read_recording', 'record_stimuli', 'save_bundle',
+    'score', 'simulate', 'stimulus_motion', 'with_payload', 'write_bag',
 ]
 
 # The same as above, for the interpreter; test/test_library.py compares them.
@@ -95,7 +95,7 @@ _HOMES = {
     'tudor_dynamics.mechanics.hardware': ('Imperfections', 'Push', 'with_payload'),
     'tudor_dynamics.mechanics.mechanism': ('build_mechanism',),
     'tudor_dynamics.mechanics.plant': ('Plant',),
-    'tudor_dynamics.mechanics.rig': ('Rig',),
+    'tudor_dynamics.mechanics.rig': ('Loop', 'Rig'),
     'tudor_dynamics.mechanics.run': ('modes',),
     'tudor_dynamics.mechanics.study': ('simulate', 'SimulatedRun'),
     'tudor_dynamics.models.bundle': ('ModelBundle',),

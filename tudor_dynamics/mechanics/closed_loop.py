@@ -491,12 +491,12 @@ class ArmProcess:
 
     def __init__(
         self, arm: Arm, *, rate: float = 500.0, payload: float = 0.0, damping: float = 0.0,
-        imperfect: bool = True, seed: int = 0,
+        imperfections: Imperfections = Imperfections(),  # noqa: B008 (frozen)
+        seed: int = 0,
     ) -> None:
         if payload > 0.0:
             arm = with_payload(arm, payload)
-        chosen = Imperfections() if imperfect else Imperfections.none()
-        self.loop = ClosedLoop(arm, damping=damping, imperfections=chosen, seed=seed,
+        self.loop = ClosedLoop(arm, damping=damping, imperfections=imperfections, seed=seed,
                                position_loop=False)
         self.steps = steps_per_message(self.loop.dt, rate)
         self._probe = Probe(self.loop.plant, [])

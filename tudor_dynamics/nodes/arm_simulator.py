@@ -30,7 +30,7 @@ from std_msgs.msg import Float64MultiArray
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.mechanics.closed_loop import ArmProcess
-from tudor_dynamics.mechanics.hardware import Floor
+from tudor_dynamics.mechanics.hardware import Floor, Imperfections
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
@@ -56,8 +56,9 @@ class ArmSimulatorNode(TudorNode):
             description = self.described_arm('links and motors', 'a simulated arm')
             self.arm = ArmProcess(
                 description, rate=self.value('rate'), payload=self.value('payload'),
-                damping=self.value('damping'), imperfect=self.value('imperfections'),
-                seed=self.value('seed'))
+                damping=self.value('damping'), seed=self.value('seed'),
+                imperfections=(Imperfections() if self.value('imperfections')
+                               else Imperfections.none()))
         except TudorError as err:
             self.fail(err)
             return

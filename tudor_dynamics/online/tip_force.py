@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +24,9 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
 from tudor_dynamics.control.motion_controller import MotionController
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.mechanics.closed_loop import ArmProcess
+from tudor_dynamics.mechanics.closed_loop import Sample
 from tudor_dynamics.mechanics.hardware import Floor
+from tudor_dynamics.mechanics.rig import Loop
 from tudor_dynamics.models.base import MemorylessModel, Model
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import ElasticModel
@@ -106,7 +106,7 @@ class StaticStrain:
         return StaticReadings(free * self._gain, (pressed - free) * self._gain / force)
 
 
-class ForceRig:
+class ForceRig(Loop):
     """
     The arm on a floor, its damper and the force controller in lock-step, on a simulated clock.
 
@@ -125,12 +125,8 @@ class ForceRig:
 
     Attributes
     ----------
-    process, controller, static : ArmProcess, ForceController, StaticStrain
-        The arm, and who gives its reference.
-    alter : callable
-        Changes readings of the gauges on their way.
-    force : list of float
-        Force of the floor at each sample so far [N].
+    controller, static : ForceController, StaticStrain
+        What gives the reference of the arm.
 
     """
 
@@ -138,32 +134,26 @@ class ForceRig:
         self, arm: Arm, stiffness: float, seed: int = 0,
         settings: ForceSettings = ForceSettings(),  # noqa: B008 (frozen)
     ) -> None:
-        self.process = ArmProcess(arm, rate=RATE, seed=seed)
+        super().__init__(arm, self._follow, rate=RATE, seed=seed)
         self._damper = MotionController(arm)
         self.controller = ForceController(arm, settings)
         self.static = StaticStrain(arm)
         self._stiffness = stiffness
-        self.alter: Callable[[FloatArray], FloatArray] = lambda strain: strain
-        self.force: list[float] = []
 
-    def run(self, seconds: float) -> FloatArray:
-        """Let time [s] pass; give the forces of the floor, shape (n_samples,), meanwhile [N]."""
-        dt, begun = 1.0 / RATE, len(self.force)
-        controller = self.controller
-        for _ in range(round(seconds * RATE)):
-            sample, now = self.process.step(), len(self.force) * dt
-            step = dt if self.force else 0.0
-            pose = sample.q if controller.pose is None else controller.pose
-            readings = self.static.at(pose, controller.force)
-            q, dq = controller.step(
-                step, sample.q, self.alter(sample.strain) - readings.weight, readings.share)
-            self._damper.reference.add(now, q, dq)
-            command = self._damper.step(now, step, sample.q, sample.strain,
-                                        np.ones(len(sample.strain), dtype=bool))
-            if command is not None:
-                self.process.command(command)
-            self.force.append(float(sample.force[2]))
-        return np.array(self.force[begun:])
+    @property
+    def force(self) -> FloatArray:
+        """Force of the floor at each sample so far [N]."""
+        return self.trace.array('force')[:, 2]
+
+    def _follow(self, sample: Sample) -> FloatArray | None:
+        step = 1.0 / RATE if sample.t > 0.0 else 0.0
+        pose = sample.q if self.controller.pose is None else self.controller.pose
+        readings = self.static.at(pose, self.controller.force)
+        q, dq = self.controller.step(
+            step, sample.q, sample.strain - readings.weight, readings.share)
+        self._damper.reference.add(sample.t, q, dq)
+        return self._damper.step(sample.t, step, sample.q, sample.strain,
+                                 np.ones(len(sample.strain), dtype=bool))
 
     @property
     def held(self) -> bool:
