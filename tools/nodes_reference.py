@@ -55,10 +55,15 @@ CONTENT = {
     'effort_thresholds': (STATE, 'collision threshold of the residual in force'),
     'strain_thresholds': (STATE, 'the same'),
     'momentum_thresholds': (STATE, 'the same'),
+    'effort_ratios': (STATE, 'ratio of each channel to a collision, which it is above 1'),
+    'strain_ratios': (STATE, 'the same'),
+    'momentum_ratios': (STATE, 'the same'),
     'collision': ('std_msgs/Bool', 'state of the detector; latched, on change'),
     'contact': ('std_msgs/Bool', 'the more sensitive level; latched, on change'),
     'contact_wrench': (WRENCH, 'with `estimate_contact`: force, and torque about the origin of '
                        'the frame, on a link, in its frame; zero without contact'),
+    'contact_marker': ('visualization_msgs/Marker', 'with `estimate_contact`: arrow of 10 mm/N, '
+                       'its head at the place, on the link'),
     'contact_point': ('geometry_msgs/PointStamped', 'with `estimate_contact`: place on the link, '
                       'while it is identifiable'),
     'collision_event': ('std_msgs/Header', 'stamp = first sample above the threshold, frame_id = '
@@ -96,8 +101,9 @@ CONTENT = {
 MEASURED = ('joint_states', 'motor_currents', 'link_strains')
 PREDICTED = ('predicted_efforts', 'predicted_strains')
 JUDGED = ('effort_residuals', 'strain_residuals', 'momentum_residuals', 'effort_thresholds',
-          'strain_thresholds', 'momentum_thresholds', 'collision', 'contact', 'contact_wrench',
-          'contact_point', 'collision_event', 'collision_record')
+          'strain_thresholds', 'momentum_thresholds', 'effort_ratios', 'strain_ratios',
+          'momentum_ratios', 'collision', 'contact', 'contact_wrench',
+          'contact_point', 'contact_marker', 'collision_event', 'collision_record')
 TOPICS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     'joint_state_filter': (('joint_states',), ('filtered_joint_states', 'joint_motion')),
     'dynamics_predictor': (('joint_motion',), PREDICTED),

@@ -78,6 +78,7 @@ def test_free_motion_gives_thresholds_that_find_a_push(
     assert 'thresholds of ~/calibrate' in world.status('monitor').message
     events = world.listen('collision_event', Header)
     thresholds = world.listen('strain_thresholds')
+    ratios, residuals = world.listen('strain_ratios'), world.listen('strain_residuals')
     world.meet('joint_states', 'link_strains')
 
     def push(k: int, messages: dict) -> None:
@@ -92,6 +93,11 @@ def test_free_motion_gives_thresholds_that_find_a_push(
     assert len(events) == 1 and onset == int(again.stamp[400])
     _, values = series(thresholds, 'position')
     assert (values > 0.0).all() and np.isfinite(values).all()
+    stamps, ratio = series(ratios, 'position')
+    assert ratio[stamps < onset].max() < 1.0 < ratio[stamps >= onset].max(axis=1)[:5].min()
+    assert (ratio[-len(values):] > np.abs(series(residuals, 'position')[1])[-len(values):]
+            / values - 1e-9).all()
+    assert {message.header.frame_id for message in (*ratios, *residuals)} == {'base'}
 
 
 def test_too_little_motion_is_refused(world: World, model: Path, free: Recording) -> None:

@@ -36,6 +36,7 @@ from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.online.contact import ContactEstimate
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.typing import FloatArray
+from visualization_msgs.msg import Marker
 
 POSE = np.array([0.7, -0.5])
 RATE = 100.0
@@ -94,6 +95,7 @@ def test_wrench_point_and_diagnosis(world: World, elastic: Path, pushed: Recordi
                      estimate_contact=True)
     wrenches = world.listen('contact_wrench', WrenchStamped)
     points = world.listen('contact_point', PointStamped)
+    markers = world.listen('contact_marker', Marker)
     world.meet('joint_states', 'link_strains')
     gauges = list(load_bundle(elastic).arm.gauge_names)
     first = node.meter.count
@@ -136,3 +138,11 @@ def test_wrench_point_and_diagnosis(world: World, elastic: Path, pushed: Recordi
         assert nanoseconds(message.header.stamp) == item.stamp
         assert message.header.frame_id == item.link
         assert np.abs(vector(message.point) - item.point).max() < EXACT
+    shown = [message for message in markers if message.action == Marker.ADD]
+    felt = [item for item in located if item.felt]
+    assert len(shown) == len(felt) > 50 and len(markers) > len(shown)
+    for message, item in zip(shown, felt, strict=True):
+        tail, head = (vector(point) for point in message.points)
+        assert message.header.frame_id == item.link
+        assert np.abs(head - item.point).max() < EXACT
+        assert np.abs(head - tail - 0.01 * item.force).max() < EXACT

@@ -281,6 +281,12 @@ def link_frame(model: pin.Model, joint: str) -> str:
     return joint
 
 
+def base_frame(model: pin.Model) -> str:
+    """Give the name of the frame that does not move: the root link of a URDF, or base."""
+    name = link_frame(model, 'universe')
+    return 'base' if name == 'universe' else name
+
+
 def with_gauge_joints(
     model: pin.Model,
     places: Sequence[tuple[str, str, NDArray[np.float64], NDArray[np.float64]]],

@@ -45,7 +45,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
-from tudor_dynamics.online.detector import DetectorSettings, Rates
+from tudor_dynamics.online.detector import DetectorSettings, Rates, time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
 
 
@@ -215,7 +215,10 @@ def _print_events(results: Sequence[MethodResult]) -> None:
                 for item in results for seen in item.watched[place].sightings]
         if not rows:
             continue
-        table = new_table(f'events in {bag.bag}', ('method', 'channel', 'push', 'link'),
+        first = rows[0][1]
+        begin = time_of_day(first.event.stamp - round(1e9 * first.time))
+        table = new_table(f'events in {bag.bag}, 0 s is {begin}',
+                          ('method', 'channel', 'push', 'link'),
                           ('time [s]', 'ratio', 'force [N]', 'place [mm]'))
         for method, seen, watched in sorted(rows, key=lambda row: row[1].time):
             link = seen.contact['link'] if seen.contact else seen.event.link

@@ -36,7 +36,7 @@ from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.files import read_bounded
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
-from tudor_dynamics.online.detector import CollisionEvent, Level
+from tudor_dynamics.online.detector import CollisionEvent, Level, time_of_day
 from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.online.settings import BLOCK
 from tudor_dynamics.online.streams import Predictor, StateFilter
@@ -238,6 +238,7 @@ class DetectedEvent:
     def as_dict(self) -> dict[str, Any]:
         """Give it as JSON-ready dictionary."""
         return {'time': self.time, 'stamp': self.event.stamp, 'onset': self.event.onset,
+                'time_of_day': time_of_day(self.event.onset),
                 'link': self.event.link, 'channel': self.channel, 'ratio': self.ratio,
                 'seconds': self.seconds, 'push': self.push, 'contact': self.contact}
 

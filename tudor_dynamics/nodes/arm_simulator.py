@@ -28,6 +28,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from tudor_dynamics.arm.kinematics import base_frame
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.mechanics.closed_loop import ArmProcess
 from tudor_dynamics.mechanics.hardware import Floor, Imperfections
@@ -78,7 +79,7 @@ class ArmSimulatorNode(TudorNode):
         self._active = [self._all.index(name) for name in self._names]
         assert self.arm is not None
         self._held = np.array([self.arm.held.get(name, 0.0) for name in self._all])
-        self._gauges = list(arm.gauge_names)
+        self._gauges, self._base = list(arm.gauge_names), base_frame(arm.full_model)
         self._joints = self.publish_on(JointState, arm.spec.joint_topic)
         efforts, strains = (
             {topic: [names.index(name) for name in of]
@@ -182,7 +183,7 @@ class ArmSimulatorNode(TudorNode):
             publisher.publish(joint_state(stamp, names, position=sample.strain[index]))
         self._joints.publish(self._own_message(stamp, sample))
         if self._wrench.get_subscription_count():
-            self._wrench.publish(wrench_stamped(stamp, 'base', sample.force))
+            self._wrench.publish(wrench_stamped(stamp, self._base, sample.force))
 
     def _own_message(self, stamp: Any, sample: Any) -> JointState:
         """Make the message of positions, with efforts and strains where they come with them."""

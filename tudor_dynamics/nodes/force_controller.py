@@ -27,6 +27,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.kinematics import base_frame
 from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, WARN
@@ -76,6 +77,7 @@ class ForceControllerNode(MovingNode):
         self.controller = ForceController(
             arm, ForceSettings(**{name: float(self.value(name)) for name in names}), (x, y, z))
         self.static = self._load_static(arm, (x, y, z))
+        self._base = base_frame(arm.full_model)
         return arm, arm.gauge_names
 
     def subscribe_inputs(self) -> list[Subscription]:
@@ -130,7 +132,7 @@ class ForceControllerNode(MovingNode):
             message.header.stamp, list(self._joints.names), position=place, velocity=speed))
         if self._tip_force.get_subscription_count():
             force = controller.sensing.normal * np.nan_to_num(controller.force)
-            self._tip_force.publish(wrench_stamped(message.header.stamp, 'base', force))
+            self._tip_force.publish(wrench_stamped(message.header.stamp, self._base, force))
 
     def verdict(self) -> tuple[bytes, str]:
         """Say why the pose is held."""

@@ -29,7 +29,7 @@ import numpy as np
 from tudor_dynamics.bags.storage import METADATA, RawMessages, read_metadata
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.online.detector import CollisionEvent, Excess
+from tudor_dynamics.online.detector import CollisionEvent, Excess, time_of_day
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES, RING_TIME
 
 EVENTS = 'tudor_events'
@@ -48,7 +48,7 @@ def record_of(event: CollisionEvent, excess: Excess) -> dict[str, Any]:
              'residual': excess.residual.value, 'threshold': excess.threshold,
              'ratio': np.array([event.ratios[name] for name in channels])}
     return {'onset': event.onset, 'stamp': event.stamp,
-            'time': datetime.fromtimestamp(event.onset * 1e-9).isoformat(' ', 'milliseconds'),
+            'time': time_of_day(event.onset),
             'method': event.method, 'link': event.link,
             **{name: dict(zip(channels, values.tolist(), strict=True))
                for name, values in found.items()},

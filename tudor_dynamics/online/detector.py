@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from enum import IntEnum
 import math
 
@@ -33,6 +34,11 @@ from tudor_dynamics.online.streams import Residual
 from tudor_dynamics.online.thresholds import (
     advance, advance_held, evaluate_features, held_friction, MethodThresholds, NEVER, onset_now)
 from tudor_dynamics.typing import FloatArray
+
+
+def time_of_day(stamp: int) -> str:
+    """Write a stamp [ns] as local time."""
+    return datetime.fromtimestamp(stamp * 1e-9).isoformat(' ', 'milliseconds')
 
 
 def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:

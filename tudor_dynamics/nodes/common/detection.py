@@ -28,16 +28,17 @@ from geometry_msgs.msg import PointStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Header, String
 
+from tudor_dynamics.arm.kinematics import base_frame
 from tudor_dynamics.compiled import largest_size
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
-    CALIBRATE, COLLISION, COLLISION_EVENT, COLLISION_RECORD, CONTACT, CONTACT_POINT,
-    CONTACT_WRENCH, FIELD, RESET, RESIDUALS, THRESHOLDS)
+    CALIBRATE, COLLISION, COLLISION_EVENT, COLLISION_RECORD, CONTACT, CONTACT_MARKER,
+    CONTACT_POINT, CONTACT_WRENCH, FIELD, RATIOS, RESET, RESIDUALS, THRESHOLDS)
 from tudor_dynamics.nodes.common.messages import (
-    JointSample, JointStateEncoder, ListenedPublishers, NamedReader, set_vector, time_message,
-    wrench_stamped)
+    force_marker, JointSample, JointStateEncoder, ListenedPublishers, NamedReader, set_vector,
+    time_message, wrench_stamped)
 from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
 from tudor_dynamics.online.black_box import record_of
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
@@ -47,6 +48,7 @@ from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURC
 from tudor_dynamics.online.settings import SENSOR_SPEED
 from tudor_dynamics.online.streams import Gathering, Residual
 from tudor_dynamics.online.threshold_learning import Calibration
+from visualization_msgs.msg import Marker
 
 
 class CollisionOutput:
@@ -103,6 +105,7 @@ class ContactOutput:
     def __init__(self, node: TudorNode) -> None:
         self._wrench = node.publish_on(WrenchStamped, CONTACT_WRENCH)
         self._point = node.publish_on(PointStamped, CONTACT_POINT)
+        self._marker = node.publish_on(Marker, CONTACT_MARKER)
         self._last: ContactEstimate | None = None
         self._record: ContactRecord | None = None
         self._summary: dict[str, Any] = {}
@@ -125,6 +128,8 @@ class ContactOutput:
             point = PointStamped(header=wrench.header)
             set_vector(point.point, estimate.point)
             self._point.publish(point)
+        if self._marker.get_subscription_count():
+            self._marker.publish(force_marker(wrench.header, estimate))
 
     def values(self, watch: Watch) -> dict[str, str]:
         """Give what the diagnostics say."""
@@ -183,10 +188,9 @@ class DetectNode(ModelNode):
         self.coverage = Coverage()
         self.gathering: dict[str, Gathering] = {}
         self.listened = ListenedPublishers()
-        self._residuals = {m: self.listened.add(self.publish_on(JointState, RESIDUALS[m]))
-                           for m in METHODS}
-        self._thresholds = {m: self.listened.add(self.publish_on(JointState, THRESHOLDS[m]))
-                            for m in METHODS}
+        self._residuals, self._thresholds, self._ratios = (
+            {method: self.listened.add(self.publish_on(JointState, topics[method]))
+             for method in METHODS} for topics in (RESIDUALS, THRESHOLDS, RATIOS))
         self.collision_output = CollisionOutput(self)
         self.contact_output = ContactOutput(self)
         self.serve(RESET, self._reset)
@@ -225,8 +229,9 @@ class DetectNode(ModelNode):
         self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
                        for output in watch.outputs}
         for method in watch.methods:
-            self._residuals[method].encoder = self._thresholds[method].encoder = (
-                JointStateEncoder(names[SOURCE[method]], (FIELD[method],)))
+            for publishers in (self._residuals, self._thresholds, self._ratios):
+                publishers[method].encoder = JointStateEncoder(
+                    names[SOURCE[method]], (FIELD[method],), base_frame(bundle.arm.full_model))
         self.coverage.begin()
         for output, of in topics.items():
             self.coverage.add(
@@ -303,7 +308,9 @@ class DetectNode(ModelNode):
                 self._collect(method, residual)
             self._residuals[method].publish(residual.motion.stamp, residual.value)
         for method, excess in found.excesses:
-            self._thresholds[method].publish(excess.residual.motion.stamp, excess.threshold)
+            stamp = excess.residual.motion.stamp
+            self._thresholds[method].publish(stamp, excess.threshold)
+            self._ratios[method].publish(stamp, excess.collision)
         for event in found.events:
             record = record_of(event, next(
                 excess for method, excess in found.excesses if method == event.method

@@ -31,6 +31,7 @@ RESIDUALS = {'effort': 'effort_residuals', 'strain': 'strain_residuals',
              'momentum': 'momentum_residuals'}
 THRESHOLDS = {'effort': 'effort_thresholds', 'strain': 'strain_thresholds',
               'momentum': 'momentum_thresholds'}
+RATIOS = {'effort': 'effort_ratios', 'strain': 'strain_ratios', 'momentum': 'momentum_ratios'}
 COLLISION = 'collision'
 CONTACT = 'contact'
 COLLISION_EVENT = 'collision_event'
@@ -38,6 +39,7 @@ COLLISION_RECORD = 'collision_record'
 PAYLOAD_TOPIC = 'payload'
 CONTACT_WRENCH = 'contact_wrench'
 CONTACT_POINT = 'contact_point'
+CONTACT_MARKER = 'contact_marker'
 WANTED_FORCE = 'wanted_force'
 TIP_FORCE = 'tip_force'
 JOINT_REFERENCE = 'joint_reference'

@@ -25,12 +25,12 @@ import struct
 from typing import Any, Generic, TypeVar
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Point, WrenchStamped
 import numpy as np
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.bags.messages import (
@@ -38,9 +38,11 @@ from tudor_dynamics.bags.messages import (
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.nodes.settings import SUBSCRIPTIONS_LOOK
+from tudor_dynamics.online.contact import ContactEstimate
 from tudor_dynamics.online.settings import CLOCK_JUMP
 from tudor_dynamics.online.streams import Losses, Motion
 from tudor_dynamics.typing import FloatArray
+from visualization_msgs.msg import Marker
 
 
 def nanoseconds(stamp: Any) -> int:
@@ -74,6 +76,18 @@ def wrench_stamped(
         if values is not None:
             set_vector(vector, values)
     return message
+
+
+def force_marker(header: Header, contact: ContactEstimate) -> Marker:
+    """Make an arrow of 10 mm/N whose head is the place of a contact; without one, it goes."""
+    marker = Marker(header=header, ns='contact', type=Marker.ARROW, action=Marker.DELETE)
+    if contact.felt and contact.located:
+        marker.action = Marker.ADD
+        for values in (contact.point - 0.01 * contact.force, contact.point):
+            marker.points.append(Point(**dict(zip('xyz', values.tolist(), strict=True))))
+        marker.scale.x, marker.scale.y = 0.01, 0.02
+        marker.color.r = marker.color.a = 1.0
+    return marker
 
 
 MOTION = ('positions', 'velocities', 'accelerations')
@@ -359,8 +373,8 @@ class _Encoder:
 class JointStateEncoder(_Encoder):
     """Encodes the JointStates of one topic."""
 
-    def __init__(self, names: Sequence[str], fields: Sequence[str]) -> None:
-        template = JointState(name=list(names))
+    def __init__(self, names: Sequence[str], fields: Sequence[str], frame: str = '') -> None:
+        template = JointState(header=Header(frame_id=frame), name=list(names))
         for field in fields:
             setattr(template, field, [0.0] * len(names))
         super().__init__(template, joint_state_layout)
