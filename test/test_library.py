@@ -195,3 +195,38 @@ def test_a_wrong_argument_gives_our_error(session: dict[str, Any], case: str) ->
     call, message = WRONG[case]
     with pytest.raises(td.TudorError, match=message):
         call(session)
+
+
+def knowing(recording: td.Recording, truth: Path) -> np.ndarray:
+    """Say 5 where the arm is touched, and NaN in the first second."""
+    said = np.zeros(len(recording.stamp))
+    for line in truth.read_text(encoding='utf-8').splitlines():
+        begin, end = map(float, line.split(','))
+        said[(recording.t >= begin) & (recording.t <= end)] = 5.0
+    said[recording.t < 1.0] = np.nan
+    return said
+
+
+def test_detectors_are_compared_by_their_roc(root: Path, tmp_path: Path) -> None:
+    """One that knows the pushes finds them all; one that does not, as many as it errs."""
+    arm, bag = td.load_arm(root / 'config/two_blade_arm.yaml'), root / 'bags/two_blade_pushes'
+    table = tmp_path / 'pushes.csv'
+    table.write_text('5.0,5.5\n9.0,9.5\n15.0,15.5\n', encoding='utf-8')
+    rng = np.random.default_rng(4)
+    found = td.roc({'knows': lambda recording: knowing(recording, table),
+                    'guesses': lambda recording: rng.random(len(recording.stamp))},
+                   bag, arm, truth=[table])
+    knows, guesses = found['knows'], found['guesses']
+    assert knows.pushes == 3 and knows.found[knows.false == 0].max() == 3
+    at = int(np.flatnonzero(knows.found == 3)[0])
+    assert 4.9 < knows.factor[at] < 5.0
+    assert guesses.found[guesses.false == 0].max(initial=0) < 3
+    assert guesses.share()[-1] == 100.0 and guesses.per_hour()[-1] > 1000.0
+    with pytest.raises(td.TudorError, match='one number a sample'):
+        td.roc({'short': lambda recording: np.zeros(3)}, bag, arm)
+    with pytest.raises(td.TudorError, match='above zero nowhere'):
+        td.roc({'never': lambda recording: 0.0 * recording.t}, bag, arm)
+    with pytest.raises(td.TudorError, match='nothing is known of its pushes'):
+        td.roc({'any': lambda recording: recording.t}, root / 'bags/two_blade_test', arm)
+    with pytest.raises(td.TudorError, match='give one for each'):
+        td.roc({'any': lambda recording: recording.t}, bag, arm, truth=[table, table])

@@ -33,6 +33,7 @@ NOTEBOOKS = sorted(EXAMPLES.glob('*.ipynb'))
 LONGEST = 60
 """Lines of code of a study."""
 FOUND = {
+    'own_detector': (r'my jumps finds ([0-9]+) of 15', 3, 15),
     'own_damping_law': (r'band-pass: settled after ([0-9.]+)', 0.2, 0.6),
     'own_excitation': (r'smallest volume: standard errors ([0-9.]+)', 0.005, 0.0185),
 }

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from tudor_dynamics.errors import TudorError
     from tudor_dynamics.identification.fit import FitSettings
     from tudor_dynamics.identification.validation import score
-    from tudor_dynamics.library import carried, detect, excitation, fit, predict
+    from tudor_dynamics.library import carried, detect, excitation, fit, predict, roc
     from tudor_dynamics.mechanics.campaign import (
         random_loads, random_pushes, record_stimuli, stimulus_motion, StimulusSpec)
     from tudor_dynamics.mechanics.closed_loop import ClosedLoop
@@ -69,8 +69,8 @@ __all__ = [
     'arm_from_dict', 'build_mechanism', 'carried', 'design', 'detect', 'draw_schedule',
     'excitation', 'fit', 'fixed_ratios', 'follow_load', 'follow_targets', 'joint_signals',
     'load_arm', 'load_bundle', 'modes', 'motion_limits', 'on_cluster', 'planned_limits', 'predict',
-    'prepare', 'random_loads', 'random_pushes', 'read_recording', 'record_stimuli', 'save_bundle',
-    'score', 'simulate', 'stimulus_motion', 'with_payload', 'write_bag',
+    'prepare', 'random_loads', 'random_pushes', 'read_recording', 'record_stimuli', 'roc',
+    'save_bundle', 'score', 'simulate', 'stimulus_motion', 'with_payload', 'write_bag',
 ]
 
 # The same as above, for the interpreter; test/test_library.py compares them.
@@ -88,7 +88,7 @@ _HOMES = {
     'tudor_dynamics.parallel': ('on_cluster',),
     'tudor_dynamics.identification.fit': ('FitSettings',),
     'tudor_dynamics.identification.validation': ('score',),
-    'tudor_dynamics.library': ('carried', 'detect', 'excitation', 'fit', 'predict'),
+    'tudor_dynamics.library': ('carried', 'detect', 'excitation', 'fit', 'predict', 'roc'),
     'tudor_dynamics.mechanics.campaign': (
         'random_loads', 'random_pushes', 'record_stimuli', 'stimulus_motion', 'StimulusSpec'),
     'tudor_dynamics.mechanics.closed_loop': ('ClosedLoop',),

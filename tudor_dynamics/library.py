@@ -37,7 +37,9 @@ from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, check_choices, choices, common_outputs, filtered, load, parse_choice, part,
     Paths, payload_range, refuse_copies, with_recorded_gauges)
-from tudor_dynamics.identification.detection import evaluate_collisions, find_truth, MethodResult
+from tudor_dynamics.identification.detection import (
+    Detector, evaluate_collisions, find_truth, MethodResult, Roc, roc_of_detector,
+    table_of_pushes, truth_of_table)
 from tudor_dynamics.identification.doctor.between import examine_bags
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.excitation import Criterion, mean_error
@@ -493,6 +495,64 @@ def detect(
                   for choice in chosen]
     return evaluate_collisions(bundle, recordings, settings,
                                [find_truth(path) for path, _ in recordings])
+
+
+def roc(
+    detectors: Mapping[str, Detector | ModelBundle], bags: Paths, arm: Arm,
+    truth: Sequence[str | Path] = (),
+) -> dict[str, Roc]:
+    """
+    Compare detectors by the pushes they find and the false events they bring, at any threshold.
+
+    Parameters
+    ----------
+    detectors : mapping of str to callable or ModelBundle
+        A function of a ``Recording`` that says for each sample how strongly the arm is touched,
+        (n_samples,), in any unit, NaN where it says nothing; or models with the built-in one.
+    bags : str, path, or sequence of them
+        Bags of the arm, or parts of them: ``BAG@60-100%``.
+    arm : Arm
+        Description of the arm.
+    truth : sequence of str or path, optional
+        A table of ``begin,end`` [s] for each bag; by default pushes are those on the topic
+        ``applied_wrench``.
+
+    Returns
+    -------
+    dict of str to Roc
+        By name, of a bundle by name and method: ``share()`` of the pushes found [%] over
+        ``per_hour()`` [1/h] at each ``factor`` (threshold), with exact intervals.
+
+    Raises
+    ------
+    TudorError
+        If a bag cannot be read, nothing is known of its pushes, or a detector does not give one
+        number a sample.
+
+    """
+    check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
+    chosen = choices(bags)
+    recordings = [(choice.path, load(choice, arm, arm.spec.preprocessing).recording)
+                  for choice in chosen]
+    if truth and len(truth) != len(chosen):
+        raise UsageError(
+            f'{len(truth)} tables of pushes for {len(chosen)} bags; give one for each')
+    truths = [truth_of_table(table_of_pushes(table), recording, str(table),
+                             choice.span(choice.duration or 0.0)[0])
+              for table, choice, (_, recording) in zip(truth, chosen, recordings, strict=True)
+              ] if truth else [find_truth(path) for path, _ in recordings]
+    for (path, _), known in zip(recordings, truths, strict=True):
+        if not known.known:
+            raise UsageError(f'{path}: nothing is known of its pushes; give truth, a table of '
+                             'begin,end in seconds for each bag')
+    found: dict[str, Roc] = {}
+    for name, detector in detectors.items():
+        if isinstance(detector, ModelBundle):
+            found |= {f'{name}: {item.method}': item.roc for item in evaluate_collisions(
+                detector, recordings, MonitorSettings(), truths)}
+        else:
+            found[name] = roc_of_detector(detector, recordings, truths)
+    return found
 
 
 # -- Motions that show what is to be identified: ``td.excitation``

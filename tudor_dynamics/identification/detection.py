@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import csv
 from dataclasses import asdict, dataclass, field, replace
 import io
@@ -32,7 +32,7 @@ from tudor_dynamics.bags.messages import JOINT_STATE
 from tudor_dynamics.bags.reader import BOOL, read_flags, read_wrenches
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.errors import BagError, UsageError
+from tudor_dynamics.errors import BagError, SignalError, UsageError
 from tudor_dynamics.files import read_bounded
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
@@ -347,7 +347,11 @@ def poisson_interval(count: int) -> tuple[float, float]:
     return float(gammaincinv(count, 0.05)) if count else 0.0, float(gammaincinv(count + 1, 0.95))
 
 
-def roc_of(watched: Sequence[WatchedBag], hours: float) -> Roc:
+FACTORS = np.array([*np.geomspace(0.1, 10.0, 81), 1.0])
+"""Multiples of a threshold that are judged."""
+
+
+def roc_of(watched: Sequence[WatchedBag], hours: float, grid: FloatArray = FACTORS) -> Roc:
     """Judge each threshold by the peaks of pushes and of the seconds between them."""
     touched, free = [], []
     for item in watched:
@@ -365,7 +369,7 @@ def roc_of(watched: Sequence[WatchedBag], hours: float) -> Roc:
             free += np.maximum.reduceat(item.ratio[~near], first).tolist()
     # each push that shows has a point just below its peak
     shown = [peak for peak in touched if peak > 0.0]
-    factor = np.unique([*np.geomspace(0.1, 10.0, 81), 1.0, *np.nextafter(shown, 0.0)])[::-1]
+    factor = np.unique([*grid, *np.nextafter(shown, 0.0)])[::-1]
     found, false = (np.asarray(np.sum(np.array(peaks)[:, None] > factor, axis=0))
                     for peaks in (touched, free))
     return Roc(factor, found, false, len(touched), hours)
@@ -505,6 +509,31 @@ def evaluate_collisions(
         raise UsageError('the model has no collision thresholds for signals that these bags have; '
                          'fit it again with more free motion to be judged by')
     return results
+
+
+Detector = Callable[[Recording], FloatArray]
+"""A detector of one's own: how strongly each sample of a recording, (samples,), says that the arm
+is touched, in any unit; NaN where it says nothing."""
+
+
+def roc_of_detector(
+    detector: Detector, bags: Sequence[tuple[str, Recording]], truths: Sequence[Truth],
+) -> Roc:
+    """Judge a detector of one's own by what is known of the pushes."""
+    watched = []
+    for (path, recording), truth in zip(bags, truths, strict=True):
+        said = np.asarray(detector(recording), dtype=float)
+        if said.shape != recording.stamp.shape or np.isinf(said).any():
+            raise SignalError(f'the detector gives {path} values of shape {said.shape}; expected '
+                              f'one number a sample, {recording.stamp.shape}')
+        judged = ~np.isnan(said)
+        watched.append(WatchedBag(path, recording.stamp[judged], said[judged],
+                                  within(truth, recording), ()))
+    grid = np.concatenate([item.ratio for item in watched])
+    if not (grid > 0.0).any():
+        raise SignalError('the detector is above zero nowhere, so that no threshold finds a push')
+    hours = score(watched, [np.empty(0, np.int64)] * len(watched)).hours
+    return roc_of(watched, hours, np.quantile(grid[grid > 0.0], np.linspace(0.0, 1.0, 101)))
 
 
 def within(truth: Truth, recording: Recording) -> Truth:
