@@ -177,7 +177,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
                   'force of .up.: expected some of'),
     'text as time': (lambda s: td.simulate(s['arm'], seconds='a'), "seconds is 'a'"),
     'held': (lambda s: td.simulate(s['arm'], hold=['x']), "'x' cannot be driven"),
-    'place': (lambda s: td.simulate(s['arm'], start={'x': 0.0}), "start of 'x'"),
+    'place': (lambda s: td.simulate(s['arm'], start={'x': 0.0}), "start names 'x'"),
     'signal': (lambda s: s['run'].plot('x'), "there is no signal 'x'"),
     'plant': (lambda s: td.Plant(s['arm']), r'build_mechanism\(arm\)'),
     'torques': (lambda s: td.Plant(td.build_mechanism(s['arm'])).step([1.0, 2.0]),
