@@ -147,9 +147,17 @@ class Loop:
 
     def run(self, seconds: float) -> LoopRecord:
         """
-        Let simulated time pass [s]; a further call goes on from there.
+        Let simulated time pass; a further call goes on from there.
 
-        The record has the commands that the drives follow as the speed of the reference.
+        Parameters
+        ----------
+        seconds : float
+            Simulated time [s].
+
+        Returns
+        -------
+        LoopRecord
+            What was measured; the speed of the reference is what the drives follow.
 
         Raises
         ------
