@@ -116,6 +116,7 @@ def fields(node: ast.ClassDef) -> dict[str, str]:
         return arguments(init[0], method=True) if init else {}
     return {line.target.id: ast.unparse(line.annotation) for line in node.body
             if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name)
+            and 'ClassVar' not in ast.unparse(line.annotation)
             and not line.target.id.startswith('_') and 'init=False' not in ast.unparse(line)}
 
 
