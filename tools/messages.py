@@ -40,7 +40,7 @@ READ = ('error', 'warning', 'log', 'diagnostic', 'finding')
 """Kinds that a sample is drawn from; help and reports are read page by page."""
 ROOMS = {'nodes': 'diagnostic', 'control': 'diagnostic', 'online': 'diagnostic',
          'identification/doctor': 'finding', 'identification/uses.py': 'finding',
-         'identification/next_steps.py': 'finding', 'identification/rings.py': 'finding',
+         'identification/next_steps.py': 'finding', 'identification/ringdowns.py': 'finding',
          'bags/info.py': 'finding'}
 LOGGERS = ('debug', 'info', 'warning', 'warn', 'error', 'fatal')
 
