@@ -37,7 +37,6 @@ from tudor_dynamics.nodes.common.messages import joint_state, nanoseconds, wrenc
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import SILENT
-from tudor_dynamics.online.streams import Tick
 from tudor_dynamics.online.tip_force import StaticStrain
 from tudor_dynamics.typing import FloatArray
 
@@ -119,7 +118,7 @@ class ForceControllerNode(MovingNode):
             self.drops['force_refused'] += 1
             self.get_logger().error(f'force refused: {why}')
 
-    def answer(self, message: JointState, tick: Tick, q: FloatArray) -> None:
+    def answer(self, message: JointState, dt: float, q: FloatArray) -> None:
         """Give a reference, and say what force the tip bears."""
         controller = self.controller
         assert controller is not None
@@ -127,7 +126,7 @@ class ForceControllerNode(MovingNode):
         readings = self.static.at(pose, controller.force)
         silent = nanoseconds(message.header.stamp) * 1e-9 - self._read > SILENT
         strain = np.where(silent, np.nan, self._strain) - readings.weight
-        place, speed = controller.step(0.0 if tick.first else tick.dt, q, strain, readings.share)
+        place, speed = controller.step(dt, q, strain, readings.share)
         self._reference.publish(joint_state(
             message.header.stamp, list(self._joints.names), position=place, velocity=speed))
         if self._tip_force.get_subscription_count():

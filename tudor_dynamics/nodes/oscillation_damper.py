@@ -42,7 +42,6 @@ from tudor_dynamics.nodes.common.messages import floats, NamedReader
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import BRAKING, LONGEST_GAP, PUBLISHERS_LOOK
-from tudor_dynamics.online.streams import Tick
 from tudor_dynamics.typing import FloatArray
 
 
@@ -170,12 +169,12 @@ class OscillationDamperNode(MovingNode):
         """Compare stamps with the clock."""
         self.clocks.step(stamp, self.ros_time())
 
-    def answer(self, message: JointState, tick: Tick, q: FloatArray) -> None:
+    def answer(self, message: JointState, dt: float, q: FloatArray) -> None:
         """Command velocities."""
         controller = self.controller
         assert controller is not None
         command = controller.step(
-            self.steady(), tick.dt, q, self._strain, self._fresh,
+            self.steady(), dt, q, self._strain, self._fresh,
             age=self.clocks.newest, dq=self._joints.read(message, 'velocity', optional=True),
             effort=self._effort)
         state = controller.damper.state

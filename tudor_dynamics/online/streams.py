@@ -85,14 +85,6 @@ class Losses:
         return 0 if step < EARLY_STEP else round(late)
 
 
-@dataclass(slots=True)  # frozen would be three times as slow to make, twice a sample
-class Tick:
-    """An accepted stamp."""
-
-    dt: float  # time since the sample before; 0 for a first one [s]
-    first: bool  # whether nothing before it counts: at the start, after a gap or a jump
-
-
 class StampGate:
     """
     Lets increasing stamps pass and counts the others; a gap is what it is in recordings.
@@ -126,11 +118,16 @@ class StampGate:
             return CLOCK_JUMP
         return max(GAP_PERIODS * median(recent) * 1e-9, GAP_FLOOR)
 
-    def step(self, stamp: int) -> Tick | None:
-        """Judge the next stamp [ns]; None for one that is repeated or older than the newest."""
+    def step(self, stamp: int) -> float | None:
+        """
+        Judge the next stamp [ns]: give the time since the one before [s].
+
+        It is 0 where nothing before it counts: at the start, after a gap or a jump. None for a
+        stamp that is repeated or older than the newest.
+        """
         if self.last is None:
             self.last = stamp
-            return Tick(0.0, True)
+            return 0.0
         step = stamp - self.last
         if step <= 0:
             if -step * 1e-9 <= CLOCK_JUMP:
@@ -139,7 +136,7 @@ class StampGate:
             self.drops['clock_set_back'] += 1
             self.reset()
             self.last = stamp
-            return Tick(0.0, True)
+            return 0.0
         dt = step * 1e-9
         self.last = stamp
         first = dt > GAP_FLOOR and dt > self.limit()
@@ -149,7 +146,7 @@ class StampGate:
             lost = 1  # how many, nobody knows
         if lost:
             self.drops['gap'] += lost
-        return Tick(0.0, True) if first else Tick(dt, False)
+        return 0.0 if first else dt
 
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
@@ -210,18 +207,18 @@ class StateFilter:
         if not self.spec.measured_velocity or (
                 measured is not None and not all_finite(measured)):
             measured = None
-        tick = self.gate.step(stamp)
-        if tick is None:
+        step = self.gate.step(stamp)
+        if step is None:
             return None
         changed = self._with_velocity != (measured is not None)
-        if tick.first or changed:
-            if changed and not tick.first:
+        if changed or not step:
+            if changed and step:
                 self.drops['velocity_came_or_went'] += 1
             self._differentiator.reset()
             self._began = stamp
             self._with_velocity = measured is not None
-        dt = 0.0 if stamp == self._began else tick.dt
-        row = self._differentiator.step_row(tick.dt, q, measured)
+        dt = 0.0 if stamp == self._began else step
+        row = self._differentiator.step_row(step, q, measured)
         if self._output.cutoff is not None:
             n = len(q)
             row[:2 * n] = self._output.step(dt, row[:2 * n])
@@ -270,10 +267,10 @@ class Pairing:
             self.drops['not_finite'] += 1
             self.gate.unusable()
             return []
-        tick = self.gate.step(stamp)
-        if tick is None:
+        step = self.gate.step(stamp)
+        if step is None:
             return []
-        if tick.first:
+        if not step:
             while self._measured and self._measured[-1][0] > stamp:  # the clock was set back
                 self._measured.pop()
         if len(self._measured) >= PAIRING_QUEUE:

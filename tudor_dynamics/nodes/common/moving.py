@@ -30,7 +30,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.common.base import Figure, TudorNode, WARN
 from tudor_dynamics.nodes.common.messages import NamedReader, nanoseconds
-from tudor_dynamics.online.streams import StampGate, Tick
+from tudor_dynamics.online.streams import StampGate
 from tudor_dynamics.typing import FloatArray
 
 
@@ -78,8 +78,8 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         """Subscribe to all but positions and strains."""
         raise NotImplementedError
 
-    def answer(self, message: JointState, tick: Tick, q: FloatArray) -> None:
-        """Answer positions (joints,) [rad or m]."""
+    def answer(self, message: JointState, dt: float, q: FloatArray) -> None:
+        """Answer positions (joints,) [rad or m]; dt [s]: 0 where none before them count."""
         raise NotImplementedError
 
     def begin(self) -> None:
@@ -181,10 +181,10 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self._on_values(self._own, message)
         stamp = nanoseconds(message.header.stamp)
         self.stamped(stamp)
-        tick = self.gate.step(stamp)
-        if tick is None:
+        dt = self.gate.step(stamp)
+        if dt is None:
             return
-        self.answer(message, tick, q)
+        self.answer(message, dt, q)
         self._fresh[:] = False
         self.meter.end(begun)
 
