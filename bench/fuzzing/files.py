@@ -34,7 +34,7 @@ from tudor_dynamics.bags.trajectory import (
     is_table, read_trajectories, TRAJECTORY, Trajectory, write_trajectories)
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.control.trajectory import Follower, MotionState, of_all
+from tudor_dynamics.control.trajectory import Follower, of_all
 from tudor_dynamics.errors import quiet, TudorError
 from tudor_dynamics.files import load_yaml
 from tudor_dynamics.fleet.study import load_plan, study, StudySettings
@@ -48,6 +48,7 @@ from tudor_dynamics.library import fit_choices
 from tudor_dynamics.mechanics.campaign import played_motion
 from tudor_dynamics.models.bundle_io import dump_yaml, load_bundle
 from tudor_dynamics.online.feedforward import Feedforward
+from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import denser
 
 START, SECONDS, RATE = 1_700_000_000_000_000_000, 30.0, 50.0

@@ -28,6 +28,7 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control import trajectory as driven
 from tudor_dynamics.control.references import ReferenceSource, Tolerances
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import spline
 
 DT = 0.01
@@ -261,6 +262,6 @@ def test_what_is_taken_stays_within_the_limits(
 
 def test_no_path_without_points_to_come() -> None:
     """An error of its own says how late it is."""
-    state = driven.MotionState(*np.zeros((3, 2)))
+    state = MotionState(*np.zeros((3, 2)))
     with pytest.raises(SignalError, match='due 1 s ago'):
         driven.Path(state, points([1.0, 2.0], [0, 0], [0, 0]), 3.0)

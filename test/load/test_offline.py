@@ -32,7 +32,7 @@ from tudor_dynamics.load.offline import estimate_payload, Presence
 from tudor_dynamics.load.rows import Source
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.signals.filters import FilteredStates
+from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.preprocessing import Decimation, Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -58,7 +58,7 @@ def stretch(arm: Arm, moved: FloatArray, payload: float, seed: int, noise: float
                          for column in white.T]).T
     q, dq, ddq = np.split(moved, 3, axis=1)
     t = np.arange(n) / RATE
-    return Stretch(t, (t * 1e9).astype(np.int64), FilteredStates(q, dq, ddq),
+    return Stretch(t, (t * 1e9).astype(np.int64), MotionState(q, dq, ddq),
                    outputs['effort'] + noise * 0.1 * coloured[:, :2],
                    outputs['strain'] + noise * 10.0 * coloured[:, 2:],
                    Decimation(np.arange(n)))

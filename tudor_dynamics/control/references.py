@@ -27,8 +27,9 @@ from tudor_dynamics.arm.limits import hard_limits, Limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control import settings
 from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
-from tudor_dynamics.control.trajectory import Follower, MotionState, of_all, ROUNDING
+from tudor_dynamics.control.trajectory import Follower, of_all, ROUNDING
 from tudor_dynamics.errors import SignalError, UsageError
+from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import aprbs, joint_range, motion_limits, MotionLimits
 from tudor_dynamics.typing import FloatArray
 

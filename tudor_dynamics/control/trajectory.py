@@ -21,7 +21,7 @@ A path is checked whole against the hard limits before its first sample moves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import BPoly, PPoly
@@ -29,6 +29,7 @@ from scipy.interpolate import BPoly, PPoly
 from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.typing import FloatArray
 
@@ -67,15 +68,6 @@ def of_all(trajectory: Trajectory, names: Sequence[str], rest: FloatArray, parti
     assert q is not None
     return Trajectory(tuple(names), trajectory.t, q, whole(trajectory.dq, none),
                       whole(trajectory.ddq, none))
-
-
-@dataclass(frozen=True, eq=False)
-class MotionState:
-    """Positions, velocities and accelerations at an instant, (joints,)."""
-
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
 
 
 def braking(state: MotionState, bounds: Limits, least: float) -> tuple[float, FloatArray]:

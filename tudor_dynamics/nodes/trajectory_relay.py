@@ -30,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.control.trajectory import braking, Follower, MotionState, of_all, Path
+from tudor_dynamics.control.trajectory import braking, Follower, of_all, Path
 from tudor_dynamics.errors import SignalError, TudorError, UsageError
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import Figure, latched, OK, strong, TudorNode, WARN
@@ -40,6 +40,7 @@ from tudor_dynamics.nodes.common.messages import floats, NamedReader, trajectory
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import PUBLISHERS_LOOK, SHORTEST_STOP, STATE_PERIOD
 from tudor_dynamics.online.feedforward import Feedforward
+from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.typing import FloatArray
 

@@ -93,12 +93,12 @@ def _run(sections: FloatArray, x: FloatArray, backward: bool) -> None:
 # to the robot, or with a whole record offline, it gives the same numbers.
 
 @dataclass(frozen=True, eq=False)
-class FilteredStates:
-    """Positions with their derivatives, one row a sample."""
+class MotionState:
+    """Positions with their derivatives, at an instant (joints,) or one row a sample."""
 
-    q: FloatArray  # positions of the joints, (samples, joints) [rad or m]
-    dq: FloatArray  # velocities of the joints, (samples, joints) [rad/s or m/s]
-    ddq: FloatArray  # accelerations of the joints, (samples, joints) [rad/s^2 or m/s^2]
+    q: FloatArray  # positions of the joints [rad or m]
+    dq: FloatArray  # velocities of the joints [rad/s or m/s]
+    ddq: FloatArray  # accelerations of the joints [rad/s^2 or m/s^2]
 
 
 @compiled
@@ -148,7 +148,7 @@ class CausalDifferentiator:
 
     def process(
         self, dt: FloatArray, q: FloatArray, measured: FloatArray | None = None,
-    ) -> FilteredStates:
+    ) -> MotionState:
         """Filter a record (samples, joints), whatever came before it."""
         if measured is not None and measured.shape != q.shape:
             raise SignalError(f'velocities have shape {measured.shape}, positions {q.shape}')
@@ -158,7 +158,7 @@ class CausalDifferentiator:
                               'increase')
         self.reset()
         _, dq, ddq = np.split(self._rows(dt, q, measured), 3, axis=1)
-        return FilteredStates(q, dq.copy(), ddq.copy())
+        return MotionState(q, dq.copy(), ddq.copy())
 
     def step_row(
         self, dt: float, q: FloatArray, measured: FloatArray | None = None,
@@ -208,7 +208,7 @@ def zero_phase(
     q: FloatArray,
     cutoff: float,
     measured: FloatArray | None = None,
-) -> FilteredStates:
+) -> MotionState:
     """
     Differentiate a record without phase lag: Butterworth forward and backward, then central.
 
@@ -234,7 +234,7 @@ def zero_phase(
     smooth_q = smooth(q)
     dq = derivative(smooth_q, dt) if measured is None else smooth(measured)
     ddq = derivative(dq, dt)
-    return FilteredStates(back(smooth_q), back(dq), back(ddq))
+    return MotionState(back(smooth_q), back(dq), back(ddq))
 
 
 def derivative(x: FloatArray, dt: float) -> FloatArray:

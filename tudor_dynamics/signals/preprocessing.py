@@ -27,7 +27,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.filters import (
-    CausalDifferentiator, chebyshev, FilteredStates, forward_backward, low_pass, low_pass_sections,
+    CausalDifferentiator, chebyshev, forward_backward, low_pass, low_pass_sections, MotionState,
     zero_phase)
 from tudor_dynamics.typing import finite_array, FloatArray
 
@@ -176,7 +176,7 @@ class Stretch:
 
     t: FloatArray  # time since the start of the recording, (samples,) [s]
     stamp: NDArray[np.int64]  # header stamps, (samples,) [ns]
-    states: FilteredStates  # positions, velocities, accelerations of all samples
+    states: MotionState  # positions, velocities, accelerations of all samples
     # Outputs of all samples, (samples, channels).
     effort: FloatArray | None
     strain: FloatArray | None
@@ -246,7 +246,7 @@ def causal_outputs(
 
 def _filtered(
     spec: PreprocessingSpec, t: FloatArray, dt: FloatArray, q: FloatArray, dq: FloatArray | None,
-) -> FilteredStates:
+) -> MotionState:
     measured = dq if spec.measured_velocity else None
     if spec.filter == 'zero_phase':
         rate = (len(t) - 1) / float(t[-1] - t[0])
@@ -255,8 +255,8 @@ def _filtered(
     states = filt.process(dt, q, measured)
     if spec.output_cutoff is None:
         return states
-    return FilteredStates(causal_outputs(dt, states.q, spec.output_cutoff),
-                          causal_outputs(dt, states.dq, spec.output_cutoff), states.ddq)
+    return MotionState(causal_outputs(dt, states.q, spec.output_cutoff),
+                       causal_outputs(dt, states.dq, spec.output_cutoff), states.ddq)
 
 
 def _decimation(
