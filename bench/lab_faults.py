@@ -362,11 +362,12 @@ def show(cases: list[dict[str, Any]]) -> bool:
             *ANSWERS, 'skipped')))
     merged: dict[str, Counter[str]] = defaultdict(Counter)
     for case in injected:
-        merged[case['fault']][case['answer']] += 1
+        for name in (case['fault'], 'all together'):
+            merged[name][case['answer']] += 1
     tables.show(('put in', 'named', 'unexplained', 'wrong', 'silent'), [
         (name, *(count or '' for count in (row['right'] + row['right +'], row[UNEXPLAINED],
                                            row['wrong'], row['silent'])))
-        for name, row in merged.items()])
+        for name, row in sorted(merged.items(), key=lambda item: item[0] == 'all together')])
     print('\nwrong or more than right: fault, size, bag, joint: finding')
     for case in injected:
         for item in case['other']:
