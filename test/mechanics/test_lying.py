@@ -227,6 +227,25 @@ def test_a_drift_in_a_fast_move_to_a_limit() -> None:
     assert np.degrees(rig.trace.array('q') - upper).max() < 0.95
 
 
+def test_a_drive_creeps_where_a_move_ends() -> None:
+    """
+    At a limit it is found, and told to stand and left, within one degree.
+
+    Sequence 187 of ``bench/motion_sequences.py --seed 1``: it was 1.5 degrees beyond.
+    """
+    rig = Rig(tudor(), rate=100.0, payload=0.2, delay=0.0, seed=39)
+    liar = Liar(rig)
+    rig.run(0.3)
+    lower = hard_limits(rig.arm).lower
+    go(rig, lower)
+    while np.degrees(rig.trace.q[-1] - lower).max() > 1.1:
+        rig.step()
+    liar.begin(NAMED['drive creeps 10'], 'truth', -1.0)
+    rig.run(1.0)
+    assert rig.controller.state is State.FAULT
+    assert np.degrees(lower - rig.trace.array('q')).max() < 1.0
+
+
 @pytest.mark.parametrize('payload', [0.0, 0.4])
 @pytest.mark.parametrize('share', [2.0, 10.0])
 def test_too_much_damping(share: float, payload: float) -> None:

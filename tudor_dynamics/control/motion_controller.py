@@ -448,7 +448,8 @@ class MotionController:
         assert self._q is not None
         speed = np.abs(self.envelope.command)
         astray = any(doubt.astray for doubt in doubts)  # each moment it goes farther astray
-        slow = speed < 1.01 * settings.UNCONFIRMED_SPEED * self.watched.speed
+        least = 1.01 * settings.UNCONFIRMED_SPEED * self.watched.speed
+        slow = speed < np.clip(self.limits.acceleration * self.gains.period, least, 5.0 * least)
         # Zero at once is the shortest way; what runs ahead gets faster by each further command.
         if astray and (self.watched.rushing.any() or slow.all()):
             self.envelope.begin(np.zeros_like(speed))

@@ -119,8 +119,8 @@ def watch_law(
             settings.EXCESS_TIME * speed[j] + settings.EXCESS_LATE * fastest) + row[WIDTH]
         ahead = max(moved / dt - most, least - moved / dt)
         # Commanded that way, no drive pushes on with all it has where it is too fast already.
-        soon = q[j] + settings.HURRY_TIME * moved / dt
-        hurry = abs(moved) > settings.HURRY * speed[j] * dt or not lower[j] < soon < upper[j]
+        near = not lower[j] < q[j] + settings.HURRY_TIME * moved / dt < upper[j]
+        hurry = near or abs(moved) > settings.HURRY * speed[j] * dt
         pushed = hurry and at_end and moved * row[PUSH] > 0.0 and (
             most if moved > 0.0 else -least) > 0.0
         # One sample may be a count of a coarse encoder, or a stamp that jitters: two say so, but
@@ -129,7 +129,9 @@ def watch_law(
         coarse = settings.COARSE_COUNTS * row[COUNT] + (
             0.0 if pushed else settings.COARSE_TIME * speed[j])
         sure = once if hurry and once * longer > coarse else min(ahead, row[FASTER])
-        part = settings.AHEAD_PUSHED if pushed else 2.0 if row[WIDTH] > 0.0 else 1.0
+        part = settings.AHEAD_PUSHED if pushed else 2.0 if row[WIDTH] > 0.0 else (
+            1.0 if lower[j] < q[j] + settings.NEAR_BY * moved / dt < upper[j]
+            else settings.AHEAD_NEAR)
         row[AHEAD] = sure / (row[UNSTEADY] * part * (
             settings.AHEAD_SPEED * speed[j] + settings.AHEAD_SHARE * fastest))
         row[FASTER] = ahead

@@ -112,6 +112,10 @@ AHEAD_SPEED, AHEAD_SHARE = 0.1, 0.1
 # One sample says so, or an effort at its end, above this part of the speed limit, and where the
 # joint will be past a limit in this time [s]; elsewhere two are in time (bench/lying.py).
 HURRY, HURRY_TIME = 0.4, 0.1
+# Part of that which is allowed where it will be past a limit in this time [s]: drives that creep
+# by 10 deg/s are found in time, those that swap not too soon to be known
+# (test/mechanics/test_lying.py).
+AHEAD_NEAR, NEAR_BY = 0.6, 0.05
 # Part of that which is allowed where its effort is at its end, too, and pushes the way it goes: of
 # honest arms the fastest then was 0.6 deg/s slower than its commands (bench/false_faults.py).
 AHEAD_PUSHED = 0.125
@@ -149,7 +153,7 @@ FAULT_STOP_TIME, ASTRAY_STOP_TIME = 0.3, 0.05
 FREE_AFTER = 0.3
 # For so long standstill is commanded after a fault; then nothing is, and drives hold by themselves
 # [s], also one that creeps.
-SILENT_AFTER = 0.02
+SILENT_AFTER = 0.015
 # Time of readings from which a cause is named [s].
 TELLING_TIME = 0.6
 # For so long after a fault its cause is named again with what was seen meanwhile [s].
