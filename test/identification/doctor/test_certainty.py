@@ -23,8 +23,8 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.identification.doctor.alternatives import axis_name
-from tudor_dynamics.identification.doctor.case import decimate, Delay
+from tudor_dynamics.identification.doctor.alternatives import axis_name, choose
+from tudor_dynamics.identification.doctor.case import Case, decimate, Delay
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
 
@@ -156,3 +156,13 @@ def test_gravity_off_is_another_arm() -> None:
 def test_names_of_directions(gravity: tuple[float, ...], name: str) -> None:
     """Axes by their letter, what lies between them by its components."""
     assert axis_name(np.array(gravity)) == name
+
+
+def test_a_disturbance_of_some_seconds_is_no_structure() -> None:
+    """A slow disturbance of 6 s is no coupling, and no exchange of joints."""
+    one = healthy(seed=1, seconds=6.0)
+    assert one.effort is not None
+    waves = np.stack([np.sin(0.6 * np.pi * one.t), np.cos(0.6 * np.pi * one.t)], axis=1)
+    disturbed = replace(one, effort=one.effort + one.effort.std(axis=0) * waves, strain=None)
+    decimated = decimate(disturbed)
+    assert decimated is not None and choose(Case(described(), disturbed, decimated)) == []

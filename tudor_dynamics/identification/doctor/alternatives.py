@@ -292,7 +292,7 @@ def choose(case: Case) -> list[Alternative]:
                 best[item.kind] = item
     return [refined(item) if item.gravity is not None else item
             for item in sorted(best.values(), key=lambda item: -item.gain)[:settings.LIKELIEST]
-            if item.gain >= settings.LEAST_GAIN]
+            if item.gain >= settings.LEAST_GAIN * case.brevity]
 
 
 def driven_by_friction(case: Case) -> dict[int, float]:
