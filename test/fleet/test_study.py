@@ -28,7 +28,7 @@ from tudor_dynamics.cli.main import main
 from tudor_dynamics.fleet.study import load_plan, study, StudySettings
 from tudor_dynamics.identification.choice import Choices
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.identification.passes import Gathering
+from tudor_dynamics.identification.passes import Summing
 from tudor_dynamics.models.bundle_io import load_bundle
 
 
@@ -154,7 +154,7 @@ class Taken:
     class Here(Exception):
         """Raised there, as the rest is of no concern."""
 
-    def __call__(self, asked: list[Gathering], *_: object) -> None:
+    def __call__(self, asked: list[Summing], *_: object) -> None:
         """Stand in for the pass over all bags."""
         self.joints = asked[0].task.arm.joints
         raise self.Here

@@ -28,7 +28,7 @@ from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.identification.ringdowns import vibrations
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.tuning import (
-    design, fixed_ratios, Judge, Loop, loop_damping, loop_matrix, TunedArm, Wish)
+    design, FeedbackLoop, fixed_ratios, Judge, loop_damping, loop_matrix, TunedArm, Wish)
 
 POSE = np.array([0.6, -0.5])
 
@@ -91,8 +91,8 @@ def test_one_blade_is_damped_as_the_formula_says() -> None:
     small = tuned().at(0.0, POSE)
     found = small.modes(2)
     gain = 300.0
-    matrix = loop_matrix(small, Loop(np.array([gain, 0.0]), np.array([0, 1]), 1e-6, 1e-6, 0.0,
-                                     1e4, np.zeros(2)))
+    matrix = loop_matrix(small, FeedbackLoop(
+        np.array([gain, 0.0]), np.array([0, 1]), 1e-6, 1e-6, 0.0, 1e4, np.zeros(2)))
     got = loop_damping(matrix, *found.frequency.tolist()).first
     rate = gain * found.strain[0, 0] * found.drive[0, 0]
     wanted = found.damping[0] + rate / (2.0 * 2.0 * math.pi * found.frequency[0])

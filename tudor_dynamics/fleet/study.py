@@ -44,7 +44,7 @@ from tudor_dynamics.identification.elastic_search import identify
 from tudor_dynamics.identification.fit import check_arm, FitSettings, RowTrainer
 from tudor_dynamics.identification.many_bags import fold_models, FoldModels
 from tudor_dynamics.identification.next_steps import ErrorChange
-from tudor_dynamics.identification.passes import Folder, Gathering, go_through, survey, Task
+from tudor_dynamics.identification.passes import Folder, go_through, Summing, survey, Task
 from tudor_dynamics.library import fit
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -389,7 +389,7 @@ class _Study:
         """Multiply out all parts, and fit each date."""
         tasks = self._tasks(outputs)
         facts = iter(go_through(
-            [Gathering(tasks[name], tuple(date.sights)) for (name, _), date in self.dates.items()],
+            [Summing(tasks[name], tuple(date.sights)) for (name, _), date in self.dates.items()],
             self.run.jobs, lambda done: self.progress('multiply out')))
         for (name, when), date in list(self.dates.items()):
             pairs = [(sight, next(facts)) for sight in date.sights]
@@ -412,7 +412,7 @@ class _Study:
         if len(used) < 2:
             raise FitError(f'{len(used)} usable parts of bags, 2 are needed', remedy='record more')
         date.models = {output: found for (_, output), found in fold_models(
-            Gathering(task, tuple(date.sights))).items()}
+            Summing(task, tuple(date.sights))).items()}
 
     def _rings(self) -> list[Observation]:
         if not any(arm.gauges for arm in self.arms.values()):

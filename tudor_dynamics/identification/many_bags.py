@@ -34,7 +34,7 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.fit import (
     enough, FitResult, FitSettings, FittedOutput, result_of)
 from tudor_dynamics.identification.passes import (
-    Folder, Gathering, go_through, Judging, Part, Pass, Place, survey, Task)
+    Folder, go_through, Judging, Part, Pass, Place, Summing, survey, Task)
 from tudor_dynamics.identification.validation import (
     cases_of, method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -57,7 +57,7 @@ class FoldModels(NamedTuple):
 
 
 def fold_models(
-    gathered: Gathering, progress: Progress = lambda _: None,
+    gathered: Summing, progress: Progress = lambda _: None,
 ) -> dict[Place, FoldModels]:
     """Add up what groups of bags came to, in their order; fit all, and all but each group."""
     parts: dict[Place, dict[int, Part]] = {}
@@ -207,21 +207,21 @@ class ManyBags:
                 unused=tuple(self.unused)))
         return results
 
-    def _gathered(self, task: Task) -> tuple[Gathering, list[BagFacts]]:
+    def _gathered(self, task: Task) -> tuple[Summing, list[BagFacts]]:
         """Multiply out the training bags; give those that can be used, and their facts."""
-        facts = go_through([Gathering(task, tuple(self.training))], self.streaming.jobs,
+        facts = go_through([Summing(task, tuple(self.training))], self.streaming.jobs,
                            self._count('multiply out'))
         used = [seen for seen, item in zip(self.training, facts, strict=True)
                 if not isinstance(item, Unused)]
         self._leave_out([item for item in facts if isinstance(item, Unused)])
         self._refuse_few(used, self.training)
         folds = min(FOLDS, len(used))
-        return (Gathering(task, tuple(replace(seen, fold=i * folds // len(used))
-                                      for i, seen in enumerate(used))),
+        return (Summing(task, tuple(replace(seen, fold=i * folds // len(used))
+                                    for i, seen in enumerate(used))),
                 [item for item in facts if not isinstance(item, Unused)])
 
     def _judged(
-        self, gathered: Gathering, models: Mapping[Place, FoldModels],
+        self, gathered: Summing, models: Mapping[Place, FoldModels],
     ) -> tuple[list[BagFacts], dict[Place, Tally], dict[Place, Tally]]:
         """Let models predict all; gives test bags, errors by models blind to a bag, by others."""
         known = gathered.bags
@@ -323,7 +323,7 @@ class ManyBags:
 
 
 def _trials(
-    gathered: Gathering, test: Sequence[SurveyedBag], models: Mapping[Place, FoldModels],
+    gathered: Summing, test: Sequence[SurveyedBag], models: Mapping[Place, FoldModels],
 ) -> list[Judging]:
     """Let each group of bags be judged by models of the others, or test bags by those of all."""
     task, whole = gathered.task, {place: light(of.whole) for place, of in models.items()}

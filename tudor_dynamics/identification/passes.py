@@ -253,7 +253,7 @@ class Pass(ABC, Generic[Kept]):
         return [bag, *(filtered(bag, spec) for spec in self.task.specs[1:])]
 
 
-class Gathering(Pass[BagSums]):
+class Summing(Pass[BagSums]):
     """Bags that are multiplied out."""
 
     form = BagSums

@@ -227,7 +227,7 @@ class TunedArm:
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class FeedbackLoop:
     """What stands between readings and links: gains to be judged, and the drives."""
 
     strain: FloatArray  # gains of the dampers, (damped,) [rad/s per m/m]
@@ -239,7 +239,7 @@ class Loop:
     rotor: FloatArray  # inertia of each drive; 0 for one that nothing holds up [kg m^2]
 
 
-def loop_matrix(small: SmallMotion, loop: Loop) -> FloatArray:
+def loop_matrix(small: SmallMotion, loop: FeedbackLoop) -> FloatArray:
     """Give the matrix of the closed loop; returns (2 m + 5 joints + damped,)."""
     m, n, d = len(small.mass), small.rest.shape[1], len(loop.strain)
     parts = np.cumsum([0, m, m, n, n, n, d, n, n])
@@ -467,8 +467,8 @@ class Judge:
 
     def __call__(self, factor: float, delay: float) -> LoopDamping:
         """Judge a factor of the described gains at a delay of the loop [s]."""
-        loop = Loop(factor * self.described, self._joints, self.position, self.mean, delay,
-                    self._bandwidth, self._rotor)
+        loop = FeedbackLoop(factor * self.described, self._joints, self.position, self.mean, delay,
+                            self._bandwidth, self._rotor)
         return loop_damping(loop_matrix(self.small, loop), self.first, self.second)
 
     def holds(self, factor: float, delay: float) -> bool:
