@@ -115,7 +115,7 @@ def test_arms_that_do_not_allow_it(
     arm = described(tmp_path / 'less.yaml', lone_arm(), **changes)
     line = one_line(capsys, 'fit', tmp_path / 'nowhere', '--arm', arm, '--out', tmp_path / 'm',
                     '--models', 'analytical', 'elastic')
-    assert part in line and 'less.yaml' in line and 'leave it out of --models' in line
+    assert part in line and 'less.yaml' in line and 'remove elastic from --models' in line
     assert not (tmp_path / 'm').exists()
 
 
