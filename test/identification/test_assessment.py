@@ -234,7 +234,7 @@ def test_what_runs_beside_the_robot_comes_first(
     """The headline is that of the causal models; the offline figure follows."""
     _print(replace(result, causal=result), assessment, Path('report.html'))
     said = capsys.readouterr().out
-    places = [said.index(f'effort analytical {where}: good') for where in (
+    places = [said.index(f'effort analytical {where}, prediction: good') for where in (
         'beside the robot', '(offline)')]
     assert places == sorted(places)
     _print(result, assessment, Path('report.html'))

@@ -61,18 +61,20 @@ RADIANS = 'its driver takes radians for degrees, or the scale of its encoder is 
 @compiled
 def watch_law(
     at: NDArray, way: NDArray, commands: NDArray, count: int, now: float, dt: float,
-    longer: float, earliest: float, latest: float, q: NDArray, effort: NDArray, lower: NDArray,
-    upper: NDArray, speed: NDArray, state: NDArray,
+    longer: float, lags: tuple[float, float], q: NDArray, effort: NDArray, limits: NDArray,
+    state: NDArray,
 ) -> bool:
     """
     Compare the readings of all joints with what commands can have made of them.
 
-    at, way, commands: see `Commanded`; longer: of this sample and the one before [s]; earliest,
-    latest: lags of the motion [s]; effort (joints,): 1 at its end; lower, upper, speed (joints,)
-    [rad, rad/s]: limits; state (joints, WATCHED). Returns whether a joint is beyond what is
-    allowed, or stands still though it is commanded.
+    at, way, commands: see `Commanded`; longer: of this sample and the one before [s]; lags:
+    earliest and latest of the motion [s]; effort (joints,): 1 at its end; limits (3, joints):
+    lower, upper, speed [rad, rad, rad/s]; state (joints, WATCHED). Returns whether a joint is
+    beyond what is allowed, or stands still though it is commanded.
     """
     found = False
+    earliest, latest = lags
+    lower, upper, speed = limits[0], limits[1], limits[2]
     for j in range(len(q)):
         row, fastest, least, most = state[j], 0.0, 0.0, 0.0
         low = way_at(at, way, commands, count, j, now - latest)
@@ -183,6 +185,7 @@ class MotionWatch:
     def __init__(self, joints: tuple[str, ...], limits: Limits, effort: FloatArray) -> None:
         self._joints, self._limits = joints, limits
         self.speed = np.where(np.isfinite(limits.velocity), limits.velocity, math.pi)
+        self._bounds = np.array([limits.lower, limits.upper, self.speed], dtype=float)
         self._effort = settings.OVERLOADED * np.where(effort > 0.0, effort, np.inf)
         far = self.speed * settings.RANGE_TIME
         self._lowest, self._highest = limits.lower - far, limits.upper + far
@@ -253,7 +256,7 @@ class MotionWatch:
         share = np.zeros_like(q) if effort is None else effort / self._effort
         found = commanded.count > 0 and watch_law(
             commanded.at, commanded.way, commanded.commands, commanded.count, now, dt, longer,
-            *lags, q, share, self._limits.lower, self._limits.upper, self.speed, self.state)
+            lags, q, share, self._bounds, self.state)
         self.owed = -self.state[:, EXCESS]
         if not telling or not (found or outside.any() or jumped.any()):
             return []

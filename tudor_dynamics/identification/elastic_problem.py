@@ -185,10 +185,10 @@ def records_of(bags: Sequence[BagData]) -> list[Record]:
     if not records:
         names = ', '.join(str(bag.choice) for bag in bags)
         msg = (f'no stretch of {names} has {LEAST_SECONDS:g} s of strain without a gap, which the '
-               'elastic model is identified from; record longer, or leave it out of --models')
+               'elastic model is identified from; record longer, or remove elastic from --models')
         if not any(bag.has('strain') for bag in bags):
             msg = (f'no strain in {names}, which the elastic model is identified from; record '
-                   'the gauges as well, or leave it out of --models')
+                   'the gauges as well, or remove elastic from --models')
         raise FitError(msg)
     return records
 

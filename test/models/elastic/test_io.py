@@ -109,7 +109,7 @@ def _coefficient(name: str, value: Any) -> Callable[[dict[str, Any]], None]:
     (_coefficient('value', math.nan), 'not finite'),
     (_coefficient('value', 1e300), 'not finite, or beyond 1e+15'),
     (_first('physical', 'value', 1e300), 'which no fit gives'),
-    (_coefficient('standard_error', math.nan), 'not finite'),
+    (_coefficient('standard_error', math.nan), 'infinite where it is unknown, found nan'),
     (lambda content: content['channels'].pop(), 'channels'),
     (lambda content: content['channels'][1]['coefficients'].pop(), 'columns'),
     (lambda content: content.__setitem__('payload_range', [0.4, 0.1]), 'payload range'),
