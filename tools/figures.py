@@ -65,8 +65,10 @@ def whole(command: str, folder: Path) -> str:
     data = os.environ.get('TUDOR_SHARED_DATA', ROOT.parent / 'shared' / 'data')
     given = {'DATA': data, 'DIR': folder / 'work', 'out': folder / 'out',
              'model': folder / 'model', 'MODEL': folder / 'model'}
-    words = [shlex.quote(str(given.get(word, word))) if at and words_[at - 1].startswith('--')
-             else word for words_ in [command.split()] for at, word in enumerate(words_)]
+    words = command.split()
+    for at, option in enumerate(words[:-1], start=1):
+        if option.startswith('--') and words[at] in given:
+            words[at] = shlex.quote(str(given[words[at]]))
     text = ' '.join(words)
     if str(given['model']) not in text:
         return text

@@ -39,7 +39,7 @@ from tudor_dynamics.identification.dataset import (
     Paths, payload_range, refuse_copies, with_recorded_gauges)
 from tudor_dynamics.identification.detection import (
     Detector, evaluate_collisions, find_truth, MethodResult, Roc, roc_of_detector,
-    table_of_pushes, truth_of_table)
+    truth_of_file)
 from tudor_dynamics.identification.doctor.between import examine_bags
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.excitation import Criterion, mean_error
@@ -531,15 +531,12 @@ def roc(
 
     """
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
-    chosen = choices(bags)
-    recordings = [(choice.path, load(choice, arm, arm.spec.preprocessing).recording)
-                  for choice in chosen]
-    if truth and len(truth) != len(chosen):
+    data = [load(choice, arm, arm.spec.preprocessing) for choice in choices(bags)]
+    if truth and len(truth) != len(data):
         raise UsageError(
-            f'{len(truth)} tables of pushes for {len(chosen)} bags; give one for each')
-    truths = [truth_of_table(table_of_pushes(table), recording, str(table),
-                             choice.span(choice.duration or 0.0)[0])
-              for table, choice, (_, recording) in zip(truth, chosen, recordings, strict=True)
+            f'{len(truth)} tables of pushes for {len(data)} bags; give one for each')
+    recordings = [(bag.choice.path, bag.recording) for bag in data]
+    truths = [truth_of_file(table, bag) for table, bag in zip(truth, data, strict=True)
               ] if truth else [find_truth(path) for path, _ in recordings]
     for (path, _), known in zip(recordings, truths, strict=True):
         if not known.known:

@@ -35,7 +35,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
-    evaluate_collisions, find_truth, FREE, MethodResult, table_of_pushes, Truth, truth_of_table,
+    evaluate_collisions, find_truth, FREE, MethodResult, Truth, truth_of_file,
     WatchedBag, within)
 from tudor_dynamics.identification.doctor.between import Evaluated, examine_evaluation
 from tudor_dynamics.identification.next_steps import changes, ErrorChange, fit_with, touched
@@ -150,9 +150,7 @@ def _truth(args: argparse.Namespace, place: int, bag: BagData, bundle: ModelBund
         return FREE
     if not args.pushes:
         return find_truth(bag.choice.path, args.truth, plan_from_arm(bundle.arm).joint_topic)
-    begun, _ = bag.choice.span(bag.choice.duration or 0.0)
-    return truth_of_table(table_of_pushes(args.pushes[place]), bag.recording, args.pushes[place],
-                          begun)
+    return truth_of_file(args.pushes[place], bag)
 
 
 def at_payload(bundle: ModelBundle, payload: float | None) -> ModelBundle:

@@ -34,6 +34,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, SignalError, UsageError
 from tudor_dynamics.files import read_bounded
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.detector import CollisionEvent, Level, time_of_day
@@ -178,6 +179,12 @@ def truth_of_table(
     return Truth(source, tuple(KnownPush(
         first + round(begin * 1e9), first + round(end * 1e9), early=round(early * 1e9))
         for begin, end, early in rows))
+
+
+def truth_of_file(path: str | Path, bag: BagData) -> Truth:
+    """Read the pushes of a bag, or of a part of it, from a table."""
+    begun, _ = bag.choice.span(bag.choice.duration or 0.0)
+    return truth_of_table(table_of_pushes(path), bag.recording, str(path), begun)
 
 
 # -- Figures of collisions: how alarms are judged by the pushes that are known.
