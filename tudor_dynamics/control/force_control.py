@@ -29,7 +29,7 @@ from tudor_dynamics.arm.kinematics import gauge_axis, gauge_point
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.control import settings
 from tudor_dynamics.errors import ArmError, UsageError
-from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
+from tudor_dynamics.signals.motion_profile import Deviation, motion_limits, MotionPlanner
 from tudor_dynamics.typing import FloatArray
 
 
@@ -267,19 +267,17 @@ class ForceController:
             self._brake = None
             if self.phase is Phase.IDLE:
                 self.cause = 'waits for a force'
-        elif self.phase in (Phase.IDLE, Phase.HELD) or self._strayed(q, self._q) or (
+        elif self.phase in (Phase.IDLE, Phase.HELD) or self._deviates(q, self._q) or (
                 not self._press(self._q, dt, strain, share)):
             self._rest(dt)
         return self._q.copy(), self._dq.copy()
 
-    def _strayed(self, q: FloatArray, place: FloatArray) -> bool:
+    def _deviates(self, q: FloatArray, place: FloatArray) -> bool:
         """Stop where the arm does not follow its reference: its tip is elsewhere [rad]."""
-        away = np.abs(place - q)
-        joint = int(np.argmax(away / self._planned.velocity))
-        if away[joint] <= settings.NEAR_TIME * self._planned.velocity[joint]:
-            return False
-        self.stop(f'{self._names[joint]} is {away[joint]:.3g} away from its reference')
-        return True
+        found = Deviation.of(self._names, place - q, self._planned.velocity)
+        if found.seconds > settings.NEAR_TIME:
+            self.stop(str(found))
+        return found.seconds > settings.NEAR_TIME
 
     def _press(
         self, place: FloatArray, dt: float, strain: FloatArray, share: FloatArray | None,

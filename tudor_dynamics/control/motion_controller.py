@@ -31,7 +31,8 @@ from tudor_dynamics.control.gains import learned_period, LoopGains
 from tudor_dynamics.control.plausibility import AgeWatch, Doubt, MotionWatch
 from tudor_dynamics.control.schedule import Adaptation
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.signals.motion_profile import motion_limits, MotionLimits, MotionPlanner
+from tudor_dynamics.signals.motion_profile import (
+    Deviation, motion_limits, MotionLimits, MotionPlanner)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -103,9 +104,8 @@ class ReferenceGate:
         """
         if self.age(now) > timeout:
             return f'no reference for {1e3 * timeout:.0f} ms'
-        joint, away, late = self._farthest(now, timeout, q)
-        return (f'{joint} is {away:.3g} away from its reference'
-                if late > settings.FOLLOWING_TIME else '')
+        found = self._deviation(now, timeout, q)
+        return str(found) if found.seconds > settings.FOLLOWING_TIME else ''
 
     def obstacle(self, now: float, timeout: float, q: FloatArray, held: FloatArray) -> str:
         """
@@ -115,19 +115,17 @@ class ReferenceGate:
         """
         if self.age(now) > timeout:
             return self.refusal or 'no reference comes'
-        joint, away, late = self._farthest(now, timeout, q)
-        if late > settings.NEAR_TIME:
-            return f'the reference is {away:.3g} away from {joint}: it has to begin at the arm'
+        found = self._deviation(now, timeout, q)
+        if found.seconds > settings.NEAR_TIME:
+            return (f'the reference is {found.away:.3g} away from {found.joint}: it has to begin '
+                    'at the arm')
         resting = settings.RESTING_SPEED * self._planned
         if np.any(np.abs(self.dq) > resting):
             return 'the reference moves already: it has to begin at rest'
         return 'the arm brakes' if np.any(np.abs(held) > resting) else ''
 
-    def _farthest(self, now: float, timeout: float, q: FloatArray) -> tuple[str, float, float]:
-        """Give the joint farthest from its reference, how far, and that at planned speed [s]."""
-        away = np.abs(self.place(now, timeout) - q)
-        j = int(np.argmax(away / self._planned))
-        return self._joints[j], float(away[j]), float(away[j] / self._planned[j])
+    def _deviation(self, now: float, timeout: float, q: FloatArray) -> Deviation:
+        return Deviation.of(self._joints, self.place(now, timeout) - q, self._planned)
 
     def _impossible(self, q: FloatArray, dq: FloatArray) -> str:
         if not (np.isfinite(q).all() and np.isfinite(dq).all()):
@@ -448,9 +446,10 @@ class MotionController:
         assert self._q is not None
         speed = np.abs(self.envelope.command)
         astray = any(doubt.astray for doubt in doubts)  # each moment it goes farther astray
-        least = 1.01 * settings.UNCONFIRMED_SPEED * self.watched.speed
-        slow = speed < np.clip(self.limits.acceleration * self.gains.period, least, 5.0 * least)
-        # Zero at once is the shortest way; what runs ahead gets faster by each further command.
+        one_period = self.limits.acceleration * self.gains.period  # takes off no more
+        least, most = np.outer(settings.STOPPED_AT_ONCE, self.watched.speed)
+        slow = speed < np.clip(one_period, least, most)
+        # Zero at once is the shortest way; each further command would make a runaway faster.
         if astray and (self.watched.rushing.any() or slow.all()):
             self.envelope.begin(np.zeros_like(speed))
         self._hold = MotionPlanner(

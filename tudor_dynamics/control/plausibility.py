@@ -120,17 +120,17 @@ def watch_law(
         row[ALLOWED] = row[UNSTEADY] * (
             settings.EXCESS_TIME * speed[j] + settings.EXCESS_LATE * fastest) + row[WIDTH]
         ahead = max(moved / dt - most, least - moved / dt)
-        # Commanded that way, no drive pushes on with all it has where it is too fast already.
-        near = not lower[j] < q[j] + settings.HURRY_TIME * moved / dt < upper[j]
-        hurry = near or abs(moved) > settings.HURRY * speed[j] * dt
-        pushed = hurry and at_end and moved * row[PUSH] > 0.0 and (
+        near = not lower[j] < q[j] + settings.CRITICAL_TIME * moved / dt < upper[j]
+        critical = near or abs(moved) > settings.CRITICAL_SPEED * speed[j] * dt
+        # A sound drive that is faster than its command does not accelerate with full effort.
+        pushed = critical and at_end and moved * row[PUSH] > 0.0 and (
             most if moved > 0.0 else -least) > 0.0
-        # One sample may be a count of a coarse encoder, or a stamp that jitters: two say so, but
-        # where a limit is near.
+        # One sample may be a count of a coarse encoder, or a stamp that jitters: it takes two,
+        # except where the motion is critical.
         once = max(moved / longer - most, least - moved / longer)
         coarse = settings.COARSE_COUNTS * row[COUNT] + (
             0.0 if pushed else settings.COARSE_TIME * speed[j])
-        sure = once if hurry and once * longer > coarse else min(ahead, row[FASTER])
+        sure = once if critical and once * longer > coarse else min(ahead, row[FASTER])
         part = settings.AHEAD_PUSHED if pushed else 2.0 if row[WIDTH] > 0.0 else (
             1.0 if lower[j] < q[j] + settings.NEAR_BY * moved / dt < upper[j]
             else settings.AHEAD_NEAR)

@@ -109,9 +109,10 @@ EXCESS_SMALL = 0.2
 # deg/s is the most of honest arms (bench/false_faults.py), 2800 deg/s^2 what a driver makes of its
 # current that takes radians for degrees (bench/lying.py).
 AHEAD_SPEED, AHEAD_SHARE = 0.1, 0.1
-# One sample says so, or an effort at its end, above this part of the speed limit, and where the
-# joint will be past a limit in this time [s]; elsewhere two are in time (bench/lying.py).
-HURRY, HURRY_TIME = 0.4, 0.1
+# One sample suffices, or an effort at its end, above this part of the speed limit, and where the
+# joint will be past a limit in this time [s]; elsewhere two samples are early enough
+# (bench/lying.py).
+CRITICAL_SPEED, CRITICAL_TIME = 0.4, 0.1
 # Part of that which is allowed where it will be past a limit in this time [s]: drives that creep
 # by 10 deg/s are found in time, those that swap not too soon to be known
 # (test/mechanics/test_lying.py).
@@ -140,6 +141,10 @@ OVERLOAD_AFTER, WANDER_LOADED, EXCESS_JERKED = 1.0, 0.5, 0.006
 # Until a joint has answered its commands they are at most this part of its speed limit: 2 deg/s of
 # 120, which a driver that takes radians for degrees makes 115 of.
 UNCONFIRMED_SPEED = 1.0 / 60.0
+# Commands below the first part of the speed limit, that before a joint has answered, and at most
+# below the second are ended at once at a fault: held by test_a_drive_creeps_where_a_move_ends and
+# 379 sequences of bench/motion_sequences.py --seed 1.
+STOPPED_AT_ONCE = (1.01 * UNCONFIRMED_SPEED, 5.0 * 1.01 * UNCONFIRMED_SPEED)
 # Joints that have to be tested first go no farther than the speed limit goes in this time [s]:
 # 2.4 deg at 120 deg/s, four nudges of joint_test; nor at more of the limit.
 UNTESTED_TIME, UNTESTED_SHARE = 0.02, 0.125

@@ -242,6 +242,25 @@ class MotionLimits:
     acceleration: FloatArray  # largest planned acceleration of each joint, (joints,) [rad/s^2]
 
 
+@dataclass(frozen=True)
+class Deviation:
+    """The joint that is farthest from its reference."""
+
+    joint: str
+    away: float  # how far [rad or m]
+    seconds: float  # that it takes at planned speed [s]
+
+    @classmethod
+    def of(cls, joints: Sequence[str], away: FloatArray, speed: FloatArray) -> Deviation:
+        """Find it: away (joints,) [rad or m], speed (joints,), planned [rad/s or m/s]."""
+        seconds = np.abs(away) / speed
+        j = int(np.argmax(seconds))
+        return cls(joints[j], float(abs(away[j])), float(seconds[j]))
+
+    def __str__(self) -> str:
+        return f'{self.joint} is {self.away:.3g} away from its reference'
+
+
 def motion_limits(arm: Arm) -> MotionLimits:
     """
     Take what is planned for the active joints from an arm description.
