@@ -30,6 +30,9 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault('MPLBACKEND', 'Agg')
 os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+# Tests kill processes. Shared memory of Fast DDS 2.14 does not always stand that: others lose data
+# or crash (eProsima/Fast-DDS issue 5469, pull request 4737), and each that is killed leaves files.
+os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
 # ROS logs below the home directory otherwise, and there may be none.
 os.environ.setdefault('ROS_HOME', str(Path(tempfile.gettempdir()) / f'tudor_home_{os.getuid()}'))
 os.environ.setdefault('ROS_LOG_DIR', str(Path(tempfile.gettempdir()) / f'tudor_log_{os.getuid()}'))
