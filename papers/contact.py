@@ -85,7 +85,24 @@ def section(setting: Setting) -> Section:
                f'{100.0 * sure:.0f} %', sure >= SURE)),
         (Picture('contact_places', 'Contact', 'Places of contacts',
                  'Pushes of a moving arm without damping: where they were, and where they were '
-                 'found, from the joint of their link.', lambda: _draw(motion)),), content)
+                 'found, from the joint of their link.', lambda: _draw(motion)),), content,
+        _by_place(motion))
+
+
+def _by_place(motion: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:
+    """Say how well pushes in motion are placed: all of them, by link, within and beyond gauges."""
+    parts = {'anywhere': motion}
+    for link in sorted({row['link'] for row in motion}):
+        for name, beyond in (('inboard of its last gauge', False), ('beyond it', True)):
+            parts[f'{link}, {name}'] = [row for row in motion if (row['link'], row['beyond']) == (
+                link, beyond)]
+    return (('pushes in motion', 'n', 'right link', 'a place', 'median error of the place',
+             'of the force'), *(
+                 (name, f'{len(rows)}', *(f'{np.mean([row[key] for row in rows]):.0%}'
+                                          for key in ('link_right', 'told')),
+                  f'{1e3 * _median(rows, "place_error"):.1f} mm',
+                  f'{_median(rows, "relative_error"):.1%}')
+                 for name, rows in parts.items() if rows))
 
 
 def _median(rows: list[dict[str, Any]], name: str) -> float:
@@ -153,8 +170,10 @@ def _judge(
         if not len(part) or abs(truth.mean()) < FELT:
             continue
         during = [item for item in found[part[0]:part[-1] + 1] if item]
-        rows.append({'felt': any(item.felt for item in during)} | _row(
-            push, float(truth.mean()), record.summary(), estimator))
+        gauges = [gauge.distance for gauge in models.arm.gauges if gauge.joint == push.joint]
+        rows.append({'felt': any(item.felt for item in during),
+                     'beyond': push.distance > max(gauges)} | _row(
+                         push, float(truth.mean()), record.summary(), estimator))
     return rows
 
 

@@ -26,9 +26,9 @@ from matplotlib.figure import Figure
 import numpy as np
 from papers import drawings
 from papers.campaign import (
-    arm_content, Cached, Campaign, FloatArray, grams, stimulus_seeds, write_file)
+    arm_content, Cached, Campaign, FloatArray, grams, KINDS, stimulus_seeds, write_file)
 from papers.fits import collisions, Fits
-from papers.look import draw, Picture, render
+from papers.look import draw, Picture, render, table_lines
 from papers.lshape import run_paper
 from papers.table1 import build
 import tudor_dynamics as td
@@ -245,10 +245,28 @@ def _pushes(found: Cached) -> int:
 
 
 def write_figures(chosen: Gallery, arm: str, out: Path) -> list[str]:
-    """Draw figures as SVG and PNG, and write the page with all of them and their numbers."""
+    """Draw figures as SVG and PNG, and write their page, their tables and their numbers."""
     shown = draw(chosen.pictures, out)
     write_file(out / 'index.html', render('figures.html.j2', arm=arm, sections=SECTIONS,
                                           figures=shown,
                                           table=(out / 'table1.html').is_file()))
+    write_file(out / 'figures.md', markdown(chosen.data))
     write_file(out / 'figures.json', json.dumps(chosen.data, indent=1) + '\n')
     return [picture.name for picture in chosen.pictures]
+
+
+def markdown(data: dict[str, Any]) -> str:
+    """Write the fits without damping, and what each method detects, as tables."""
+    names = [(output, kind) for output in ('strain', 'effort') for kind in KINDS]
+    rows = [[name.replace('g', ' g'), *(
+        f'{found[output][kind]:.1f}' if kind in (found := fits['undamped'])[output] else ''
+        for output, kind in names)] for name, fits in data['fit'].items()]
+    return '\n'.join([
+        '# Fits on the test stimuli without damping [%]', '',
+        *table_lines(('not damped', *(f'{output}: {KINDS[kind]}' for output, kind in names)),
+                     rows),
+        '', '# Pushes', '',
+        *table_lines(('method', 'pushes found', 'median', 'false alarms'), [
+            (method, f'{score["found"]} of {score["pushes"]}',
+             f'{1000 * (score["latency_median"] or 0.0):.0f} ms', str(score['false_alarms']))
+            for method, score in data['collisions'].items()]), ''])

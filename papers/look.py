@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 import io
 from pathlib import Path
@@ -128,6 +128,11 @@ def _save(figure: Figure, out: Path, name: str) -> bytes:
         written.append(stream.getvalue())
         write_file(out / f'{name}.{suffix}', written[-1])
     return written[0]
+
+
+def table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Write a table in Markdown, as ``tools/figures.py`` reads it too."""
+    return [f'| {" | ".join(cells)} |' for cells in (head, ['---'] * len(head), *rows)]
 
 
 def render(template: str, **values: Any) -> str:

@@ -33,6 +33,7 @@ from typing import Any
 
 import numpy as np
 from papers.campaign import FloatArray
+from papers.look import table_lines
 from scipy.optimize import root
 import tudor_dynamics as td
 
@@ -207,7 +208,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             run_reference(args.elements, args.dt, reference), reference))
     if not args.json:
         for name, value in figures.items():
-            print(f'{name}: {_text(value)}')
+            if name != 'reference':
+                print(f'{name}: {_text(value)}')
+        if reference is not None:
+            print('\n'.join(['', *table_lines(
+                ('elements, step', 'elbow acceleration', 'tip acceleration', 'moments, link 1',
+                 'moments, link 2', 'final angle'),
+                [(f'{args.elements}, {1000 * args.dt:g} ms',
+                  *(f'{value:.1%}' for value in list(figures['reference'].values())[:4]),
+                  f'{figures["reference"]["final_angle_deg"]:.4f} deg')]), '']))
         print(f'figures and lshape.npz are in {folder}')
     return figures
 

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from papers.campaign import Campaign, write_file
-from papers.look import draw, Picture, render
+from papers.look import draw, Picture, render, table_lines
 
 PARTS: dict[str, str] = {
     'payload': 'Payload',
@@ -72,6 +72,7 @@ class Section:
     # Figures; the file of each begins with the name of the part
     pictures: tuple[Picture, ...] = ()
     data: dict[str, Any] | None = None  # figures as plain values, for programs
+    grid: tuple[tuple[str, ...], ...] = ()  # a table more: its head, then its rows
 
 
 Compute = Callable[[Setting], Section]
@@ -90,10 +91,22 @@ def content(sections: Mapping[str, Section]) -> dict[str, Any]:
 
 
 def write_outlook(sections: Mapping[str, Section], arm: str, out: Path) -> list[Path]:
-    """Draw the figures, and write the page and its numbers."""
+    """Draw the figures, and write the page, its tables and its numbers."""
     parts = [(name, PARTS[name], section, draw(section.pictures, out))
              for name, section in sections.items()]
-    page, numbers = out / 'outlook.html', out / 'outlook.json'
+    page, tables, numbers = (out / f'outlook.{suffix}' for suffix in ('html', 'md', 'json'))
     write_file(page, render('outlook.html.j2', arm=arm, parts=parts))
+    write_file(tables, markdown(sections))
     write_file(numbers, json.dumps(content(sections), indent=1, allow_nan=False) + '\n')
-    return [page, numbers]
+    return [page, tables, numbers]
+
+
+def markdown(sections: Mapping[str, Section]) -> str:
+    """Write the tables of sections."""
+    lines: list[str] = []
+    for name, section in sections.items():
+        lines += [f'# {PARTS[name]}', '', *table_lines(('what', 'must reach', 'reached'), [
+            (floor.what, floor.wanted, floor.reached) for floor in section.floors]), '']
+        if section.grid:
+            lines += [*table_lines(section.grid[0], section.grid[1:]), '']
+    return '\n'.join(lines)

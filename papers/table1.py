@@ -28,7 +28,7 @@ from typing import Any
 from papers.campaign import (
     Campaign, ELASTIC, grams, HERE, hub_gauges, KINDS, OUTPUTS, units, write_file)
 from papers.fits import Fits, one_model
-from papers.look import render
+from papers.look import render, table_lines
 import tudor_dynamics as td
 import yaml
 
@@ -330,30 +330,39 @@ def block_grid(block: TableBlock) -> Grid:
     return Grid(title, tuple(groups), tuple(heads), tuple(rows), tuple(breaks))
 
 
+def fit_grid(table: Table1) -> Grid:
+    """Lay out the fits on the test stimuli, with the paper's figure after ours."""
+    groups, heads = [(EMPTY, 1)], ['payload']
+    rows = [[f'{1000 * payload:.0f} g'] for payload in table.shared[0].separate]
+    for block in table.blocks:
+        groups.append((block.title, len(KINDS) + 1))
+        heads += [*KINDS.values(), 'paper, Eq. (18)']
+        tests = [row for row in block.rows if row.part == 'test']
+        for cells, row in zip(rows, tests, strict=True):
+            cells += [_number(row.cells[model].fit, 1) for model in KINDS]
+            cells.append(_number(row.cells['analytical'].paper.get('fit_printed'), 2))
+    return Grid("Fits on the test stimuli and the paper's Eq. (18), analytical model; all in %",
+                tuple(groups), tuple(heads), tuple(map(tuple, rows)))
+
+
 def shared_grid(table: Table1) -> Grid:
-    """Lay the one model of all payloads out beside the separate ones."""
-    present = [item for item in table.shared
-               if any(value is not None for value in item.separate.values())]
-    low, high = (f'{1000 * value:.0f} g' for value in table.trained_at)
+    """Lay out the one model of all payloads, with the separate ones in brackets."""
     titles = {block.output: block.title for block in table.blocks}
-    groups = [(EMPTY, 1)] + [(f'{titles[item.output]}, {KINDS[item.model]}', 2)
-                             for item in present]
-    heads = ['payload'] + [text for _ in present for text in ('separate', 'one model')]
-    rows = []
-    for payload in next(iter(table.shared)).separate:
-        seen = payload in table.trained_at
-        cells = [f'{1000 * payload:.0f} g{" *" if seen else ""}']
-        for item in present:
-            cells += [_number(item.separate[payload], 1), _number(item.together[payload], 1)]
-        rows.append(tuple(cells))
-    title = (f'One model for all payloads, fitted at {low} and {high} (*) only, beside a model '
-             'for each: fit in % on test stimuli')
-    return Grid(title, tuple(groups), tuple(heads), tuple(rows))
+    payloads = tuple(table.shared[0].separate)
+    low, high = (f'{1000 * value:.0f} g' for value in table.trained_at)
+    rows = tuple(
+        (f'{titles[item.output]}, {KINDS[item.model]}', *(
+            f'{_number(item.together[payload], 1)} ({_number(item.separate[payload], 1)})'
+            for payload in payloads))
+        for item in table.shared if any(value is not None for value in item.separate.values()))
+    return Grid(f'One model for all payloads, fitted at {low} and {high} only; in brackets one '
+                'for each payload: fit in % on test stimuli', ((EMPTY, 1), (EMPTY, len(payloads))),
+                ('model', *(f'{1000 * payload:.0f} g' for payload in payloads)), rows)
 
 
 def grids(table: Table1) -> list[Grid]:
     """Lay out everything."""
-    return [*(block_grid(block) for block in table.blocks), shared_grid(table)]
+    return [fit_grid(table), *(block_grid(block) for block in table.blocks), shared_grid(table)]
 
 
 def finding_texts(table: Table1) -> list[str]:
@@ -372,16 +381,11 @@ def markdown(table: Table1) -> str:
         # Markdown has no heads over several columns: each column is named in full
         names = [name for name, count in grid.groups for _ in range(count)]
         heads = [f'{name} {head}'.strip() for name, head in zip(names, grid.heads, strict=True)]
-        lines += [f'## {grid.title}', '', _line(heads), _line(['---'] * len(heads))]
-        lines += [_line(row) for row in grid.rows] + ['']
+        lines += [f'## {grid.title}', '', *table_lines(heads, grid.rows), '']
     lines += ['## Expected shape', '']
     lines += [f'* {item}' for item in finding_texts(table)]
     lines += ['', "## On the paper's figures", '', *(f'* {note}' for note in table.notes)]
     return '\n'.join(lines) + '\n'
-
-
-def _line(cells: list[str] | tuple[str, ...]) -> str:
-    return f'| {" | ".join(cells)} |'
 
 
 def csv_text(table: Table1) -> str:

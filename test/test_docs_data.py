@@ -17,6 +17,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import importlib
 from pathlib import Path
 import re
@@ -32,7 +33,7 @@ from tudor_dynamics.nodes.common.interfaces import NODES
 
 ROOT = Path(__file__).resolve().parents[1]
 COPIED = 25
-"""Files of figures whose command prints them otherwise: the papers, prose, several commands."""
+"""Files of figures that were written by hand, not by ``tools/figures.py``."""
 DATA = sorted((ROOT / 'docs' / 'figures').glob('*.json'))
 
 
@@ -106,12 +107,16 @@ def test_a_command_is_run_and_its_table_kept(
         (tmp_path / 'code').write_text('one')
         subprocess.run(['git', '-c', 'user.name=x', '-c', 'user.email=x@x', *words.split()],
                        cwd=tmp_path, check=True)
-    old = data.Figures("printf '| a |\\n|---|\\n| 2 |\\n'", 'x', '', ['code'], ['a'], [['1']])
-    new = tool.measure(old)
+    (tmp_path / 'page.md').write_text('| b |\n|---|\n| 3 |\n')
+    old = data.Figures("printf '| a |\\n|---|\\n| 2 |\\n'; mkdir --parents out && "
+                       'cp page.md --target-directory out', 'x', '', ['code'], ['a'], [['1']])
+    assert not old.measured
+    new, other = tool.measure([old, replace(old, head=['b'])])
+    assert other.rows == [['3']] and new.measured
     assert new.rows == [['2']] and len(new.commit) >= 7 and new.date > '2026'
     (tmp_path / 'code').write_text('two')
     with pytest.raises(SystemExit, match='first commit these'):
-        tool.measure(old)
+        tool.measure([old])
     assert tool.whole('python x --data DATA --work DIR', Path('/t')) == (
         'python x --data /data --work /t/work')
     assert tool.whole('python x --model model', Path('/t')).endswith(
@@ -119,9 +124,9 @@ def test_a_command_is_run_and_its_table_kept(
 
 
 def test_copied_figures_are_known() -> None:
-    """Figures that no command prints as the table are marked as copied; no new ones."""
+    """Figures that were written by hand are marked as copied; no new ones."""
     read = load('figure_data', 'docs/_extensions').read
-    assert sum(not read(file.stem).printed() for file in DATA) <= COPIED
+    assert sum(not read(file.stem).measured for file in DATA) <= COPIED
 
 
 def test_all_that_is_public_has_its_page() -> None:

@@ -18,10 +18,10 @@ Say how old the figures of the documents are, or measure some again.
     python tools/figures.py             every file of docs/figures: commit, date, changes since
     python tools/figures.py NAME ...    run their commands, and write what they print
 
-A command has to print a Markdown table with the head that the file has (``bench/tables.py``).
-``DATA`` in it stands for the folder in TUDOR_SHARED_DATA (../shared/data), ``DIR`` and ``out`` for
-a folder that is made, ``model`` for a model of the sample bags. Files marked *copied* in the list
-are of commands that print no such table: their values were copied from what they print.
+A command has to print a Markdown table with the head that the file has (``bench/tables.py``), or
+write it into a file ``*.md``; it runs once for all names that share it. ``DATA`` in it stands for
+the folder in TUDOR_SHARED_DATA (../shared/data), ``DIR`` and ``out`` for a folder that is made,
+``model`` for a model of the sample bags. Files marked *copied* in the list were written by hand.
 """
 
 from __future__ import annotations
@@ -67,8 +67,9 @@ def whole(command: str, folder: Path) -> str:
              'model': folder / 'model', 'MODEL': folder / 'model'}
     words = command.split()
     for at, option in enumerate(words[:-1], start=1):
-        if option.startswith('--') and words[at] in given:
-            words[at] = shlex.quote(str(given[words[at]]))
+        name, _, below = words[at].partition('/')
+        if option.startswith('--') and name in given:
+            words[at] = shlex.quote(str(Path(given[name]) / below))
     text = ' '.join(words)
     if str(given['model']) not in text:
         return text
@@ -77,38 +78,50 @@ def whole(command: str, folder: Path) -> str:
             f'config/two_blade_arm.yaml --out {given["model"]} >&2 && {text}')
 
 
-def measure(figures: Figures) -> Figures:
-    """Run the command; give its figures, of the commit that is checked out."""
+def output_of(command: str, folder: Path) -> tuple[int, str]:
+    """Run a command; give its exit code and what it printed and wrote as Markdown."""
     path = f'{Path(sys.executable).parent}:{os.environ["PATH"]}'  # `python` is this one
-    with TemporaryDirectory() as folder:
-        done = subprocess.run(
-            whole(figures.command, Path(folder)), shell=True, cwd=ROOT, stdout=subprocess.PIPE,
-            text=True, check=False,
-            env={**os.environ, 'PATH': path, 'PYTHONPATH': f'{ROOT}:{ROOT / "bench"}'})
-    rows = rows_below(figures.head, done.stdout)
-    if not rows:
-        sys.exit(f'exit code {done.returncode}, and no table with the head '
-                 f'{figures.head} in what was printed:\n{done.stdout[-2000:]}')
-    changed = subprocess.run(['git', 'status', '--porcelain', '--', *figures.paths], cwd=ROOT,
+    done = subprocess.run(
+        whole(command, folder), shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True,
+        check=False, env={**os.environ, 'PATH': path, 'PYTHONPATH': f'{ROOT}:{ROOT / "bench"}'})
+    return done.returncode, '\n\n'.join([done.stdout, *(
+        page.read_text(encoding='utf-8') for page in sorted(folder.rglob('*.md')))])
+
+
+def measure(tables: list[Figures]) -> list[Figures]:
+    """Run the command that tables share; give its figures, of the commit that is checked out."""
+    paths = sorted({path for figures in tables for path in figures.paths})
+    changed = subprocess.run(['git', 'status', '--porcelain', '--', *paths], cwd=ROOT,
                              stdout=subprocess.PIPE, text=True, check=True).stdout
     if changed:
         sys.exit(f'figures belong to a commit; first commit these:\n{changed}')
     commit = subprocess.run(['git', 'rev-parse', '--short', 'HEAD'], cwd=ROOT,
                             stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
-    return replace(figures, rows=rows, commit=commit, date=date.today().isoformat())
+    with TemporaryDirectory() as folder:
+        code, output = output_of(tables[0].command, Path(folder))
+    found = [replace(figures, rows=rows_below(figures.head, output), commit=commit,
+                     date=date.today().isoformat(), measured=True) for figures in tables]
+    for figures in found:
+        if not figures.rows:
+            sys.exit(f'exit code {code}, and no table with the head {figures.head} in what was '
+                     f'printed:\n{output[-2000:]}')
+    return found
 
 
 def main() -> None:
     """List the files, or measure those named."""
-    names = sys.argv[1:]
-    for name in names:
-        (FOLDER / f'{name}.json').write_text(measure(read(name)).text(), encoding='utf-8')
-    for file in [] if names else sorted(FOLDER.glob('*.json')):
+    by_command: dict[str, list[str]] = {}
+    for name in sys.argv[1:]:
+        by_command.setdefault(read(name).command, []).append(name)
+    for names in by_command.values():
+        for name, figures in zip(names, measure([read(name) for name in names]), strict=True):
+            (FOLDER / f'{name}.json').write_text(figures.text(), encoding='utf-8')
+    for file in [] if by_command else sorted(FOLDER.glob('*.json')):
         figures = read(file.stem)
         changes = figures.changes()
         print(f'{file.stem:24s} {figures.date} {figures.commit:8s} '
               f'{"?" if changes is None else changes:>4} changes  '
-              f'{"copied  " if not figures.printed() else "":8s}{figures.command}')
+              f'{"" if figures.measured else "copied":8s}{figures.command}')
 
 
 if __name__ == '__main__':

@@ -16,9 +16,9 @@
 Figures that benches measured, as data: ``docs/figures/NAME.json``.
 
 A page shows the table with the directive ``figures`` (MyST: three backticks, ``{figures} NAME``).
-Below it stand the command, the commit that the figures are of, and how many commits have changed
-the files in ``paths`` since. The build says which figures are older than their code; this is no
-warning, so that it does not fail.
+Below it stand the command, the commit that the figures are of, how many commits have changed the
+files in ``paths`` since, and whether the figures were written by hand. The build says which
+figures are older than their code; this is no warning, so that it does not fail.
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ class Figures:
     paths: list[str]  # of the code that they depend on
     head: list[str]
     rows: list[list[str]]
+    measured: bool = False  # written by `tools/figures.py`; otherwise by hand
 
     def changes(self) -> int | None:
         """Count the commits since that changed the code; None where git does not know."""
@@ -56,14 +57,6 @@ class Figures:
             ['git', 'rev-list', '--count', f'{self.commit}..', '--', *self.paths], cwd=ROOT,
             capture_output=True, text=True, check=False)
         return int(done.stdout) if done.returncode == 0 else None
-
-    def printed(self) -> bool:
-        """Say whether the command prints this table, so that it can be measured again."""
-        scripts = [ROOT / word for word in self.command.split()
-                   if word.startswith('bench/') and word.endswith('.py')]
-        heads = [script.read_text(encoding='utf-8') for script in scripts]
-        return any('show((' in text or '|---|' in text for text in heads) and any(
-            all(cell in text for cell in self.head) for text in heads)
 
     def table(self) -> list[str]:
         """Give the lines of a Markdown table."""
@@ -98,7 +91,7 @@ class FiguresDirective(Directive):
         changes = figures.changes()
         age = ('' if changes == 0 else ', age unknown' if changes is None else
                f', **old**: {changes} commits to its code since')
-        copied = '' if figures.printed() else ', copied from what it prints'
+        copied = '' if figures.measured else ', copied from what it prints'
         if changes:
             LOGGER.info('old: figures %s are of %s, %d commits to their code since; %s',
                         name, figures.commit, changes, figures.command)

@@ -38,7 +38,7 @@ def small(setting: Setting) -> Section:
         (Floor('one', '< 1 g', '0.5 g', met=True), Floor('two', '< 1 g', '2 g', met=False),
          Floor('three', '< 1 g', 'no recordings', met=None)),
         (Picture(f'{setting.name}_figure', setting.name, 'A line', 'It rises.', lambda: figure),),
-        {'quick': setting.quick})
+        {'quick': setting.quick}, (('place', 'n'), ('all', '3')))
 
 
 @pytest.fixture
@@ -64,6 +64,8 @@ def test_page_and_numbers(tmp_path: Path, root: Path, capsys) -> None:
     assert '&lt;b&gt;payload' in page and page.count('<figure') == 1 and 'http:' not in page
     assert page.count('class="yes"') == 1 and page.count('class="no"') == 1
     assert (out / 'payload_figure.svg').is_file() and (out / 'payload_figure.png').is_file()
+    tables = (out / 'outlook.md').read_text()
+    assert '| two | < 1 g | 2 g |' in tables and '| all | 3 |' in tables
     content = json.loads((out / 'outlook.json').read_text())
     assert [floor['met'] for floor in content['payload']['floors']] == [True, False, None]
     assert content['payload']['data'] == {'quick': True}
