@@ -38,6 +38,7 @@ import sys
 import time
 
 import numpy as np
+from tables import show
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -73,19 +74,17 @@ def main() -> int:
             words = ([str(tree / args.command[0]), *args.command[1:]] if args.script
                      else ['-m', 'tudor_dynamics', *args.command])
             taken[tree].append(run(tree, [sys.executable, *words]))
-    for tree in trees:
-        if len(trees) > 1:
-            print('now' if tree is ROOT else 'before')
-        for name, column in zip(('CPU', 'time'), np.array(taken[tree][1:]).T, strict=True):
-            print(f'{name:5s} median {np.median(column):.2f} s, from {column.min():.2f} to '
-                  f'{column.max():.2f} s')
+    used = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    name = ' '.join(args.command if args.script else ['tudor', args.command[0]])
+    show(('command', 'CPU, median', 'time, median', 'memory, most'), (
+        (name + (', before' if tree is not ROOT else ''), *(
+            f'{np.median(column):.2f} s ({column.min():.2f} to {column.max():.2f})'
+            for column in np.array(taken[tree][1:]).T), f'{used:.0f} MiB') for tree in trees))
     if len(trees) > 1:
         ratios = np.array([before[0] / now[0] for before, now in zip(
             taken[trees[0]][1:], taken[ROOT][1:], strict=True)])
         print(f'ratio of CPU times, before / now: median {np.median(ratios):.2f}, from '
               f'{ratios.min():.2f} to {ratios.max():.2f}')
-    used = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-    print(f'memory {used:.0f} MiB at most')
     return 0
 
 

@@ -29,12 +29,14 @@ import os
 
 from matplotlib.figure import Figure
 import numpy as np
+from tables import show
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.control.gains import damping_share
 from tudor_dynamics.control.motion_controller import State
 from tudor_dynamics.mechanics.rig import Rig
+from tudor_dynamics.models.tuning import design, TunedArm, Wish
 
 DELAYS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08)
 SHARES = (0.125, 0.25, 0.5, 1.0, 2.0)
@@ -144,9 +146,19 @@ def moves(arm: Arm, payloads: list[float], jobs: int) -> int:
         found = list(pool.map(quiet, cases))
     for rate in RATES:
         mine = [item for case, item in zip(cases, found, strict=True) if case[1] == rate]
-        print(f'{rate:5g} Hz: at most {max(speed for speed, _ in mine):.2f} deg/s 5 s behind a '
+        print(f'{rate:5g} Hz: at most {max(speed for speed, _ in mine):.2f} deg/s 5 s after a '
               f'move, {sum(not good for _, good in mine)} of {len(mine)} not followed')
     return 0 if all(speed < 1.0 and good for speed, good in found) else 1
+
+
+def ratios(arm: Arm, payloads: list[float]) -> None:
+    """Print which damping ratios `tudor tune` reaches at a delay, with room for twice of it."""
+    rows = []
+    for delay in (0.005, 0.01, 0.02, 0.03):
+        reached = design(TunedArm(arm, None), Wish(0.95, delay, tuple(payloads))).column('reached')
+        rows.append((f'{1e3 * delay:g} ms', *(f'{of.min():.2f} to {of.max():.2f}'
+                                              for of in reached)))
+    show(('delay', *(f'{1e3 * payload:g} g' for payload in payloads)), rows)
 
 
 def main() -> int:
@@ -158,13 +170,18 @@ def main() -> int:
     parser.add_argument('--picture', metavar='PNG', help='draw it there')
     parser.add_argument('--moves', action='store_true',
                         help='instead, moves with the rule of the node in force')
+    parser.add_argument('--ratios', action='store_true',
+                        help='instead, damping ratios of `tudor tune` that the delay allows')
     args = parser.parse_args()
     arm = load_arm(args.arm)
     if args.moves:
         return moves(arm, args.payloads, args.jobs)
+    if args.ratios:
+        ratios(arm, args.payloads)
+        return 0
     found = chart(arm, args.payloads, args.jobs)
     for rate in RATES:
-        print(f'\n{rate:g} Hz: strain that rings 4 s behind a move, over that without damper; '
+        print(f'\n{rate:g} Hz: strain that rings 4 s after a move, over that without damper; '
               'worst payload\ndelay [ms]   ' + ''.join(f'{share:>14g}' for share in SHARES))
         for delay in DELAYS:
             print(f'{1e3 * delay:10.0f}   ' + ''.join(

@@ -29,6 +29,7 @@ import os
 
 from matplotlib.figure import Figure
 import numpy as np
+from tables import show
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.mechanics.closed_loop import ClosedLoop
@@ -91,12 +92,11 @@ def main() -> None:
     with ProcessPoolExecutor(args.jobs) as pool:
         found = dict(zip(((case[2:4], case[4]) for case in cases), pool.map(one, cases),
                          strict=True))
-    print(f'{1000 * args.payload:g} g, {len(MOVES)} moves: worst overshoot [deg], mean settling '
-          'of link 2 [s]\nmean [Hz] at rest, moving   '
-          + ''.join(f'gain x {part:<10g}' for part in PARTS))
-    for frequencies in FREQUENCIES:
-        print(f'{frequencies[0]:16g} {frequencies[1]:9g}   ' + ''.join(
-            '{:5.1f} {:5.2f}      '.format(*found[frequencies, part]) for part in PARTS))
+    print(f'{1000 * args.payload:g} g, {len(MOVES)} moves: largest overshoot, mean settling time')
+    show(('mean at rest, in motion', *(f'gains x {part:g}' for part in PARTS)), (
+        (f'{rest:g} Hz, {moving:g} Hz', *(
+            '{:.1f} deg, {:.2f} s'.format(*found[(rest, moving), part]) for part in PARTS))
+        for rest, moving in FREQUENCIES))
     if args.picture:
         figure = Figure(figsize=(6.0, 4.0))
         axis = figure.subplots()

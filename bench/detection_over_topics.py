@@ -36,6 +36,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from tables import show
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis
@@ -54,7 +55,6 @@ SLOT = 8.0  # s, one push in each
 FORCE = (3.0, 5.0)  # N
 DURATION = (0.3, 0.8)  # s
 LATE = 0.3  # s after the end of a push an event still finds it
-RELEASED = 1.0  # s after a push its flag has to be gone
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ def watch(bundle: ModelBundle, settings: MonitorSettings, signals: Signals) -> d
 
 
 def judge_pushes(seen: dict[str, Any], pushes: FloatArray) -> dict[str, Any]:
-    """Say how many pushes were found, how soon, and how soon their flags went."""
+    """Say which pushes were found, how soon, and how soon their flags went [s]."""
     times = np.array([t for t, _ in seen['events']])
     latencies, released, near = [], [], np.zeros(len(times), dtype=bool)
     for begin, end, _ in pushes.tolist():
@@ -169,12 +169,19 @@ def judge_pushes(seen: dict[str, Any], pushes: FloatArray) -> dict[str, Any]:
         near |= (times >= begin) & (times <= end + 2.0)
         released += [max(off - end, 0.0) for on, off in seen['flags']
                      if begin <= on <= end + LATE]
-    return {'pushes': len(pushes), 'found': len(latencies),
-            'median_ms': 1e3 * float(np.median(latencies)) if latencies else None,
-            'p95_ms': 1e3 * float(np.percentile(latencies, 95)) if latencies else None,
-            'others': int(np.sum(~near)), 'released_median_s': float(np.median(released or [0])),
-            'released_last_s': float(max(released, default=0.0)),
-            'released_late': int(np.sum(np.array(released) > RELEASED))}
+    return {'pushes': len(pushes), 'latencies': latencies, 'others': int(np.sum(~near)),
+            'released': released}
+
+
+def cells(found: list[dict[str, Any]], minutes: float) -> tuple[str, ...]:
+    """Give the cells of a table for what the seeds came to."""
+    late, released = (np.array([value for row in found for value in row[key]] or [np.nan])
+                      for key in ('latencies', 'released'))
+    return (f'{sum(len(row["events"]) for row in found)} in {minutes * len(found):g} min',
+            f'{sum(len(row["latencies"]) for row in found)} of '
+            f'{sum(row["pushes"] for row in found)}',
+            *(f'{1e3 * np.quantile(late, part):.0f} ms' for part in (0.5, 0.95)),
+            f'{np.median(released):.2f} s, {released.max():.2f} s')
 
 
 def make_model(args: argparse.Namespace) -> Path:
@@ -194,7 +201,7 @@ def make_model(args: argparse.Namespace) -> Path:
 
 
 def main() -> None:
-    """Print a line for each kind of model, rate and seed."""
+    """Print a line for each kind of model, rate and seed, then the table over seeds."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--arm', type=Path, default=Path('config/tudor.yaml'))
     parser.add_argument('--work', type=Path, required=True, help='directory for what is kept')
@@ -211,20 +218,24 @@ def main() -> None:
     args.work.mkdir(parents=True, exist_ok=True)
     arm = load_arm(args.arm)
     bundle = load_bundle(args.model or make_model(args))
+    rows = []
     for rate in args.rates:
-        for seed in args.seeds:
-            for kind in args.kinds:
-                settings = MonitorSettings(kind=kind, methods=tuple(args.methods))
-                row: dict[str, Any] = {'rate': rate, 'seed': seed, 'kind': kind}
+        for kind in args.kinds:
+            settings, found = MonitorSettings(kind=kind, methods=tuple(args.methods)), []
+            for seed in args.seeds:
+                row: dict[str, Any] = {'seed': seed, 'events': [], 'pushes': 0, 'latencies': [],
+                                       'released': []}
                 if args.minutes > 0.0:
                     seen = watch(bundle, settings, kept(args, arm, rate, seed, False))
-                    row['free_min'], row['events'] = args.minutes, [
-                        (round(t, 2), method) for t, method in seen['events']]
-                    row['flag_longest_s'] = max((b - a for a, b in seen['flags']), default=0.0)
+                    row['events'] = [(round(t, 2), method) for t, method in seen['events']]
                 if args.pushes:
                     signals = kept(args, arm, rate, seed, True)
                     row |= judge_pushes(watch(bundle, settings, signals), signals.pushes)
                 print(json.dumps(row), flush=True)
+                found.append(row)
+            rows.append((f'{rate:g} Hz', kind, *cells(found, args.minutes)))
+    show(('rate', 'model', 'events in free motion', 'pushes found', 'median', '95 %',
+          'flag after the push, median and last'), rows)
 
 
 if __name__ == '__main__':

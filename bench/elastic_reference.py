@@ -26,7 +26,8 @@ from __future__ import annotations
 from pathlib import Path
 import tempfile
 
-from reference_fits import CONFIG, data_directory, fit, import_merit, row, tudor
+from reference_fits import CONFIG, data_directory, fit, import_merit, tudor
+from tables import PUSHES, pushes as scored, show
 
 KINDS = ('analytical', 'elm', 'elastic')
 FLOORS = {'free': 97.0, 'undamped': 94.0, 'merit': 84.0}
@@ -34,7 +35,7 @@ FLOORS = {'free': 97.0, 'undamped': 94.0, 'merit': 84.0}
 
 def judge(name, floor, out, arm, training, test, *, unseen=False):
     """
-    Print the fits of all models on a test recording.
+    Give the fits of all models on a test recording, as cells of a table.
 
     With ``unseen`` the fit knows nothing of the test, so thresholds come from the training bags,
     each judged by models of the others.
@@ -46,27 +47,22 @@ def judge(name, floor, out, arm, training, test, *, unseen=False):
                  'seconds': said['seconds']}
     else:
         found = fit(out, arm, training, test, '--models', *KINDS)
-    for output in ('strain', 'effort'):
-        known = found.get(output, {})
-        row(name, f'{output} elastic fit', known['elastic']['fit'],
-            floor if output == 'strain' else known['analytical']['fit'])
-        print(f'{"":34} ' + ', '.join(f'{kind} {known[kind]["fit"]:.2f}' for kind in KINDS))
-    print(f'{"":34} ' + ', '.join(f'{what} {seconds:.1f} s' for what, seconds in
-                                  found['seconds'].items()))
+    cells = [f'{found[output][kind]["fit"]:.1f}' for output in ('strain', 'effort')
+             for kind in KINDS]
+    short = '' if found['strain']['elastic']['fit'] >= floor else ', **falls short**'
+    return (name, *cells, f'≥ {floor:g}{short}')
 
 
 def pushes(bags, out):
-    """Look for the pushes with the model that is there, by each method."""
+    """Print the pushes that the model which is there detects, by each method."""
+    rows = []
     for kind in ('analytical', 'elastic'):
         for bag in ('arm_200g_pushes', 'arm_200g_free_4'):
             said = tudor('evaluate', '--model', out, bags / bag, '--collisions', '--kind', kind,
                          '--json', *(['--free'] if 'free' in bag else []))
-            for method, score in said['collisions'].items():
-                late = ['-' if value is None else f'{1000 * value:.0f} ms' for value in
-                        (score['latency_median'], score['latency_p95'])]
-                print(f'{bag:16} {kind:11} {method:9} found {score["found"]} of '
-                      f'{score["pushes"]}, after {late[0]} (median), {late[1]} (95 %), '
-                      f'false alarms {score["false_alarms"]}')
+            rows += [(bag, kind, method, *scored(score))
+                     for method, score in said['collisions'].items()]
+    show(('recording', 'model', 'method', *PUSHES), rows)
 
 
 def main():
@@ -75,20 +71,26 @@ def main():
     bags = data / 'bags'
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / 'model'
+        rows = []
         if (bags / 'arm_200g_free_4').exists():
-            judge('200 g, damped: three bags -> fourth', FLOORS['free'], out, 'two_blade_arm.yaml',
-                  [bags / f'arm_200g_free_{i}' for i in (1, 2, 3)], [bags / 'arm_200g_free_4'],
-                  unseen=True)
+            rows.append(judge(
+                'independent simulation, 200 g, damped; three bags of 80 s to a fourth',
+                FLOORS['free'], out, 'two_blade_arm.yaml',
+                [bags / f'arm_200g_free_{i}' for i in (1, 2, 3)], [bags / 'arm_200g_free_4'],
+                unseen=True))
             pushes(bags, out)
         if (bags / 'arm_000g_undamped_1').exists():
             bag = bags / 'arm_000g_undamped_1'
-            judge('0 g, undamped: halves', FLOORS['undamped'], out, 'two_blade_arm.yaml',
-                  [f'{bag}@0-50%'], [f'{bag}@50-100%'])
+            rows.append(judge('same, 0 g, not damped; halves of one bag', FLOORS['undamped'], out,
+                              'two_blade_arm.yaml', [f'{bag}@0-50%'], [f'{bag}@50-100%']))
         if (data / 'merit_exp1.csv').exists():
             bag = Path(folder) / 'merit_bag'
             import_merit(data / 'merit_exp1.csv', bag)
-            judge('the real arm, MERIt exp1: halves', FLOORS['merit'], out, 'tudor.yaml',
-                  [f'{bag}@0-50%'], [f'{bag}@50-100%'])
+            rows.append(judge('the real arm (MERIt exp1), not actively damped; halves',
+                              FLOORS['merit'], out, 'tudor.yaml', [f'{bag}@0-50%'],
+                              [f'{bag}@50-100%']))
+    show(('recording', *(f'{output}: {kind}' for output in ('strain', 'effort') for kind in KINDS),
+          'strain, elastic: must reach'), rows)
 
 
 if __name__ == '__main__':

@@ -30,6 +30,7 @@ import time
 import warnings
 
 import numpy as np
+from tables import PUSHES, pushes, show
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.errors import TudorWarning
@@ -126,18 +127,20 @@ def fits(args: argparse.Namespace, arm: Arm) -> None:
     elastic = models['strain', 'elastic']
     assert isinstance(elastic, ElasticModel)
     exact = truth(arm)
-    print('parameter, truth, started from, identified (deviation), standard error')
     started = truth(known)
+    rows = []
     for p in elastic.physical:
         if p.name in exact:
-            off = 100.0 * (p.value / exact[p.name] - 1.0) if exact[p.name] else float('nan')
-            print(f'  {p.name:18s} {exact[p.name]:10.4g} {started[p.name]:10.4g} {p.value:10.4g} '
-                  f'({off:+6.1f} %) +- {p.standard_error:.2g} {p.unit}'
-                  f'{"" if p.shown else "  not shown"}')
+            size = exact[p.name] or float('nan')
+            rows.append((p.name, f'{size:.4g} {p.unit}', *(
+                f'{100.0 * (value / size - 1.0):+.1f} %' for value in (started[p.name], p.value)),
+                f'{100.0 * p.standard_error / size:.2g} %' + ('' if p.shown else ', not shown')))
+    show(('parameter', 'truth', 'started from', 'identified', 'standard error'), rows)
 
 
 def collisions(args: argparse.Namespace, arm: Arm) -> None:
     """Find pushes with the damper off, where a rigid residual rings."""
+    rows = []
     for damped in (True, False):
         free = bags(arm, record(args, 0.2, damped=damped, seed=3, stimuli=4))
         pushed = record(args, 0.2, damped=damped, seed=4, stimuli=2, pushes=5)
@@ -148,11 +151,11 @@ def collisions(args: argparse.Namespace, arm: Arm) -> None:
             bundle = bundle_of(result)
         recordings = [(str(bag.choice), bag.recording) for bag in bags(arm, pushed)]
         for kind in ('analytical', 'elastic'):
-            for found in evaluate_collisions(
-                    bundle, recordings, MonitorSettings(kind=kind),
-                    [find_truth(path) for path, _ in recordings]):
-                print(f'  {"damped" if damped else "undamped"}, {kind}, {found.method}: '
-                      f'{found.score}')
+            rows += [('damped' if damped else 'not damped', kind, found.method,
+                      *pushes(found.score.as_dict())) for found in evaluate_collisions(
+                          bundle, recordings, MonitorSettings(kind=kind),
+                          [find_truth(path) for path, _ in recordings])]
+    show(('200 g', 'model', 'method', *PUSHES), rows)
 
 
 def main() -> None:

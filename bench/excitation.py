@@ -235,7 +235,7 @@ def recorded(arm, target, trajectory, parameters, noise, seed):
 
 def promises():
     """Compare errors that a plan expects with those of fits, and with true ones."""
-    noise = 0.1
+    noise, rows = 0.1, []
     for arm in arms()[1:]:
         target = wanted(arm, noise)
         plan = make_plan(target, order_of(arm, 60, 0))
@@ -253,10 +253,11 @@ def promises():
             reached.append(group.estimate.standard_errors / expected)
             off.append((group.estimate.parameters - exact) / expected)
         ratio, off = np.array(reached), np.array(off)
-        print(f'{arm.name:14} white noise: reached / expected {ratio.min():.2f} to '
-              f'{ratio.max():.2f}; over {len(off)} seeds, scatter / expected '
-              f'{np.sqrt(np.mean(off.var(axis=0, ddof=1))):.2f}, mean off by '
-              f'{np.sqrt(np.mean(off.mean(axis=0)**2)):.2f} (rms over all parameters)', flush=True)
+        rows.append((arm.name, f'{ratio.min():.2f} to {ratio.max():.2f}',
+                     f'{np.sqrt(np.mean(off.var(axis=0, ddof=1))):.2f}',
+                     f'{np.sqrt(np.mean(off.mean(axis=0)**2)):.2f}'))
+    show((f'white noise of {noise:g} N m', 'each standard error', f'scatter over {len(off)} seeds',
+          'mean off by'), rows)
     with tempfile.TemporaryDirectory() as folder:
         closed_loop(Path(folder))
 
@@ -272,7 +273,7 @@ def command(*words):
 
 def closed_loop(folder):
     """Let the reference arm record at random, plan with what that fit left, record, fit."""
-    arm = CONFIG / 'tudor.yaml'
+    arm, rows = CONFIG / 'tudor.yaml', []
     for seed in (1, 2):
         here = folder / str(seed)
         command('record', '--arm', arm, '--stimuli', 1, '--jobs', 1, '--seed', seed, '--out',
@@ -285,11 +286,11 @@ def closed_loop(folder):
                 '--seed', seed + 10, '--out', here / 'planned')
         found = command('fit', here / 'planned' / 'stimulus_01', '--arm', arm, '--plan',
                         here / 'plan', '--out', here / 'second', '--force', '--json')['plan']
-        print(f'tudor, closed loop, seed {seed}: reached / expected by the residuals of a random '
-              f'bag: median {found["median_over_expected"]:.2f}, '
-              f'{100 * found["within_30_percent_of_expected"]:.0f} % within 30 %; by its own '
-              f'residuals: median {found["median_over_by_noise"]:.2f}, '
-              f'{100 * found["within_30_percent_of_by_noise"]:.0f} % within 30 %', flush=True)
+        rows.append((f'seed {seed}', *(
+            f'median {found[f"median_over_{by}"]:.2f}, {found[f"within_30_percent_of_{by}"]:.0%} '
+            'within 30 %' for by in ('expected', 'by_noise'))))
+    show(('reference arm in its closed loop', 'by the residual of a random bag',
+          'by that of its own fit'), rows)
 
 
 PARTS = {'criteria': criteria, 'gain': gain, 'promises': promises}

@@ -36,6 +36,7 @@ import sys
 import warnings
 
 from elastic_study import bags, record
+from tables import PUSHES, pushes, show
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import TudorWarning
@@ -66,8 +67,8 @@ ARMS = {
 
 
 def leave_motions_out(data, only):
-    """Print for each arm and method what came; give how many promises were broken."""
-    broken = 0
+    """Print the events of each arm and method; give how many promises were broken."""
+    broken, rows = 0, []
     for name, (description, motions, masses) in ARMS.items():
         if only and name not in only:
             continue
@@ -91,11 +92,26 @@ def leave_motions_out(data, only):
             of_all = score(watched, [item.alarms for item in watched])
             kept = of_all.kept(1.0)
             broken += not kept['low'] <= 1.0 <= kept['high']
-            print(f'{name:9} {method:8} {of_all.false_alarms:2d} events in '
-                  f'{60 * of_all.hours:4.1f} min, {kept["promised"]:.4f} promised, 90 % interval '
-                  f'{kept["low"]:.1f} to {kept["high"]:.0f} times that: '
-                  f'{"kept" if kept["low"] <= 1.0 <= kept["high"] else "BROKEN"}', flush=True)
+            rows.append((name, method, of_all.false_alarms, f'{60 * of_all.hours:.1f} min',
+                         f'{kept["promised"]:.4f}',
+                         f'{kept["low"]:.1f} to {kept["high"]:.0f} times the promise'))
+    show(('arm', 'method', 'events', 'in', 'promised', '90 % interval'), rows)
+    if not only:
+        by_hand(data)
     return broken
+
+
+def by_hand(data):
+    """Print which pushes by hand on a standing arm are detected; models are of another bag."""
+    arm = load_arm(data / 'arms/ur10e.yaml')
+    bundle = fit_choices(arm, [parse_choice(str(data / 'bags/ur10e_unloaded'))], [],
+                         arm.spec.preprocessing, FitSettings(), {}).bundle
+    path = str(data / 'bags/ur10e_pushes')
+    bag = load(parse_choice(path), arm, bundle.beside_robot().preprocessing, whole=True)
+    show(('at rest', 'method', *PUSHES), (
+        ('UR10e, four pushes by hand', item.method, *pushes(item.score.as_dict()))
+        for item in evaluate_collisions(bundle, [(path, bag.recording)], MonitorSettings(),
+                                        [find_truth(path)])))
 
 
 def main():

@@ -28,7 +28,8 @@ from __future__ import annotations
 from pathlib import Path
 import tempfile
 
-from reference_fits import CONFIG, data_directory, fit, import_merit, row
+from reference_fits import CONFIG, data_directory, fit, HEAD, import_merit, row, ROWS
+from tables import show
 import yaml
 
 WRIST = {'pairs': [{'motor': 'joint_6', 'joint': 'joint_5', 'ratio': 1.0}]}
@@ -37,15 +38,16 @@ TORQUE_RATIOS = {'shoulder_lift_joint': 10.6956, 'elbow_joint': 8.4566}
 """Of the UR10e, published with the recordings [N m/A]."""
 UNSEEN = (
     # name, description, training, test, relative error that is to be reached [%], couplings
-    ('UR10e, currents', 'ur10e.yaml', ['ur10e_unloaded@0-60%'], ['ur10e_unloaded@60-100%'], 4.3,
-     None),
-    ('Airbot Play', 'airbot.yaml', ['airbot_chirp'], ['airbot_trapezoidal'], 7.7, None),
-    ('TX40 with its coupling', 'tx40.yaml', ['tx40_exciting@0-60%'], ['tx40_exciting@60-100%'],
-     12.6, WRIST))
+    ('UR10e, currents, 60 % to 40 %', 'ur10e.yaml', ['ur10e_unloaded@0-60%'],
+     ['ur10e_unloaded@60-100%'], 4.3, None),
+    ('Airbot Play, chirp to trapezoidal motion', 'airbot.yaml', ['airbot_chirp'],
+     ['airbot_trapezoidal'], 7.7, None),
+    ('Stäubli TX40, `couplings` given, 60 % to 40 %', 'tx40.yaml', ['tx40_exciting@0-60%'],
+     ['tx40_exciting@60-100%'], 12.6, WRIST))
 KNOWN = (
     ('EMPS', 'emps.yaml', ['emps_estimation'], ['emps_validation'], 3.1),
-    ('UR10', 'ur10.yaml', ['ur10_exciting@0-60%'], ['ur10_exciting@60-100%'], 6.3),
-    ('two blades, 200 g', 'two_blade_arm.yaml', [f'arm_200g_free_{i}' for i in (1, 2, 3)],
+    ('UR10, 60 % to 40 %', 'ur10.yaml', ['ur10_exciting@0-60%'], ['ur10_exciting@60-100%'], 6.3),
+    ('two blades, 200 g, effort', 'two_blade_arm.yaml', [f'arm_200g_free_{i}' for i in (1, 2, 3)],
      ['arm_200g_free_4'], 7.07))
 MERIT_FLOOR = 79.0
 """Strain fit of the hub gauges of the undamped arm, first half to second [%]."""
@@ -65,14 +67,14 @@ def undescribed(source, folder, couplings):
 
 
 def error_row(name, out, arm, bags, training, test, bound):
-    """Fit, evaluate, print the relative error and what was chosen."""
+    """Fit, evaluate, keep the relative error, print what was chosen."""
     found = fit(out, arm, [bags / bag for bag in training], [bags / bag for bag in test],
                 '--models', 'analytical')
-    row(name, 'effort relative error', 100 * found['effort']['analytical']['relative_error'],
+    row(name, 'relative error', 100 * found['effort']['analytical']['relative_error'],
         bound, at_most=True)
     content = yaml.safe_load((Path(out) / 'model.yaml').read_text())
     for choice in content['facts']['choices']:
-        print(f'    {choice["what"]}: {choice["chosen"]}')
+        print(f'{name}: {choice["what"]}: {choice["chosen"]}')
     return content
 
 
@@ -82,7 +84,9 @@ def ratios(content):
     constants = {item['channel']: item['value'] for item in group['torque_constants']}
     (first, one), (second, other) = TORQUE_RATIOS.items()
     off = 100 * abs(constants[second] / constants[first] / (other / one) - 1)
-    row('UR10e, currents', 'ratio of joints 2 and 3, off the published', off, 3.0, at_most=True)
+    row('UR10e, currents, 60 % to 40 %',
+        'ratio of the torque constants of joints 2 and 3, off the published', off, 3.0,
+        at_most=True)
 
 
 def merit(csv, out):
@@ -94,8 +98,8 @@ def merit(csv, out):
                 for name in ('link2_hub', 'link3_hub')]
     spread = [c['rmse'] / (1 - c['fit'] / 100) for c in channels]
     error = sum(c['rmse'] ** 2 for c in channels) / sum(value ** 2 for value in spread)
-    row('TUDOR arm, MERIt exp1, undamped', 'strain fit, hub gauges', 100 * (1 - error ** 0.5),
-        MERIT_FLOOR)
+    row('TUDOR arm (MERIt exp1), not actively damped, halves', 'strain fit, hub gauges',
+        100 * (1 - error ** 0.5), MERIT_FLOOR)
 
 
 def main():
@@ -122,6 +126,7 @@ def main():
                 error_row(name, out, CONFIG / arm, bags, training, test, bound)
         if there(data / 'merit_exp1.csv'):
             merit(data / 'merit_exp1.csv', out)
+    show(HEAD, ROWS)
 
 
 if __name__ == '__main__':

@@ -38,6 +38,7 @@ from many_arms import LAYOUTS, measure
 from many_bags import ARM, make, timed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from tables import show
 
 from tudor_dynamics import load_arm
 
@@ -175,10 +176,15 @@ def main(args: Sequence[str] | None = None) -> int:
     for name in asked.parts:
         found[name] = PARTS[name](asked.folder, asked.model)
         kept.write_text(json.dumps(found, indent=2) + '\n')
-    for rows in found.values():
-        print('\n'.join(', '.join(f'{key} {value:.4g}' if isinstance(value, float) else
-                                  f'{key} {value}' for key, value in row.items())
-                        for row in rows))
+    ends = [(name, row) for name, rows in found.items() for layout in dict.fromkeys(
+        row.get('layout') for row in rows) for row in [
+            row for row in rows if row.get('layout') == layout][::len(rows) // 2]]
+    show(('of', 'number', 'time', 'memory'), (
+        (', '.join([name, *([row['layout']] if 'layout' in row else [])]), row[name],
+         f'{row["cores"]:.1%} of a core' if 'cores' in row else
+         f'{row.get("cpu", row.get("seconds")):.3g} s',
+         f'{row["mb"]:.0f} MB' if 'mb' in row else f'{row["mib"]:.1f} MiB')
+        for name, row in ends))
     draw(found, asked.out)
     return 0
 

@@ -41,6 +41,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
     os.environ.setdefault(_name, '1')  # before numpy loads
 
 import numpy as np  # noqa: E402
+from tables import show  # noqa: E402
 
 from tudor_dynamics.arm.description import arm_from_dict  # noqa: E402
 from tudor_dynamics.models.analytical import AnalyticalModel  # noqa: E402
@@ -169,8 +170,7 @@ def main():
     if args.measure:
         measure(args.measure[0], int(args.measure[1]), int(args.measure[2]))
         return
-    print(f'{"method":14} {"samples":>8} {"us/sample":>10} {"MiB above":>10} {"ratio":>7} rank '
-          'residual')
+    rows = []
     for n in (16_000, 100_000):
         reference = None
         for method in METHODS:
@@ -180,8 +180,10 @@ def main():
             seconds = statistics.median(run['seconds'] for run in runs)
             memory = statistics.median(run['mib'] for run in runs)
             reference = reference or seconds
-            print(f'{method:14} {n:8d} {1e6 * seconds / n:10.2f} {memory:10.1f} '
-                  f'{seconds / reference:7.1f} {runs[0]["rank"]:4d} {runs[0]["residual"]:.4f}')
+            rows.append((n, method, f'{1e6 * seconds / n:.2f} µs', f'{memory:.1f} MiB',
+                         f'{seconds / reference:.1f}', runs[0]['rank']))
+    show(('samples of seven joints', 'method', 'time a sample', 'memory above that of 100 samples',
+          'ratio of times', 'base parameters'), rows)
 
 
 if __name__ == '__main__':

@@ -33,6 +33,7 @@ from identify_seven_joints import described_arm, ROWS
 import numpy as np
 import pinocchio as pin
 from reference_fits import fit
+from tables import show
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
@@ -108,6 +109,7 @@ def main():
     """Go through the seeds."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--seeds', type=int, default=3)
+    rows = []
     for seed in range(parser.parse_args().seeds):
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary)
@@ -125,12 +127,12 @@ def main():
             fixed = np.array(full.sources())[:10 * N].reshape(N, 10) == 'data'
             unseen = load(parse_choice(str(test)), bundle.arm, bundle.preprocessing,
                           learn=True).stretches
-            print(f'seed {seed}: masses off by at most {off[:, 0].max():.1f} standard errors, '
-                  f'what the recordings fix ({fixed.sum()} of {fixed.size} parameters) by '
-                  f'{off[fixed].max():.1f}, 95 % of it by {np.quantile(off[fixed], 0.95):.1f}; '
-                  'error of joints [%], free '
-                  f'{np.round(100 * relative_errors(effort_model(bundle), unseen), 2)}, can exist '
-                  f'{np.round(100 * relative_errors(full.model, unseen), 2)}', flush=True)
+            rows.append((seed, f'{off[:, 0].max():.1f}', f'{fixed.sum()} of {fixed.size}',
+                         f'{off[fixed].max():.1f}', *(
+                             f'{100 * np.max(relative_errors(model, unseen)):.2f} %'
+                             for model in (effort_model(bundle), full.model))))
+    show(('arm', 'masses off by, standard errors', 'parameters that the recording fixes',
+          'these off by', 'largest error of a joint, free', 'that can exist'), rows)
 
 
 if __name__ == '__main__':

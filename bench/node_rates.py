@@ -47,6 +47,7 @@ import numpy as np
 import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from tables import show
 
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.messages import JointStateEncoder
@@ -264,18 +265,18 @@ def main() -> None:
             if args.each:
                 print(f'{name:30s} {rate:5.0f}', *(f'{one[key]:8.3f}' for key in COLUMNS),
                       flush=True)
-    print(f'medians of {args.runs} runs of {args.seconds:g} s; other load in % of one core')
-    print(f'{"chain":30s} {"Hz":>5s} {"answered":>9s} {"p50 ms":>7s} {"p99 ms":>7s} '
-          f'{"of relay":>8s} {"inside":>7s} {"CPU us/sample":>14s} {"memory MB":>10s} '
-          f'{"other load":>11s}')
+    print(f'medians of {args.runs} runs of {args.seconds:g} s')
+    rows = []
     relay = float('nan')
     for (name, rate), runs in found.items():
         row = {key: median(run[key] for run in runs) for key in COLUMNS}
         if name.startswith('relay'):
             relay = row['p99']
-        print(f'{name:30s} {rate:5.0f} {row["answered"]:8.2f}% {row["p50"]:7.3f} '
-              f'{row["p99"]:7.3f} {row["p99"] / relay:8.2f} {row["inside"]:7.3f} '
-              f'{row["cpu"]:14.0f} {row["memory"]:10.2f} {row["others"]:10.0f}%')
+        rows.append((name, f'{rate:g} Hz', f'{row["answered"]:.2f} %', f'{row["p50"]:.2f} ms',
+                     f'{row["p99"]:.2f} ms', f'{row["p99"] / relay:.2f}',
+                     f'{row["cpu"]:.0f} µs', f'{row["others"]:.0f} %'))
+    show(('chain', 'rate', 'answered', 'p50', 'p99', 'p99 over that of the relay',
+          'CPU a sample', 'other load, of a core'), rows)
 
 
 if __name__ == '__main__':

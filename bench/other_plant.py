@@ -43,6 +43,7 @@ import warnings
 import numpy as np
 from other_plant.plant import (
     first_frequency, FloatArray, GAUGES, JOINTS, LENGTH, motion, Options, Push, record)
+from tables import show
 import tudor_dynamics as td
 import yaml
 
@@ -128,10 +129,12 @@ def identified(bags: Bags) -> td.ModelBundle:
 
 def fit(bags: Bags, models: td.ModelBundle) -> None:
     """Print how much of the strain is explained on unseen loads, and which gears were found."""
+    rows = []
     for load, damped in ((0.15, True), (0.25, False)):
         found = td.predict(models, [bags.free(load, 2, damped=damped)]).outputs['strain']
-        print(f'strain at {1000 * load:.0f} g, {"" if damped else "not "}damped: elastic '
-              f'{found["elastic"].score.fit:.1f} %, rigid {found["analytical"].score.fit:.1f} %')
+        rows.append((f'{1000 * load:.0f} g, {"" if damped else "not "}damped', *(
+            f'{found[kind].score.fit:.1f}' for kind in ('analytical', 'elastic'))))
+    show(('MuJoCo', 'strain: analytical', 'strain: elastic'), rows)
     model = models.models['strain']['elastic']
     assert isinstance(model, td.ElasticModel)
     print('found: ' + ', '.join(f'{item.name} {item.value:.4g}' for item in model.physical))
@@ -139,14 +142,13 @@ def fit(bags: Bags, models: td.ModelBundle) -> None:
 
 def payload(bags: Bags, models: td.ModelBundle) -> None:
     """Print masses estimated from one recording each."""
-    for load in (0.15, 0.35):
-        found = td.carried(models, [bags.free(load, 2)])
-        print(f'payload {1000 * load:.0f} g: {1e3 * found.mass:.1f} +- '
-              f'{1e3 * found.mass_std:.2f} g')
+    found = {load: td.carried(models, [bags.free(load, 2)]) for load in (0.15, 0.35)}
+    show(('load', 'estimated'), ((f'{1000 * load:.0f} g', f'{1e3 * item.mass:.1f} ± '
+                                  f'{1e3 * item.mass_std:.1f} g') for load, item in found.items()))
 
 
-def rest(bags: Bags, models: td.ModelBundle) -> None:
-    """Print place and force of pushes on an arm that stands."""
+def rest(bags: Bags, models: td.ModelBundle) -> tuple[str, ...]:
+    """Give place and force of pushes on an arm that stands."""
     rows = []
     for number in range(RESTING):
         path, push, _ = bags.resting(number)
@@ -160,11 +162,13 @@ def rest(bags: Bags, models: td.ModelBundle) -> None:
             if found is not None and 5.0 < t < 6.0:
                 record_of.add(found)
         rows.append(compared(push, push.force, record_of.summary()))
-    told(f'{len(rows)} pushes at rest beyond the second gauge', rows)
+    return summary('at rest, beyond the second gauge', rows)
 
 
-def moving(bags: Bags, models: td.ModelBundle, count: int, pushes: int) -> None:
-    """Print link, place, force and delay of events by pushes on a moving arm."""
+def moving(
+    bags: Bags, models: td.ModelBundle, count: int, pushes: int,
+) -> list[tuple[str, ...]]:
+    """Give link, place and force of events by pushes on a moving arm."""
     rows: list[dict[str, Any]] = []
     delays: list[float] = []
     false = known = 0
@@ -186,12 +190,13 @@ def moving(bags: Bags, models: td.ModelBundle, count: int, pushes: int) -> None:
         false += sum(seen.push is None for seen in watched.sightings)
     print(f'{len(rows)} of {known} pushes in motion detected, delay {np.median(delays):.0f} ms '
           f'(95 %: {np.percentile(delays, 95):.0f}), {false} false')
-    told('their events', rows)
+    parts = {'in motion, anywhere on the links': rows}
     for link, name in enumerate(('inner', 'outer')):
         for what, low, high in (('inboard of', 0.0, 0.24), ('beyond', 0.24, 1.0)):
-            told(f'{name} link {what} the second gauge', [
+            parts[f'{name} link, {what} its second gauge'] = [
                 row for row in rows
-                if row['push'].link == link and low <= row['push'].place < high])
+                if row['push'].link == link and low <= row['push'].place < high]
+    return [summary(what, part) for what, part in parts.items() if part]
 
 
 def compared(push: Push, force: float, found: dict[str, Any] | None) -> dict[str, Any]:
@@ -206,20 +211,14 @@ def compared(push: Push, force: float, found: dict[str, Any] | None) -> dict[str
             'found': found}
 
 
-def told(what: str, rows: Sequence[dict[str, Any]]) -> None:
-    """Print what a set of pushes came to."""
-    if not rows:
-        return
-
+def summary(what: str, rows: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+    """Give what a set of pushes came to, as cells of a table."""
     off, force, newton = (float(np.median([row[name] for row in rows]))
                           for name in ('off', 'force', 'newton'))
-    right, placed = (100.0 * float(np.mean([row[name] for row in rows]))
-                     for name in ('right', 'placed'))
+    right, placed = (float(np.mean([row[name] for row in rows])) for name in ('right', 'placed'))
     sure = np.array([row['deviations'] for row in rows if row['placed']] or [np.inf])
-    print(f'{what} ({len(rows)}): right link {right:.0f} %, a place {placed:.0f} %; median errors '
-          f'{1e3 * off:.1f} mm, {100.0 * force:.1f} % of the force, {newton:.2f} N; within two '
-          f'deviations {100.0 * np.mean(sure <= 2.0):.0f} %, beyond five '
-          f'{100.0 * np.mean(sure > 5.0):.0f} %')
+    return (what, f'{len(rows)}', f'{right:.0%}', f'{placed:.0%}', f'{1e3 * off:.1f} mm',
+            f'{force:.1%}, {newton:.2f} N', f'{np.mean(sure <= 2.0):.0%}')
 
 
 def main() -> None:
@@ -243,10 +242,11 @@ def main() -> None:
     if 'payload' in args.only:
         payload(bags, models)
     carrying = models.at(0.2)
-    if 'rest' in args.only:
-        rest(bags, carrying)
+    rows = [rest(bags, carrying)] if 'rest' in args.only else []
     if 'motion' in args.only:
-        moving(bags, carrying, args.runs, args.pushes)
+        rows += moving(bags, carrying, args.runs, args.pushes)
+    show(('pushes', 'n', 'right link', 'a place', 'median error of the place', 'of the force',
+          'within two deviations'), rows)
 
 
 if __name__ == '__main__':

@@ -222,12 +222,11 @@ def write_case(target, folder, data, arm_file, training, test):
     return len(arrays['motion'])
 
 
-def row(name, found):
-    """Print a line."""
-    exist = f'{found["exist"]:6.2f} %' if 'exist' in found else found['status'][:8]
-    print(f'  {name:13} free {found["free"]:6.2f} %  can exist {exist}  least eigenvalue '
-          f'{found.get("least", float("nan")):8.1e}  giving {found.get("giving", "-"):>2}  '
-          f'{found["seconds"]:6.2f} s  {found["memory"]:6.0f} MB', flush=True)
+def cells(found):
+    """Give the cells of a row."""
+    exist = f'{found["exist"]:.2f} %' if 'exist' in found else found['status']
+    return (f'{found["free"]:.2f} %', exist, f'{found.get("least", float("nan")):.1e}',
+            found.get('giving', '-'), f'{found["seconds"]:.2f} s', f'{found["memory"]:.0f} MB')
 
 
 def worker(method, path):
@@ -256,6 +255,7 @@ def main():
         return
     pythons = {'this package': (sys.executable, 'ours'),
                f'FIGAROH {VERSION}': (str(environment(args.venv)), 'figaroh')}
+    rows = []
     for name, arm, training, test in CASES:
         if not all((args.data / 'bags' / bag.partition('@')[0]).exists()
                    for bag in (*training, *test)):
@@ -264,14 +264,18 @@ def main():
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / 'case.npz'
             samples = write_case(path, Path(folder), args.data, arm, training, test)
-            print(f'{name}, {samples} samples', flush=True)
             for method, (python, key) in pythons.items():
                 done = subprocess.run([python, __file__, '--worker', key, str(path)],
                                       capture_output=True, text=True, check=False)
                 if done.returncode:
-                    print(f'  {method}: {done.stderr.strip().splitlines()[-1]}')
-                else:
-                    row(method, json.loads(done.stdout.strip().splitlines()[-1]))
+                    print(f'{name}, {method}: {done.stderr.strip().splitlines()[-1]}')
+                found = ('does not run', *5 * ('',)) if done.returncode else cells(
+                    json.loads(done.stdout.strip().splitlines()[-1]))
+                rows.append((f'{name}, {samples} samples', method, *found))
+    from tables import show
+    show(('recording', 'by', 'base parameters', 'bodies that can exist',
+          'least eigenvalue of a pseudo-inertia', 'drives that give energy', 'time', 'memory'),
+         rows)
 
 
 if __name__ == '__main__':

@@ -293,29 +293,33 @@ def main():
         print(json.dumps(by_exudyn(json.loads(args.worker))))
         return
     python, ours = environment(args.venv), Ours(args.step)
-    here = {'this package': ours, 'MuJoCo': MuJoCo(args.step, ours)}
+    here = {'this package, two cubic elements a blade': ours,
+            'MuJoCo, three rods a blade': MuJoCo(args.step, ours)}
     task = {'blades': numbers(ours.arm), 'step': args.step}
     found = {}
     for _ in range(ROUNDS):
         for name, peer in here.items():
-            told = min((peer.run() for _ in range(3)), key=lambda item: item[0])
+            best = min((peer.run() for _ in range(3)), key=lambda item: item[0])
             found.setdefault(name, []).append({
-                'seconds': told[0], 'tip': told[1], 'sag': peer.sag,
+                'seconds': best[0], 'tip': best[1], 'sag': peer.sag,
                 'frequencies': peer.frequencies})
         for elements in args.elements:
             done = subprocess.run(
                 [python, __file__, '--worker', json.dumps({**task, 'elements': elements})],
                 capture_output=True, text=True, check=True)
-            found.setdefault(f'Exudyn, {elements} elements', []).append(
+            found.setdefault(f'Exudyn, {elements} linear elements a blade', []).append(
                 json.loads(done.stdout.strip().splitlines()[-1]))
-    reference = min(item['seconds'] for item in found['this package'])
+    reference = min(item['seconds'] for item in found[next(iter(here))])
+    rows = []
     for name, runs in found.items():
         one = min(runs, key=lambda item: item['seconds'])
-        hertz = ', '.join(f'{value:.3f}' for value in one['frequencies'])
-        print(f'{name:20} {SECONDS / one["seconds"]:6.1f} x real time, '
-              f'{one["seconds"] / reference:5.1f} times as long; {hertz} Hz; at rest '
-              f'({one["sag"][0]:.4f}, {one["sag"][1]:.4f}) m, after {SECONDS:g} s '
-              f'({one["tip"][0]:.4f}, {one["tip"][1]:.4f}) m')
+        rows.append((name, f'{SECONDS / one["seconds"]:.0f}',
+                     f'{one["seconds"] / reference:.1f}',
+                     ', '.join(f'{value:.3f}' for value in one['frequencies']),
+                     *('{:.4f}, {:.4f}'.format(*one[key]) for key in ('sag', 'tip'))))
+    from tables import show
+    show(('simulator', 'times real time', 'duration relative to this package',
+          'frequencies, rotors held [Hz]', 'tip at rest [m]', f'after {SECONDS:g} s [m]'), rows)
 
 
 if __name__ == '__main__':

@@ -32,6 +32,7 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
+from tables import show
 
 from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.bags.messages import (
@@ -124,9 +125,6 @@ def main() -> None:
             'rosbags, raw messages only': raw_only,
             'open to arrays (this package)': as_arrays,
             'read_recording (checks, checksum)': as_recording(args.joints)}
-    print(f'{args.messages} JointState messages of {args.joints} joints, '
-          f'median of {args.runs} runs; faster = against the decode loop that keeps nothing')
-    print(f'{"":36s} {"mcap [s]":>9s} {"faster":>7s} {"sqlite3 [s]":>12s} {"faster":>7s}')
     signals = sines(args.messages, args.joints)
     with tempfile.TemporaryDirectory() as folder:
         times: dict[tuple[str, str], list[float]] = {}
@@ -139,14 +137,16 @@ def main() -> None:
                     start = perf_counter()
                     way(path)
                     times.setdefault((name, storage), []).append(perf_counter() - start)
+    rows = []
     for name in ways:
-        cells = []
+        cells: list[str] = []
         for storage in paths:
             took = median(times[name, storage])
-            cells.append((took, median(times['rosbags, decode loop, nothing kept', storage])
-                          / took))
-        print(f'{name:36s} {cells[0][0]:9.3f} {cells[0][1]:6.1f}x {cells[1][0]:12.3f} '
-              f'{cells[1][1]:6.1f}x')
+            loop = median(times['rosbags, decode loop, nothing kept', storage])
+            cells += [f'{took:.3f} s', f'{loop / took:.1f}']
+        rows.append((name, *cells))
+    show((f'{args.messages} JointState messages of {args.joints} joints', 'mcap',
+          'times as fast as the decode loop', 'sqlite3', 'times as fast'), rows)
     encodings: dict[Callable[[Signals], object], list[float]] = {
         encode: [], encode_with_rosbags: []}
     for _ in range(args.runs):

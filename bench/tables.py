@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 
 def show(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -25,3 +26,15 @@ def show(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     for row in (head, ['---'] * len(head), *rows):
         print(f'| {" | ".join(str(cell) for cell in row)} |')
     print(flush=True)
+
+
+PUSHES = ('pushes found', 'median', '95 %', 'false alarms')
+"""Heads of the cells of `pushes`."""
+
+
+def pushes(score: Mapping[str, Any]) -> tuple[str, ...]:
+    """Give the cells of a score of collisions, as plain values."""
+    late = (score['latency_median'], score['latency_p95'])
+    return (f'{score["found"]} of {score["pushes"]}', *(
+        '' if value is None else f'{1000 * value:.0f} ms' for value in late),
+        f'{score["false_alarms"]}')
