@@ -52,8 +52,8 @@ examples:
 table1: Table I of Malzahn et al.: strain and current of the damped arm, five payloads with ten
 stimuli of 80 s each, every kind of model, and one model for all payloads beside them; terminal,
 table1.csv, table1.md and table1.html.
-figures: the figures of both papers and four more, as SVG and PNG, with index.html and the numbers
-in figures.json. It uses what table1 has left in the same DIR, and the other way round: finished
+figures: the figures of both papers and four more, as SVG and PNG, with index.html, the numbers in
+figures.json and tables of them in figures.md. It uses what table1 has left in the same DIR, and the other way round: finished
 stages are kept in DIR/stages, so that an interrupted run goes on where it was.
 lshape: the L-shaped mechanism of two flexible links of Gasparetto et al. (2013). Two opposite
 steps of torque take it from 135 deg (from hanging) to about 30 deg. Figures as in the paper:
@@ -61,7 +61,8 @@ torque (4), elbow and tip acceleration over time and frequency (5 to 8), bending
 middle of the second link (9). With --reference, a run of an independent computation is repeated
 and compared too.
 outlook: what the first paper names as its outlook, computed on the simulated reference arm, part
-by part; outlook.html with figures and with what must be reached, the numbers in outlook.json.
+by part; outlook.html with figures and with what must be reached, its tables in outlook.md, the
+numbers in outlook.json.
 import-merit: a bag of a CSV file of the public recordings of the TUDOR arm; see its own --help.
 force: short for outlook --only force, steps of a held force on floors of 100 to 20 000 N/m.
 

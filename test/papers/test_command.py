@@ -84,7 +84,7 @@ def test_the_papers_figures_stand_beside(out: Path) -> None:
 def test_the_page_needs_no_other_file(out: Path) -> None:
     """No link to a style, script or picture elsewhere."""
     page = (out / 'table1.html').read_text()
-    assert page.count('<table>') == 3 and 'http' not in page
+    assert page.count('<table>') == 4 and 'http' not in page
     assert '<link' not in page and '<script' not in page and '<img' not in page
 
 
