@@ -53,8 +53,9 @@ table1: Table I of Malzahn et al.: strain and current of the damped arm, five pa
 stimuli of 80 s each, every kind of model, and one model for all payloads beside them; terminal,
 table1.csv, table1.md and table1.html.
 figures: the figures of both papers and four more, as SVG and PNG, with index.html, the numbers in
-figures.json and tables of them in figures.md. It uses what table1 has left in the same DIR, and the other way round: finished
-stages are kept in DIR/stages, so that an interrupted run goes on where it was.
+figures.json and tables of them in figures.md. It uses what table1 has left in the same DIR, and
+the other way round: finished stages are kept in DIR/stages, so that an interrupted run goes on
+where it was.
 lshape: the L-shaped mechanism of two flexible links of Gasparetto et al. (2013). Two opposite
 steps of torque take it from 135 deg (from hanging) to about 30 deg. Figures as in the paper:
 torque (4), elbow and tip acceleration over time and frequency (5 to 8), bending moment in the
