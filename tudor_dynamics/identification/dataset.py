@@ -95,12 +95,9 @@ class BagChoice:
     duration: float | None = field(default=None, compare=False)
 
     def overlaps(self, other: BagChoice) -> bool:
-        """
-        Say whether another choice of the same recording has samples of this one.
-
-        Times and fractions can be compared once one of the two was read; before, they are not
-        said to overlap.
-        """
+        """Say whether another choice of the same recording has samples of this one."""
+        # times and fractions can be compared once one of the two was read; before, they are not
+        # said to overlap
         duration = self.duration or other.duration
         if self.seconds == other.seconds:
             own, others = (self.begin, self.end), (other.begin, other.end)

@@ -361,15 +361,12 @@ class Problem:
         return found
 
     def draw(self, x: FloatArray, bandwidth: float) -> FloatArray:
-        """
-        Draw the simulations towards the measured strain from now on, by a bandwidth [1/s] above 0.
-
-        An error of phase grows along a recording, and small differences where a gear crosses its
-        play grow by themselves; so an arm that only follows positions is far off wherever its
-        parameters are a little wrong. Drawn towards the strain it forgets errors within
-        1/bandwidth, and what is left are errors of prediction, smooth in the parameters. Gains of
-        gauges then act on the simulation too, and are searched like the parameters.
-        """
+        """Draw the simulations towards the measured strain, by a bandwidth [1/s] above 0."""
+        # an error of phase grows along a recording, and small differences where a gear crosses its
+        # play grow by themselves; so an arm that only follows positions is far off wherever its
+        # parameters are a little wrong. Drawn towards the strain it forgets errors within
+        # 1/bandwidth, and what is left are errors of prediction, smooth in the parameters. Gains
+        # of gauges then act on the simulation too, and are searched like the parameters
         moments = self.moments(x)
         gauges = None if moments is None else self.gauges(moments, x)
         drawn = False

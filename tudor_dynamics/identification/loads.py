@@ -86,12 +86,9 @@ PARTS = 4
 
 
 def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str, float]:
-    """
-    Let models of a part of the training motion tell the known load of the rest.
-
-    What their errors have beyond the standard deviations of their own residuals is the error of
-    the models, a little more than that of a model of all the motion.
-    """
+    """Let models of a part of the training motion tell the known load of the rest."""
+    # what their errors have beyond the standard deviations of their own residuals is the error of
+    # the models, a little more than that of a model of all the motion
     pieces = []
     for i in range(PARTS):
         try:

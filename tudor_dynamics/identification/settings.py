@@ -163,6 +163,13 @@ DRIVING_SHARE = 0.1  # by which the residual grows without such friction (bench/
 SCALES = tuple(10.0 ** (sign * exponent) for sign in (1.0, -1.0)
                for exponent in (0.5, 0.75, 1.0, 1.25, 1.5, 2.75, 3.0, 3.25))
 NEARLY = 2.0  # a scale within this factor of a thousand(th) is taken for it (bench/doctor)
+PACES = (0.5, 2.0)  # of stamps that are counted
+# Waves of a position's error in a turn, none for what creeps; sizes that errors may have [rad],
+# which turn no reading backwards; passes that find the right angle; steps of slopes [rad].
+TURNS = (0.0, *np.arange(2.0, 16.1, 0.5).tolist())
+BENDS = {'position_drift': (0.03, 0.5), 'position_ripple': (0.02, 0.15)}
+BACKWARDS, STRAIGHTENED, BEND_STEP = 0.8, 8, 1e-4
+BEND_GAIN = 0.35  # least gain; good recordings of Airbot, UR10e with load and two-blade arm: 0.2
 LAGS = np.arange(-0.06, 0.1501, 0.01)  # lags that are tried [s]
 CLOCKS = np.arange(-2.0, 2.01, 0.05)  # the same of clocks that are apart [s]
 LAG_FAR = 0.3  # relative residual from which on they may be: half of what 0.1 s leave at 1 Hz

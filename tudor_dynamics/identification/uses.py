@@ -245,12 +245,9 @@ def _worst(levels: Iterable[Grade | None]) -> Grade | None:
 
 
 def _feedforward(item: FittedOutput) -> Said:
-    """
-    Say what a controller still has to do where efforts are fed forward, and at which joints.
-
-    It gives what is missing either way: a joint of whose effort more is missing than is fed is
-    left to it.
-    """
+    """Say what a controller still has to do where efforts are fed forward, and at which joints."""
+    # it gives what is missing either way: a joint of whose effort more is missing than is fed is
+    # left to it
     left = {name: own.relative_error for name, own in item.validation.score.channels.items()}
     levels = {name: _grade(value, settings.LEFT_TO_CONTROL) for name, value in left.items()}
     fed = [name for name in left if levels[name] is not Grade.DO_NOT_USE]
@@ -321,12 +318,9 @@ def _gain(arm: Arm, gauge: GaugeSpec) -> float:
 
 
 def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | None) -> Said:
-    """
-    Say which torque, and which force at the tip, is noticed within `settings.NOTICED`.
-
-    It is a step, on the arm in motion or at rest, whichever hides more. The force acts along the
-    way that a joint moves the tip, in the median over the poses.
-    """
+    """Say which torque, and which force at the tip, is noticed within `settings.NOTICED`."""
+    # it is a step, on the arm in motion or at rest, whichever hides more. The force acts along the
+    # way that a joint moves the tip, in the median over the poses
     n, per_hour = len(learned.channels), settings.FALSE_ALARMS
     ratios = learned.ratios(per_hour)[:2 * n]
     columns = np.zeros(learned.profile.shape[1])

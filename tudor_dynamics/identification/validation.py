@@ -236,12 +236,9 @@ NORMAL = 0.6827
 
 
 def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -> FloatArray:
-    """
-    Estimate the noise that the samples of a validation have.
-
-    White noise alone is seen: what is smooth from sample to sample, such as hum or a sensor with a
-    filter of its own, is not, so that the floor is a lower bound.
-    """
+    """Estimate the noise that the samples of a validation have."""
+    # white noise alone is seen: what is smooth from sample to sample, such as hum or a sensor with
+    # a filter of its own, is not, so that the floor is a lower bound
     # what a difference makes of white noise: binomial coefficients, squared and summed
     scale = math.sqrt(math.comb(2 * ORDER, ORDER))
     found = []

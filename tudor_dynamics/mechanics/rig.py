@@ -146,27 +146,7 @@ class Loop:
         self._outward: deque[tuple[float, FloatArray]] = deque()
 
     def run(self, seconds: float) -> LoopRecord:
-        """
-        Let simulated time pass; a further call goes on from there.
-
-        Parameters
-        ----------
-        seconds : float
-            Simulated time [s].
-
-        Returns
-        -------
-        LoopRecord
-            What was measured; the speed of the reference is what the drives follow.
-
-        Raises
-        ------
-        SimulationError
-            If the arm diverges.
-        SignalError
-            If the controller returns anything but finite velocities.
-
-        """
+        """Let simulated time pass [s]; a further call goes on, unless the arm has diverged."""
         check_budget(f'a run of {seconds:g} s', seconds * self.rate, 400.0)
         begin = len(self.trace.t)
         for _ in range(round(seconds * self.rate)):

@@ -287,17 +287,7 @@ def motion_limits(arm: Arm) -> MotionLimits:
 
 
 class MotionPlanner:
-    """
-    Reference of several joints, step by step.
-
-    Parameters
-    ----------
-    limits : MotionLimits
-        One value a joint.
-    q : array of shape (n_joints,)
-        Where the joints rest at the start [rad].
-
-    """
+    """Reference of several joints, step by step, from rest at q (n_joints,) [rad]."""
 
     def __init__(self, limits: MotionLimits, q: ArrayLike) -> None:
         self.limits = limits

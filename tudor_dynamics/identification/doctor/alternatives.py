@@ -16,20 +16,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
+from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.case import (
-    BodyRows, Case, Delay, Explained, gain, unit_scale)
+    Case, Delay, Explained, gain, unit_scale)
 from tudor_dynamics.identification.doctor.findings import Finding, found, UNSEEN
 from tudor_dynamics.load.rows import described_masses
 from tudor_dynamics.typing import FloatArray
@@ -52,7 +54,7 @@ class Alternative:
     # Output to a matrix after its channels, (channels, channels); none for the output as it is.
     mixed: Mapping[str, FloatArray] = field(default_factory=dict)
     gravity: FloatArray | None = None  # of another direction, (3,) [m/s^2]
-    turned: FloatArray | None = None  # positions to those of the joints, (joints, joints)
+    mended: Callable[[Recording], Recording] = lambda it: it  # its positions and stamps
     late: Mapping[str, Delay] = field(default_factory=dict)  # outputs that come late
     arm: Arm | None = None  # other description
     unseen: tuple[float, float] = (0.0, 0.0)  # errors on parts left out, without and with it
@@ -105,6 +107,11 @@ def _of_motion(case: Case, mixed: FloatArray) -> dict[str, Explained]:
     return case.explained(case.motion @ np.kron(np.eye(3), mixed))
 
 
+def _turned(recording: Recording, mixed: FloatArray) -> Recording:
+    dq = recording.dq
+    return replace(recording, q=recording.q @ mixed, dq=None if dq is None else dq @ mixed)
+
+
 def shared_efforts(case: Case) -> tuple[int, ...]:
     """Give the joints whose efforts share their parameters; none where each has its own."""
     if 'effort' not in case.outputs:
@@ -128,32 +135,13 @@ def tilted(case: Case, gravity: FloatArray) -> Alternative:
     g = np.round(gravity, 2) + 0.0
     angle = float(np.degrees(np.arccos(np.clip(
         g @ own / (np.linalg.norm(g) * np.linalg.norm(own)), -1.0, 1.0))))
-    kind, parallel = 'gravity_axis', ''
-    if not feels_gravity(case):
-        kind = 'axes_parallel_to_gravity'
-        parallel = ('all axes of the description are parallel to gravity, but the outputs follow '
-                    'the pose; ')
     arm = with_gravity(case.arm, gravity)
     return Alternative(
-        case, kind, (), case.explained(arm=arm),
-        f'{parallel}gravity along {axis_name(g)} explains the outputs, not that of the '
+        case, 'gravity_axis', (), case.explained(arm=arm),
+        f'gravity along {axis_name(g)} explains the outputs, not that of the '
         f'description, {axis_name(own)}',
         f'gravity: {[float(x) for x in g]}, or correct alpha of the first D-H row', angle,
         gravity=gravity, arm=arm)
-
-
-def feels_gravity(case: Case) -> bool:
-    """Say whether gravity of the description can change any output of this motion."""
-    own = np.array(case.arm.spec.gravity)
-    still = case.motion[::8].copy()
-    still[:, still.shape[1] // 3:] = 0.0
-    along = [with_gravity(case.arm, axis) for axis in np.eye(3)]
-    for name in case.bodies:
-        parts = np.stack([BodyRows(arm, name).rows(still) for arm in along])
-        felt = np.tensordot(own, parts, axes=1)
-        if np.abs(felt).max() > 1e-3 * np.abs(parts).max() * np.linalg.norm(own):
-            return True
-    return False
 
 
 def refined(start: Alternative) -> Alternative:
@@ -186,7 +174,8 @@ def directions(case: Case) -> Iterator[Alternative]:
             explained = _of_motion(case, flip)
             for mixed in ({}, *turned):
                 yield Alternative(case, 'joint_sign', (name,), explained,
-                                  f'position of {name} {words}', '', -1.0, mixed, turned=flip)
+                                  f'position of {name} {words}', '', -1.0, mixed,
+                                  mended=partial(_turned, mixed=flip))
         for mixed in turned:
             yield Alternative(case, 'effort_sign', (name,), case.usual,
                               f'effort of {name} {words}', '', -1.0, mixed)
@@ -203,7 +192,98 @@ def scales(case: Case) -> Iterator[Alternative]:
             yield Alternative(
                 case, 'joint_scale', (name,), _of_motion(case, mixed),
                 f'{name} moves about {scale:.3g} times what its positions say', '', scale,
-                turned=mixed)
+                mended=partial(_turned, mixed=mixed))
+
+
+def clocks(case: Case) -> Iterator[Alternative]:
+    """Try stamps that count samples of another rate: bodies know the time by their weight."""
+    for pace in settings.PACES:
+        one, more = (Alternative(
+            case, 'time_scale', (), case.explained(case.motion * np.repeat(
+                [1.0, fast, fast ** 2], len(case.arm.joints))),
+            f'the motion is about {pace:g} times as fast as its stamps say', '', 1.0 / pace,
+            mended=partial(_paced, pace=pace)) for fast in (pace, pace ** 2))
+        if one.gain > more.gain:  # else something other than time is wrong
+            yield one
+
+
+def _paced(recording: Recording, pace: float) -> Recording:
+    first = recording.stamp[0]
+    return replace(recording, dt=recording.dt / pace, stamp=first + (
+        (recording.stamp - first) / pace).astype(np.int64))
+
+
+def bends(case: Case) -> Iterator[Alternative]:
+    """Try positions that creep, or err with their angle: by what this changes of the outputs."""
+    t, n = case.decimated.t, len(case.arm.joints)
+    best: dict[str, tuple[float, int, float, complex]] = {}
+    for i in np.flatnonzero(case.moves).tolist():
+        name, turns = case.arm.active_joints[i], settings.TURNS
+        for turn, (left, size) in zip(turns, [] if case.arm.is_prismatic(name) else _sizes(
+                case, case.usual, case.motion, i, turns), strict=False):
+            kind = 'position_ripple' if turn else 'position_drift'
+            low, high = settings.BENDS[kind]
+            if low < abs(size) < min(high, settings.BACKWARDS / (turn + 1e-9)) and (
+                    kind not in best or left < best[kind][0]):
+                best[kind] = left, i, turn, size
+    for kind, (_, i, turn, size) in best.items():
+        for last in (False, False, True):
+            moved = case.motion.copy()
+            moved[:, i::n] = _straight(turn, size, t, moved[:, i::n].T).T
+            explained = case.explained(moved)
+            size += 0.0 if last else _sizes(case, explained, moved, i, (turn,))[0][1]
+        name = case.arm.active_joints[i]
+        how = f'creeps by {-size.real:.2g} rad' if not turn else (
+            f'errs by up to {abs(size):.2g} rad in waves of its angle, {turn:g} a turn')
+        yield Alternative(case, kind, (name,), explained, f'position of {name} {how}', '',
+                          abs(size), mended=partial(_straightened, joint=i, turn=turn, size=size))
+
+
+def _sizes(case: Case, explained: Mapping[str, Explained], motion: FloatArray, joint: int,
+           turns: Sequence[float]) -> list[tuple[float, complex]]:
+    """Give of each error of a position what it leaves of the outputs, and its size with phase."""
+    step, places = settings.BEND_STEP, np.eye(motion.shape[1])[joint::len(case.arm.joints)]
+    errors = np.array([_error(turn, case.decimated.t, places @ motion.T) for turn in turns])
+    felt = []
+    for output, usual in explained.items():
+        y, sound = case.outputs[output], case.sound[output]
+        known = usual.parameters(y)
+        rows = np.array([case.bodies[output].rows(motion + step * place) for place in places])
+        for c in np.flatnonzero(sound).tolist():
+            change = np.sum(errors * ((rows[:, :, c] - usual.bodies[c]) @ known[c] / step), axis=1)
+            free = usual.rest(c, np.vstack([y[:, c], change.real, -change.imag]).T)
+            felt.append(free / max(float(np.std(free[:, 0])), 1e-300, settings.LEAST_RESIDUAL
+                                   * float(np.std(y[:, c]))))
+    left, *columns = np.vstack(felt).T
+    found = []
+    for both in (np.array(columns[k::len(turns)]).T for k in range(len(turns))):
+        size = np.linalg.lstsq(both, left, rcond=1e-9)[0]
+        found.append((float(np.linalg.norm(left - both @ size)), complex(*size)))
+    return found
+
+
+def _error(turn: float, t: FloatArray, motion: FloatArray) -> NDArray[np.complex128]:
+    """Give a unit error of a position and its derivatives (3, n), by these (3, n)."""
+    q, dq, ddq = motion
+    if not turn:
+        return np.array([t, np.ones_like(t), np.zeros_like(t)], dtype=complex) / t[-1]
+    return np.exp(1j * turn * q) * np.array([
+        np.ones_like(q), 1j * turn * dq, 1j * turn * ddq - (turn * dq) ** 2])
+
+
+def _straight(turn: float, size: complex, t: FloatArray, motion: FloatArray) -> FloatArray:
+    """Free a position and its derivatives (3, n) of an error, which the right angle makes."""
+    right = motion
+    for _ in range(settings.STRAIGHTENED if turn else 1):
+        right = motion + (size * _error(turn, t, right)).real
+    return right
+
+
+def _straightened(recording: Recording, joint: int, turn: float, size: complex) -> Recording:
+    q = recording.q.copy()
+    own = np.outer([1.0, 0.0, 0.0], q[:, joint])
+    q[:, joint] = _straight(turn, size, recording.t, own)[0]
+    return replace(recording, q=q)
 
 
 def exchanges(case: Case) -> Iterator[Alternative]:
@@ -218,7 +298,7 @@ def exchanges(case: Case) -> Iterator[Alternative]:
                             if 'effort' in case.outputs else [('names', {})]):
             yield Alternative(case, 'joints_exchanged', (names[i], names[j]), explained,
                               f'{what} of {names[i]} and {names[j]} are exchanged', mixed=mixed,
-                              turned=swap)
+                              mended=partial(_turned, mixed=swap))
     for output, what in (('effort', 'efforts'), ('strain', 'gauges')):
         if output in case.outputs:
             names = case.bodies[output].channels
@@ -286,13 +366,14 @@ def _coupled(
 def choose(case: Case) -> list[Alternative]:
     """Choose what explains a recording better than the description, the best of each kind."""
     best: dict[str, Alternative] = {}
-    for candidates in (gravities, directions, scales, exchanges, units, drives):
+    for candidates in (gravities, directions, scales, clocks, bends, exchanges, units, drives):
         for item in candidates(case):
             if item.kind not in best or item.gain > best[item.kind].gain:
                 best[item.kind] = item
     return [refined(item) if item.gravity is not None else item
             for item in sorted(best.values(), key=lambda item: -item.gain)[:settings.LIKELIEST]
-            if item.gain >= settings.LEAST_GAIN * case.brevity]
+            if item.gain >= case.brevity * (
+                settings.BEND_GAIN if item.kind in settings.BENDS else settings.LEAST_GAIN)]
 
 
 def driven_by_friction(case: Case) -> dict[int, float]:

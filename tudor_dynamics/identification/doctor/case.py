@@ -186,7 +186,7 @@ class Explained:
         return share_of(self.residuals(outputs), outputs)
 
     def rest(self, channel: int, values: FloatArray) -> FloatArray:
-        """Free values of all that one channel's rows can explain: values (n,); returns (n,)."""
+        """Free values (n,) or (n, columns) of all that one channel's rows can explain."""
         free, rows = self.freed(channel, values), self._rows[channel]
         return np.asarray(free - rows @ _solve(self._grams[channel], rows.T @ free))
 
@@ -247,7 +247,8 @@ def _solve(gram: FloatArray, right: FloatArray, smallest: float = settings.SMALL
     values, vectors = np.linalg.eigh(scaled)
     good = values > smallest * max(float(values[-1]), 1e-300)
     inverse = np.where(good, 1.0 / np.where(good, values, 1.0), 0.0)
-    return np.asarray(vectors @ (inverse * (vectors.T @ (right / safe))) / safe * seen)
+    freed = (right.T / safe).T
+    return np.asarray(((vectors @ (inverse * (vectors.T @ freed).T).T).T / safe * seen).T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,11 +325,8 @@ class Case:
 
 
 def gain(now: FloatArray, other: FloatArray) -> float:
-    """
-    Say how much better an alternative is: the sum of log ratios of the shares that remain.
-
-    Up to a factor, twice the logarithm of the likelihood ratio of channels with unknown noise.
-    """
+    """Say how much better an alternative is: the sum of log ratios of the shares that remain."""
+    # up to a factor, twice the logarithm of the likelihood ratio of channels with unknown noise
     return float(np.sum(np.log(now / other)))
 
 

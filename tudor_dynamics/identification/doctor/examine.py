@@ -34,9 +34,8 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.doctor.alternatives import (
     Alternative, choose, driven_by_friction, opposite)
 from tudor_dynamics.identification.doctor.case import Case, decimate, Explained, gain, relative
-from tudor_dynamics.identification.doctor.delays import lags, velocity_lag
 from tudor_dynamics.identification.doctor.findings import Finding, found, RESIDUAL
-from tudor_dynamics.identification.doctor.residuals import trends
+from tudor_dynamics.identification.doctor.residuals import lags, trends, velocity_lag
 from tudor_dynamics.identification.doctor.samples import look_at_samples, sizes
 from tudor_dynamics.identification.doctor.trials import Trials
 from tudor_dynamics.identification.ringdowns import loudest_ring

@@ -38,8 +38,6 @@ ONE_PART = 'leave one part out with BAG@BEGIN-END%'
 PLACE = 'give gauges[].distance in metres, from the axis of the joint along its link'
 CHECKS = {
     'gravity_axis': Check('gravity of the description along another axis', '', 'deg', RESIDUAL),
-    'axes_parallel_to_gravity': Check(
-        'gravity loads no axis, but the outputs follow the pose', '', 'deg', RESIDUAL),
     'dh_in_millimetres': Check('lengths of the kinematics in millimetres',
                                'give a and d in metres', 'm'),
     'dh_in_degrees': Check('angles of the kinematics in degrees',
@@ -118,6 +116,12 @@ CHECKS = {
                          'it out', '', RESIDUAL),
     'joint_scale': Check('position of a joint in another scale', 'correct counts per turn or the '
                          'gear ratio in the driver', '', RESIDUAL),
+    'time_scale': Check('stamps count another time', 'stamp in the driver, or correct the rate '
+                        'that its stamps are counted by', '', RESIDUAL),
+    'position_drift': Check('position creeps', 'check belt, coupling and the hold of the encoder; '
+                            f'{ONE_PART}', 'rad', RESIDUAL, one_bag=True),
+    'position_ripple': Check('position errs with its angle', 'centre the disc of the encoder, and '
+                             'check coupling and bearing', 'rad', RESIDUAL),
     'saturated': Check('channel saturated', 'widen the range of amplifier or driver, or move more '
                        'slowly', one_bag=True),
     'held': Check('channel held for a while', 'check sensor, wiring and driver; leave this part '

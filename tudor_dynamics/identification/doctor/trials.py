@@ -39,16 +39,13 @@ from tudor_dynamics.typing import FloatArray
 
 
 class Trials:
-    """
-    Bags of one description, on which remedies are tried: all of them on all bags.
-
-    The friction is that which was chosen, or has hysteresis, which looks like a lag without.
-    """
+    """Bags of one description, on which remedies are tried: all of them on all bags."""
 
     def __init__(
         self, cases: Sequence[Case], payloads: Sequence[float | None], chosen: Choices | None,
     ) -> None:
         self.cases, self._payloads, arm = cases, payloads, cases[0].arm
+        # without hysteresis, friction that has it looks like a lag
         self._joints = hysteretic(arm.joints) if chosen is None else chosen.arm.joints
         self._spec = arm.spec.preprocessing.model_copy(update={
             'filter': 'zero_phase'}) if chosen is None else chosen.preprocessing
@@ -113,7 +110,12 @@ class Trials:
         """Give relative errors without a remedy and with it; None if it loses."""
         names = np.concatenate([np.array(self.cases[0].bodies[output].channels)[sound]
                                 for output, sound in self._sound.items()])
-        judged = np.isin(names, remedy.channels if remedy.late and remedy.channels else names)
+        # a channel that comes late, and a position that errs, show in one channel above all
+        bent = remedy.kind in settings.BENDS
+        own = np.isin(names, remedy.channels if remedy.late or bent else names)
+        judged = own if own.any() else ~own
+        if bent:  # velocities are not those of a position that errs
+            spec = spec.model_copy(update={'measured_velocity': False})
         try:
             without = base, spec.model_dump_json()
             if without not in self._before:
@@ -163,7 +165,5 @@ def remedied(case: Case, remedy: Alternative | None) -> Recording:
                 remedy.late[name].undone(t, values[part], t) for part in recording.segments
                 if len(t := recording.t[part])])
         changed[name] = values
-    if remedy is not None and remedy.turned is not None:
-        changed['q'] = recording.q @ remedy.turned
-        changed['dq'] = None if recording.dq is None else recording.dq @ remedy.turned
-    return replace(recording, **changed)
+    done = replace(recording, **changed)
+    return done if remedy is None else remedy.mended(done)

@@ -264,12 +264,9 @@ class Judgement:
 
 
 def effort_over_gravity(samples: Samples, gravity: Sequence[float]) -> dict[int, float]:
-    """
-    Give the slope of effort over gravity moment, of the joints that carry something.
-
-    Friction (sign and size of the speed), an offset and the moment of inertia are taken out of
-    both; a slope counts where gravity explains at least the share `EXPLAINED` of the rest.
-    """
+    """Give the slope of effort over gravity moment, of the joints that carry something."""
+    # friction (sign and size of the speed), an offset and the moment of inertia are taken out of
+    # both; a slope counts where gravity explains at least the share `EXPLAINED` of the rest
     model = samples.under(gravity)
     data, nothing = model.createData(), np.zeros(model.nv)
     still, moved = (
@@ -341,14 +338,11 @@ def joint_before(
     samples: Samples, gravity: Sequence[float], gauge: int, names: Sequence[str],
     moving: Collection[str],
 ) -> Judgement:
-    """
-    Judge after which joint a gauge sits: that whose moment its reading follows.
-
-    The moment at a joint is linear in masses, centres and inertias after it, whatever these are.
-    Those of the joints before it can follow the same reading with what they have more; so the
-    outermost joint counts that leaves hardly more than the best. A joint after that one which
-    never moved would carry the same, so that nothing tells the two apart.
-    """
+    """Judge after which joint a gauge sits: that whose moment its reading follows."""
+    # the moment at a joint is linear in masses, centres and inertias after it, whatever these are.
+    # Those of the joints before it can follow the same reading with what they have more; so the
+    # outermost joint counts that leaves hardly more than the best. A joint after that one which
+    # never moved would carry the same, so that nothing tells the two apart
     rows, y = samples.rows(gravity), samples.measured[:, gauge]
     y = y - y.mean()
     left = {}
