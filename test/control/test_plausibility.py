@@ -107,6 +107,18 @@ def test_a_drive_at_the_end_of_its_effort_may_stay_behind() -> None:
     assert drive(wave, held, 0.9, effort=0.4, most=2.5)
 
 
+def test_readings_that_are_not_judged_do_not_stand_still() -> None:
+    """After a gap readings count for nothing at first; a longer period then is no frozen one."""
+    judge, commanded, q, t = watch(), Commanded(2), np.array([1.5, 0.1]), 0.0
+    speed = np.array([0.8, 0.0])
+    commanded.add(-0.5, speed)
+    judge.restart(q, 0.3)
+    for dt in (0.01, 0.01, 0.01, 0.05):
+        t, q = t + dt, q + dt * speed
+        assert judge.step(t, dt, q, commanded, LAGS) == []
+        commanded.add(t, speed)
+
+
 def test_no_pose_and_jumps_before_any_command() -> None:
     """Somebody else may move the arm, but not by a step, nor beyond its range."""
     for reading, text in (([1.9, 0.1], 'jumped by 0.4'), ([1.5, 2.0], 'no pose')):

@@ -28,7 +28,7 @@ from functools import lru_cache
 
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import run_state_machine_as_test
-from motion_machine import broken_limits, FIRST, go, MotionMachine, moving, tudor
+from motion_machine import broken_limits, FIRST, go, MotionMachine, moving, SECOND, tudor
 import numpy as np
 import pytest
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
@@ -542,6 +542,34 @@ def test_positions_that_come_late(late: float) -> None:
     rig.run(3.0)
     follows_again(rig)
     judge(rig)
+
+
+@pytest.mark.parametrize('rate', [100.0, 500.0])
+def test_a_driver_that_hangs_and_catches_up(rate: float) -> None:
+    """
+    Its samples come late, in bursts, and it hears nothing meanwhile: no lie, and hides none.
+
+    Commands that were given meanwhile act as late as the samples come.
+    """
+    rig, sign = moving(rate=rate), 1.0
+    rig.obey = lambda command: None if rig.late else sign * command
+
+    def hang(times: int) -> bool:
+        for _ in range(times):
+            rig.late = 0.09
+            rig.run(0.09)
+            rig.late = 0.0
+            rig.run(0.1)
+            if rig.controller.state is State.FAULT:
+                return True
+        return False
+    assert not hang(13), rig.controller.cause
+    go(rig, FIRST)
+    assert not hang(12), rig.controller.cause
+    go(rig, SECOND)
+    assert not hang(2), rig.controller.cause
+    sign = -1.0
+    assert hang(2)
 
 
 def test_untested_joints_are_nudged_only() -> None:

@@ -277,9 +277,8 @@ class MotionController:
         clock, delay = gains.sampled(dt)
         fault = self.state is State.FAULT  # then drives brake with all they have: no overload
         doubts = self.watched.step(
-            clock, dt, self._q, gains.delay.commands,
-            (gains.lags[0], gains.lags[1] + self.ages.late), dq, None if fault else effort,
-            telling=not fault, late=self.ages.recent)
+            clock, dt, self._q, gains.delay.commands, gains.lags, dq, None if fault else effort,
+            telling=not fault, late=self.ages.late, recent=self.ages.recent)
         if self._unknown:
             if not (doubts or self._takeover.step(clock, speed, delay)):
                 return None

@@ -54,26 +54,28 @@ LOADED, PUSH = 14, 15  # when its effort was at its end last [s], and its sign
 BEYOND = 16  # 1 where it is farther or faster than is allowed, or will be past a limit
 COUNT = 17  # smallest change of its readings [rad]
 PUSHED = 18  # time at which it was faster than is allowed, and pushed on with all its effort [s]
-WATCHED = 19
+SLACK = 19  # way that a driver may have gone otherwise, which took no commands for a while [rad]
+WATCHED = 20
 RADIANS = 'its driver takes radians for degrees, or the scale of its encoder is wrong'
 
 
 @compiled
 def watch_law(
     at: NDArray, way: NDArray, commands: NDArray, count: int, now: float, dt: float,
-    longer: float, lags: tuple[float, float], q: NDArray, effort: NDArray, limits: NDArray,
+    longer: float, lags: tuple[float, float, float], q: NDArray, effort: NDArray, limits: NDArray,
     state: NDArray,
 ) -> bool:
     """
     Compare the readings of all joints with what commands can have made of them.
 
     at, way, commands: see `Commanded`; longer: of this sample and the one before [s]; lags:
-    earliest and latest of the motion [s]; effort (joints,): 1 at its end; limits (3, joints):
-    lower, upper, speed [rad, rad, rad/s]; state (joints, WATCHED). Returns whether a joint is
-    beyond what is allowed, or stands still though it is commanded.
+    earliest and latest of the motion, and for how long its driver may have taken no command [s];
+    effort (joints,): 1 at its end; limits (3, joints): lower, upper, speed [rad, rad, rad/s];
+    state (joints, WATCHED). Returns whether a joint is beyond what is allowed, or stands still
+    though it is commanded.
     """
     found = False
-    earliest, latest = lags
+    earliest, latest, deaf = lags
     lower, upper, speed = limits[0], limits[1], limits[2]
     for j in range(len(q)):
         row, fastest, least, most = state[j], 0.0, 0.0, 0.0
@@ -88,8 +90,18 @@ def watch_law(
             if at[k] < now - latest:
                 break
             k -= 1
-        fastest = max(most, -least)
-        if math.isnan(row[OFFSET]):
+        fastest, first = max(most, -least), math.isnan(row[OFFSET])
+        row[SLACK] *= 1.0 - min(dt / settings.LATE_MEMORY, 1.0)
+        if deaf > 0.0:
+            slowest, quickest, k = math.inf, -math.inf, count - 1
+            while k >= 0:
+                if at[k] < now - earliest:
+                    slowest, quickest = min(slowest, commands[k, j]), max(quickest, commands[k, j])
+                if at[k] < now - latest - deaf:
+                    break
+                k -= 1
+            row[SLACK] += dt * max(quickest - slowest, 0.0)
+        if first:
             row[OFFSET], row[LAST], row[ONSET] = q[j] - 0.5 * (low + high), q[j], now
             row[FASTER] = 0.0
         moved, middle = q[j] - row[LAST], 0.5 * (earliest + latest)
@@ -97,6 +109,10 @@ def watch_law(
             at, way, commands, count, j, now - dt - middle)
         offset = min(max(row[OFFSET], q[j] - high), q[j] - low)
         excess = offset - row[OFFSET]
+        eased = min(max(excess, -row[SLACK]), row[SLACK])
+        row[OFFSET] += eased
+        row[SLACK] -= abs(eased)
+        excess -= eased
         if now >= row[JERKED]:
             row[WIDTH] = 0.0
         at_end = abs(effort[j]) >= 1.0
@@ -145,10 +161,11 @@ def watch_law(
             right = moved if asked > 0.0 else -moved
             right = min(max(right, -abs(asked)), abs(asked))
             row[CONFIRMED] = min(max(row[CONFIRMED] + right, 0.0), speed[j])
-        if moved == 0.0:
-            row[SAME], row[STOOD] = row[SAME] + 1.0, row[STOOD] + asked
-        else:
+        if moved != 0.0 or first or deaf > 0.0:
             row[SAME], row[STOOD] = 0.0, 0.0
+        else:
+            row[SAME], row[STOOD] = row[SAME] + 1.0, row[STOOD] + asked
+        if moved != 0.0:
             row[COUNT] = min(row[COUNT], abs(moved))
         row[LAST] = q[j]
         end = q[j] + settings.EXCESS_GROWS * excess
@@ -203,7 +220,7 @@ class MotionWatch:
 
         q (joints,) [rad]; free [s]: for which drives may have braked by themselves meanwhile.
         """
-        self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH, AHEAD, BEYOND]] = 0.0
+        self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH, AHEAD, BEYOND, SLACK]] = 0.0
         self.state[:, OFFSET] = math.nan
         self.state[:, [LOADED, PUSHED]] = -math.inf
         self.owed = np.zeros(len(self._joints))
@@ -233,14 +250,14 @@ class MotionWatch:
     def step(
         self, now: float, dt: float, q: FloatArray, commanded: Commanded,
         lags: tuple[float, float], dq: FloatArray | None = None, effort: FloatArray | None = None,
-        *, telling: bool = True, late: float = 0.0,
+        *, telling: bool = True, late: float = 0.0, recent: float = 0.0,
     ) -> list[Doubt]:
         """
         Judge one reading; without telling, what is found is followed but not explained.
 
         now, dt [s]: by the clock of the commands; q, dq (joints,): readings, and the driver's own
         speeds; lags [s]: shortest and longest from a command to its motion; effort (joints,);
-        late [s]: by how much samples came late just before.
+        late, recent [s]: by how much this sample came late, and others just before.
         """
         longer, self._dt = max(dt, self._dt), dt
         outside = (q < self._lowest) | (q > self._highest)
@@ -251,12 +268,16 @@ class MotionWatch:
             self._seen.popleft()
         self._free -= dt
         if self._free > 0.0:
-            self.state[:, OFFSET], self.state[:, STOOD] = math.nan, 0.0
-        self.state[:, UNSTEADY] = 1.0 + min(late / settings.LATE_DOUBLES, 1.0)
+            self.state[:, OFFSET] = math.nan
+        self.state[:, UNSTEADY] = 1.0 + min(recent / settings.LATE_DOUBLES, 1.0)
+        # A driver that is late with its samples is so with commands, too: until it has caught up,
+        # it may go on with old ones, or take what was given after the time of the sample.
+        earliest, latest = lags[0] - late, lags[1] + late
+        deaf = recent if late > max(dt, settings.LAG_MARGIN) else 0.0
         share = np.zeros_like(q) if effort is None else effort / self._effort
         found = commanded.count > 0 and watch_law(
             commanded.at, commanded.way, commanded.commands, commanded.count, now, dt, longer,
-            lags, q, share, self._bounds, self.state)
+            (earliest, latest, deaf), q, share, self._bounds, self.state)
         self.owed = -self.state[:, EXCESS]
         if not telling or not (found or outside.any() or jumped.any()):
             return []
@@ -271,7 +292,7 @@ class MotionWatch:
         frozen = np.abs(self.state[:, STOOD]) > self.speed * settings.FROZEN_TIME
         for j in np.flatnonzero((beyond | frozen) & ~jumped):
             self.owed[j] = -self.state[j, EXCESS] or self.state[j, STOOD]
-            doubts.append(self.tell(int(j), commanded, lags))
+            doubts.append(self.tell(int(j), commanded, (earliest, latest)))
         return doubts
 
     def tell(self, j: int, commanded: Commanded, lags: tuple[float, float]) -> Doubt:

@@ -37,7 +37,7 @@ from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import joint_state, time_message, wrench_stamped
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.nodes.settings import ANSWERED, LATE
+from tudor_dynamics.nodes.settings import ANSWERED, LATE, LISTENS
 
 
 class ArmSimulatorNode(TudorNode):
@@ -164,9 +164,9 @@ class ArmSimulatorNode(TudorNode):
                 self._answer.wait(ANSWERED)
             due += period
             wait = due - time.perf_counter()
-            if wait > 0.0:
-                self._closing.wait(wait)
-            elif wait < -LATE:
+            # Late, too: who takes commands has to get its turn, or an arm that hurries has old ones.
+            self._closing.wait(max(wait, LISTENS * period))
+            if wait < -LATE:
                 self.late += not lockstep
                 due -= wait
                 if not simulated and self.value('factor') == 1.0:

@@ -82,6 +82,8 @@ CHANGED = 0.1
 
 LATE = 0.2
 """A simulator that is so late gives up real time instead of hurrying [s]."""
+LISTENS = 0.1
+"""Part of a period for which it listens for commands after each sample, however late it is."""
 ANSWERED = 0.1
 """For so long a simulator in lockstep waits for the command that answers a sample [s]: it may be
 lost, and a damper without positions brakes after 0.25 s."""
