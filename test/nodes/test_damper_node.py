@@ -203,6 +203,16 @@ def test_watchdog(world: World, tudor: Path) -> None:
     assert arm.told().message == 'running'
 
 
+def test_a_damper_that_hears_no_positions(world: World, tudor: Path) -> None:
+    """Started anew beside a driver that it does not hear yet, it holds nothing, and says so."""
+    arm = Arm(world, tudor)
+    assert not arm.wait(0.2).any()
+    status = arm.told()
+    assert status.level == DiagnosticStatus.STALE
+    assert status.message == 'no positions come: nothing is commanded'
+    assert arm.run(400)[-50:].any() and arm.told().message == 'running'
+
+
 def test_reference_stops(world: World, tudor: Path) -> None:
     """A reference that stops in the middle of a move: the arm brakes, is held, and STALE."""
     arm = Arm(world, tudor, damping=0.0)

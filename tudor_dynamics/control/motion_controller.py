@@ -239,6 +239,11 @@ class MotionController:
         return False
 
     @property
+    def blind(self) -> bool:
+        """Whether it knows no positions, so that it commands nothing."""
+        return self._q is None
+
+    @property
     def unreferenced(self) -> bool:
         """Whether there was a reference, and none comes any more."""
         return self.reference.known and self.reference.age(self._at) > self.timeout

@@ -78,29 +78,26 @@ def watch_law(
     earliest, latest, deaf = lags
     lower, upper, speed = limits[0], limits[1], limits[2]
     for j in range(len(q)):
-        row, fastest, least, most = state[j], 0.0, 0.0, 0.0
+        row, least, most, old = state[j], 0.0, 0.0, False
+        slowest, quickest = math.inf, -math.inf
         low = way_at(at, way, commands, count, j, now - latest)
         high = way_at(at, way, commands, count, j, now - earliest)
         low, high = min(low, high), max(low, high)
         k = count - 1
         while k >= 0:
             if at[k] < now - earliest:
-                low, high = min(low, way[k, j]), max(high, way[k, j])
-                least, most = min(least, commands[k, j]), max(most, commands[k, j])
-            if at[k] < now - latest:
+                slowest, quickest = min(slowest, commands[k, j]), max(quickest, commands[k, j])
+                if not old:
+                    low, high = min(low, way[k, j]), max(high, way[k, j])
+                    least, most = min(least, commands[k, j]), max(most, commands[k, j])
+            old = at[k] < now - latest
+            if at[k] < now - latest - deaf:
                 break
             k -= 1
         fastest, first = max(most, -least), math.isnan(row[OFFSET])
         row[SLACK] *= 1.0 - min(dt / settings.LATE_MEMORY, 1.0)
-        if deaf > 0.0:
-            slowest, quickest, k = math.inf, -math.inf, count - 1
-            while k >= 0:
-                if at[k] < now - earliest:
-                    slowest, quickest = min(slowest, commands[k, j]), max(quickest, commands[k, j])
-                if at[k] < now - latest - deaf:
-                    break
-                k -= 1
-            row[SLACK] += dt * max(quickest - slowest, 0.0)
+        if deaf > 0.0 and quickest > slowest:
+            row[SLACK] += dt * (quickest - slowest)
         if first:
             row[OFFSET], row[LAST], row[ONSET] = q[j] - 0.5 * (low + high), q[j], now
             row[FASTER] = 0.0

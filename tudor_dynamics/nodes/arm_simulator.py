@@ -164,7 +164,7 @@ class ArmSimulatorNode(TudorNode):
                 self._answer.wait(ANSWERED)
             due += period
             wait = due - time.perf_counter()
-            # Late, too: who takes commands has to get its turn, or an arm that hurries has old ones.
+            # Late, too: what takes commands needs its turn, or an arm that hurries has old ones.
             self._closing.wait(max(wait, LISTENS * period))
             if wait < -LATE:
                 self.late += not lockstep

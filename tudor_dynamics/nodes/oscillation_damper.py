@@ -231,6 +231,8 @@ class OscillationDamperNode(MovingNode):
         clock = self.clocks.fault()
         if clock:
             return ERROR, clock
+        if controller.blind:
+            return STALE, 'no positions come: nothing is commanded'
         if controller.missing:
             return STALE, f'{controller.cause}: standstill is commanded'
         if self.crowded and self.crowded[0] == ERROR:
