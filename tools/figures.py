@@ -17,6 +17,7 @@ Say how old the figures of the documents are, or measure some again.
 
     python tools/figures.py             every file of docs/figures: commit, date, changes since
     python tools/figures.py NAME ...    run their commands, and write what they print
+    python tools/figures.py --work DIR NAME ...     the same; what a command leaves there is kept
 
 A command has to print a Markdown table with the head that the file has (``bench/tables.py``), or
 write it into a file ``*.md``; it runs once for all names that share it. ``DATA`` in it stands for
@@ -26,14 +27,17 @@ the folder in TUDOR_SHARED_DATA (../shared/data), ``DIR`` and ``out`` for a fold
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
 from datetime import date
 import os
 from pathlib import Path
+import re
 import shlex
 import subprocess
 import sys
 from tempfile import TemporaryDirectory
+import time
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'docs' / '_extensions'))
@@ -42,8 +46,8 @@ from figure_data import Figures, FOLDER, read  # noqa: E402, I100
 
 
 def cells(line: str) -> list[str]:
-    """Split a row of a Markdown table."""
-    return [cell.strip() for cell in line.strip().strip('|').split('|')]
+    """Split a row of a Markdown table; pages have a space before the sign of percent."""
+    return [re.sub(r'(?<=\d)%', ' %', cell.strip()) for cell in line.strip().strip('|').split('|')]
 
 
 def rows_below(head: list[str], output: str) -> list[list[str]]:
@@ -81,14 +85,16 @@ def whole(command: str, folder: Path) -> str:
 def output_of(command: str, folder: Path) -> tuple[int, str]:
     """Run a command; give its exit code and what it printed and wrote as Markdown."""
     path = f'{Path(sys.executable).parent}:{os.environ["PATH"]}'  # `python` is this one
+    begun = time.time()
     done = subprocess.run(
         whole(command, folder), shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True,
         check=False, env={**os.environ, 'PATH': path, 'PYTHONPATH': f'{ROOT}:{ROOT / "bench"}'})
     return done.returncode, '\n\n'.join([done.stdout, *(
-        page.read_text(encoding='utf-8') for page in sorted(folder.rglob('*.md')))])
+        page.read_text(encoding='utf-8') for page in sorted(folder.rglob('*.md'))
+        if page.stat().st_mtime >= begun - 1.0)])
 
 
-def measure(tables: list[Figures]) -> list[Figures]:
+def measure(tables: list[Figures], work: Path | None = None) -> list[Figures]:
     """Run the command that tables share; give its figures, of the commit that is checked out."""
     paths = sorted({path for figures in tables for path in figures.paths})
     changed = subprocess.run(['git', 'status', '--porcelain', '--', *paths], cwd=ROOT,
@@ -98,7 +104,7 @@ def measure(tables: list[Figures]) -> list[Figures]:
     commit = subprocess.run(['git', 'rev-parse', '--short', 'HEAD'], cwd=ROOT,
                             stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
     with TemporaryDirectory() as folder:
-        code, output = output_of(tables[0].command, Path(folder))
+        code, output = output_of(tables[0].command, work or Path(folder))
     found = [replace(figures, rows=rows_below(figures.head, output), commit=commit,
                      date=date.today().isoformat(), measured=True) for figures in tables]
     for figures in found:
@@ -110,11 +116,16 @@ def measure(tables: list[Figures]) -> list[Figures]:
 
 def main() -> None:
     """List the files, or measure those named."""
+    parser = argparse.ArgumentParser(description=(__doc__ or '').strip().splitlines()[0])
+    parser.add_argument('names', nargs='*', metavar='NAME', help='files of figures to measure')
+    parser.add_argument('--work', type=Path, metavar='DIR', help='folder of DIR, out and model')
+    args = parser.parse_args()
     by_command: dict[str, list[str]] = {}
-    for name in sys.argv[1:]:
+    for name in args.names:
         by_command.setdefault(read(name).command, []).append(name)
     for names in by_command.values():
-        for name, figures in zip(names, measure([read(name) for name in names]), strict=True):
+        for name, figures in zip(names, measure(
+                [read(name) for name in names], args.work), strict=True):
             (FOLDER / f'{name}.json').write_text(figures.text(), encoding='utf-8')
     for file in [] if by_command else sorted(FOLDER.glob('*.json')):
         figures = read(file.stem)
