@@ -16,18 +16,15 @@
 What the damper does to the simulated reference arm, as tables.
 
 Frequencies with the joints held, settling after a move, decay after a tap, for payloads of 0 to
-400 g; with ``--fits DIR`` also fits of models to damped and undamped campaigns recorded there.
+400 g. What models explain with the damper and without it is in ``python -m papers figures``.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 from pathlib import Path
-import subprocess
 import sys
-import time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,34 +170,10 @@ def taps(arm: Arm, chosen: Imperfections, title: str) -> None:
             f'{name} {"  ".join(found)}' for name, found in texts.items()))
 
 
-def fits(path: str, out: Path) -> None:
-    """Print the fits of models to damped and undamped campaigns."""
-    print('\nfit [%] to three bags after learning from seven others; analytical / ELM')
-    tudor = [sys.executable, '-m', 'tudor_dynamics']
-    for payload in (0.0, 0.2, 0.4):
-        for name, more in (('damped', []), ('undamped', ['--no-damping'])):
-            folder = out / f'{1000 * payload:.0f}g_{name}'
-            begun = time.perf_counter()
-            subprocess.run([*tudor, 'record', '--arm', path, '--payload', str(payload), '--out',
-                            str(folder), *more], check=True, capture_output=True)
-            seconds = time.perf_counter() - begun
-            bags = [str(folder / f'stimulus_{k:02d}') for k in range(1, 11)]
-            result = subprocess.run(
-                [*tudor, 'fit', *bags[:7], '--test', *bags[7:], '--arm', path, '--out',
-                 str(folder / 'model'), '--json', '--force'], check=True, capture_output=True)
-            content = json.loads(result.stdout)
-            text = '   '.join(
-                f'{output} ' + ' / '.join(
-                    f"{content[output][kind]['validation']['fit']:.1f}"
-                    for kind in ('analytical', 'elm')) for output in ('strain', 'effort'))
-            print(f'  {1000 * payload:3.0f} g {name:9s} {text}   (campaign {seconds:.0f} s)')
-
-
 def main() -> None:
     """Print all tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--arm', default='config/tudor.yaml', metavar='YAML')
-    parser.add_argument('--fits', metavar='DIR', help='record campaigns there and fit to them')
     args = parser.parse_args()
     arm = load_arm(args.arm)
     frequencies(weightless(arm), 'straight links without weight')
@@ -208,8 +181,6 @@ def main() -> None:
     settling(arm)
     taps(arm, QUIET, 'friction and backlash')
     taps(arm, FREE, 'without friction and backlash')
-    if args.fits:
-        fits(args.arm, Path(args.fits))
 
 
 if __name__ == '__main__':
