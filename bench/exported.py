@@ -21,7 +21,8 @@ environment of their own, read the URDF (MuJoCo without its meshes, whose files 
 the MJCF too); what they print is shown. Then the files are judged by the efforts of the last 40 %
 (relative error by joint, and of all joints): the URDF by Pinocchio's inverse dynamics with the
 damping and friction that it has, the MJCF by MuJoCo's. "friction of files" are base parameters
-with viscous and Coulomb friction alone, the least error that such friction leaves. MuJoCo moves
+with viscous and Coulomb friction alone, the least error that such friction leaves. Then each
+effect that an MJCF lacks is added alone to what it has. MuJoCo moves
 under the recorded torques, a quarter of a second at a time from where the arm was, once by the
 maker's URDF, once by the maker's bodies with the friction and rotors that suit them best, once by
 the exported MJCF. Shown is the root mean square of what positions are off at the end of each
@@ -51,7 +52,7 @@ from tables import show
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.comparison import (
-    described_parameters_of, effort_model, file_parameters)
+    described_parameters_of, effort_model, file_effects, file_parameters)
 from tudor_dynamics.show.mjcf import mjcf_of
 import yaml
 
@@ -190,7 +191,12 @@ LABELS = {'maker, URDF alone': "maker's URDF as it is",
           'exported MJCF': 'exported MJCF, in MuJoCo',
           'friction of files': 'base parameters, viscous and Coulomb friction alone',
           'base parameters': 'base parameters, friction as chosen'}
-"""Rows of the table; its head: 'UR10: error', 'UR10e, currents: error'."""
+EFFECTS = {'': 'as the file has it', 'offset': 'with zeros of efforts',
+           'load': 'with friction that grows with the load',
+           'presliding': 'with friction that gives way before it slides',
+           'stribeck': 'with friction that falls with the speed',
+           'square': 'with friction of the squared speed'}
+"""Rows of the tables; head of the first: 'UR10: error', 'UR10e, currents: error'."""
 
 
 def errors_of_model(model, stretches):
@@ -266,6 +272,11 @@ def judge(name, python, description, bag):
                   f'{errors[-1]:6.2f}, {ratio:5.2f} times the model', flush=True)
             if 'exported' in label and ratio > MOST:
                 print(f'  FALLS SHORT of {MOST:g} times')
+        for what, one in file_effects(bundle, full, rotors=True).items():
+            errors = errors_of_model(one.model, unseen.stretches)[-1]
+            figures[f'with {what}'] = f'{errors:.1f} %'
+            print(f'  MJCF with {what or "nothing more":20} relative error {errors:6.2f} %, '
+                  f'{errors / base[-1]:.2f} times the model')
         for label, found, xml in (
                 ('maker, URDF alone', described, bare(mjcf_of(described))),
                 ('maker, with drives', described, mjcf_of(described)),
@@ -303,6 +314,9 @@ def main():
     show(('', *(cell for name in found for cell in (f'{name}: error', 'off after 0.25 s'))),
          [(words, *(cell for figures in found.values() for cell in figures[label]))
           for label, words in LABELS.items()])
+    show(('MJCF', *found), [
+        (words, *(figures.get(f'with {what}', '') for figures in found.values()))
+        for what, words in EFFECTS.items()])
 
 
 if __name__ == '__main__':

@@ -23,7 +23,8 @@ from robot_making import described_arm, efforts_of, JOINTS, motion_of
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.comparison import file_errors, file_parameters, full_parameters
+from tudor_dynamics.models.comparison import (
+    file_effects, file_errors, file_parameters, full_parameters)
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.show.mjcf import mjcf_of
 from tudor_dynamics.show.urdf import urdf_of
@@ -70,3 +71,19 @@ def test_the_error_is_that_of_the_file(made, target, tmp_path):
     file.write_text(write(full_parameters(bundle)))
     assert np.linalg.norm(found) < 0.99 * np.linalg.norm(
         errors_of(file, read, motion, efforts)), 'drives nearest to friction that it cannot have'
+
+
+@pytest.mark.parametrize('target', FILES)
+def test_what_each_effect_would_win_is_known(made, target, tmp_path):
+    bundle, _, _ = made
+    rotors, file = target == 'mjcf', tmp_path / 'file'
+    full = file_parameters(bundle, rotors=rotors)
+    file.write_text(FILES[target][0](full))
+    found = {what: one.solution.relative_errors
+             for what, one in file_effects(bundle, full, rotors=rotors).items()}
+    assert ('rotor inertias' in found) is (target == 'urdf')
+    alone = found.pop('')
+    assert np.allclose(alone, file_errors(bundle, full, file), rtol=0.05)
+    for what in ('stribeck', 'offset'):  # the arm has both
+        assert np.linalg.norm(found[what]) < 0.99 * np.linalg.norm(alone), what
+    assert all(np.all(errors < 1.001 * alone) for errors in found.values())

@@ -17,7 +17,10 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
+
+import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.cli.console import new_table, print_table
@@ -26,7 +29,7 @@ from tudor_dynamics.files import write_whole
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.comparison import (
-    file_errors, file_parameters, full_parameters, FullParameters)
+    file_effects, file_errors, file_parameters, full_parameters, FullParameters)
 from tudor_dynamics.models.elastic.model import elastic_of
 from tudor_dynamics.models.friction import TERMS
 from tudor_dynamics.show.description import csv_of, description_of, elastic_drives, yaml_of
@@ -111,17 +114,23 @@ def _content(
     rotors = args.to == 'mjcf'
     full = file_parameters(bundle, rotors=rotors)
     text = mjcf_of(full) if rotors else urdf_of(full)
-    return {out: text}, lost(bundle.arm, rotors=rotors), full
+    effects = file_effects(bundle, full, rotors=rotors)
+    return {out: text}, lost(bundle.arm, effects, rotors=rotors), full
 
 
-def lost(arm: Arm, *, rotors: bool) -> tuple[str, ...]:
-    """Name the parts of an arm's model that URDF or MJCF cannot hold."""
+def lost(
+    arm: Arm, effects: dict[str, FullParameters], *, rotors: bool,
+) -> tuple[str, ...]:
+    """Name the parts of an arm's model that URDF or MJCF cannot hold, and what each would win."""
     found: dict[str, bool] = {
         **{str(term): not TERMS[term].pair for joint in arm.joints for term in joint.friction},
         'each direction its own friction': any(joint.asymmetric for joint in arm.joints),
         'rotor inertias': not rotors and any(joint.rotor_inertia for joint in arm.joints),
         'couplings': arm.coupling is not None}
-    return tuple(what for what, there in found.items() if there)
+    errors = {what: 100.0 * math.sqrt(np.mean(full.solution.relative_errors ** 2))
+              for what, full in effects.items()}
+    return tuple(f'{what} (with it the error is {errors[what]:.3g}, not {errors[""]:.3g} %)' if
+                 what in errors else what for what, there in found.items() if there)
 
 
 def show(full: FullParameters, errors: FloatArray) -> None:

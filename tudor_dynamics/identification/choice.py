@@ -365,12 +365,9 @@ def choose_friction(
     left_out: LeftOut, joints: Sequence[JointSpec], without: Collection[str], *,
     shared: bool, constants: FloatArray | None,
 ) -> list[JointSpec]:
-    """
-    Add friction terms to joints whose left-out errors clearly pay for them.
-
-    All open joints are given the same addition at once, since friction shows in its own joint: one
-    fit to each part shows for every joint whether it pays there.
-    """
+    """Add friction terms to joints whose left-out errors clearly pay for them."""
+    # all open joints are given the same addition at once, since friction shows in its own joint:
+    # one fit to each part shows for every joint whether it pays there
     current = list(joints)
 
     def errors(candidate: Sequence[JointSpec]) -> FloatArray:

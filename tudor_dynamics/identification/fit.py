@@ -94,12 +94,9 @@ SHORTEST = 4.0
 def left_out(
     training: Sequence[BagData], preprocessing: PreprocessingSpec, *, loads: bool = False,
 ) -> list[Left]:
-    """
-    Leave out each training bag once; of an only bag, or the only one of its load, each part.
-
-    What is left out has to be like what is learned from: with a load that nothing else shows, a
-    model of all loads would be judged by what it cannot know.
-    """
+    """Leave out each training bag once; of an only bag, or the only one of its load, each part."""
+    # what is left out has to be like what is learned from: with a load that nothing else shows, a
+    # model of all loads would be judged by what it cannot know
     found: list[Left] = []
     for i, bag in enumerate(training):
         others = [*training[:i], *training[i + 1:]]

@@ -255,12 +255,9 @@ class AnalyticalModel(MemorylessModel):
                 for base, group, support in zip(self.base_, sums, supports, strict=True)]
 
     def _supports(self) -> list[list[NDArray[np.intp]]]:
-        """
-        Find, for each group and channel, the base parameters that can enter it at all.
-
-        A joint does not feel the links before it nor the friction of others; leaving those zeros
-        out saves two thirds of the products of a seven-joint arm.
-        """
+        """Find, for each group and channel, the base parameters that can enter it at all."""
+        # a joint does not feel the links before it nor the friction of others; leaving those zeros
+        # out saves two thirds of the products of a seven-joint arm
         rows = self.regressor.rows(random_inputs(self.regressor, self.n_joints, 16, 1))
         return [[np.flatnonzero(np.any(rows[:, channel, base.kept] != 0.0, axis=0))
                  for channel in base.channels] for base in self.base_]

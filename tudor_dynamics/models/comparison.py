@@ -60,11 +60,8 @@ class FullParameters:
 
     @property
     def drives(self) -> dict[str, dict[str, float]]:
-        """
-        Give rotor inertia and friction of each joint in N m or N, by the names of their terms.
-
-        Where a current's constant is not known, that which was found along with the bodies counts.
-        """
+        """Give rotor inertia and friction of each joint [N m or N], by names of their terms."""
+        # of a current whose constant is not known, that which was found along with the bodies
         constants = dict(zip(self.model.channels, self.solution.constants.tolist(), strict=True))
         found: dict[str, dict[str, float]] = {name: {} for name in self.arm.active_joints}
         first = self.solution.bodies.size
@@ -113,7 +110,7 @@ def full_parameters(bundle: ModelBundle) -> FullParameters:
 # -- The same as a file has it: of a drive no more than rotor, damping and friction
 
 
-def _of_file(bundle: ModelBundle) -> tuple[BodyProblem, FloatArray]:
+def _of_file(bundle: ModelBundle, rotors: bool = True) -> tuple[BodyProblem, FloatArray]:
     """Give the data, and what the parameters of a file are in the model's drives, (drives, n)."""
     model = effort_model(bundle)
     problem = BodyProblem(bundle.arm, model, prior_of(bundle.arm))
@@ -125,27 +122,55 @@ def _of_file(bundle: ModelBundle) -> tuple[BodyProblem, FloatArray]:
         pair = 'rotor' if kind == 'Ia' else TERMS[term_of(name)].pair
         sign = TERMS[term_of(name)].backward_sign if kind.endswith('-') else 1.0
         row[model.channels.index(joint)] = (
-            pair == 'rotor', sign * (pair == 'damping'), sign * (pair == 'friction'),
+            rotors and pair == 'rotor', sign * (pair == 'damping'), sign * (pair == 'friction'),
             kind in ('offset', f'{FRICTION}+', f'{FRICTION}-'))
     return problem, table.reshape(len(names), -1)
 
 
 def file_parameters(bundle: ModelBundle, *, rotors: bool) -> FullParameters:
     """Find full parameters, and for their bodies the drives of a file that suit the data best."""
+    full, (problem, table) = full_parameters(bundle), _of_file(bundle, rotors)
+    drives = table @ _suited(problem, table, full.solution)
+    return _full(bundle.arm, effort_model(bundle), replace(full.solution, drives=drives))
+
+
+def _suited(problem: BodyProblem, table: FloatArray, solution: BodySolution) -> FloatArray:
+    """Give what suits bodies best: the drives of a file, then those of further columns."""
     from scipy import optimize  # slow to import
 
-    full, (problem, table) = full_parameters(bundle), _of_file(bundle)
-    table[:, ::4] *= rotors
     rows, wanted = [], []
     for channel, matrix, target in problem.parts:
-        scaled = matrix * np.where(problem.scaled, 1.0 / full.solution.constants[channel], 1.0)
+        scaled = matrix * np.where(problem.scaled, 1.0 / solution.constants[channel], 1.0)
         rows.append(scaled[:, problem.first:] @ table)
-        wanted.append(target - scaled[:, :problem.first] @ full.solution.bodies.ravel())
-    whole = np.vstack(rows)
-    size = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
-    found = optimize.lsq_linear(whole / size, np.concatenate(wanted), (
-        np.tile([0.0, 0.0, 0.0, -np.inf], len(size) // 4), np.inf)).x / size
-    return _full(bundle.arm, effort_model(bundle), replace(full.solution, drives=table @ found))
+        wanted.append(target - scaled[:, :problem.first] @ solution.bodies.ravel())
+    whole, of_file = np.vstack(rows), 4 * problem.n_channels
+    size = np.linalg.norm(whole, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    least = np.full(len(size), -np.inf)
+    least[:of_file] = np.tile([0.0, 0.0, 0.0, -np.inf], problem.n_channels)
+    return np.asarray(optimize.lsq_linear(
+        whole / size, np.concatenate(wanted), (least, np.inf)).x / size)
+
+
+def file_effects(
+    bundle: ModelBundle, full: FullParameters, *, rotors: bool,
+) -> dict[str, FullParameters]:
+    """Give drives as a file has them, under an empty name, and with each effect that it lacks."""
+    problem, table = _of_file(bundle, rotors)
+    lacking: dict[str, list[int]] = {'': [], 'offset': []}
+    for row in np.flatnonzero(~table.any(axis=1)).tolist():
+        name = term_of(problem.columns[problem.first + row])
+        lacking.setdefault('rotor inertias' if name == 'Ia' else name, []).append(row)
+    found, solution = {}, full.solution
+    for name, more in lacking.items():
+        columns = np.hstack([table, np.eye(len(table))[:, more]])
+        drives = _suited(problem, columns, solution)
+        drives[3:table.shape[1]:4] *= name == 'offset'
+        drives = columns @ drives
+        found[name] = _full(bundle.arm, effort_model(bundle), replace(
+            solution, drives=drives, relative_errors=problem.errors(
+                np.concatenate([solution.bodies.ravel(), drives]), solution.constants)))
+    return found
 
 
 def file_errors(bundle: ModelBundle, full: FullParameters, file: Path) -> FloatArray:

@@ -152,12 +152,9 @@ def speed_grid(largest: float, sharp: float) -> FloatArray:
 
 
 def energy_rows(arm: Arm, columns: Sequence[str], speeds: FloatArray) -> FloatArray:
-    """
-    Give rows that must not be negative on the parameters of drives.
-
-    Rotor inertias, and the friction of each joint against the motion at each of its speeds: the
-    sum of all its terms, for friction that falls with the speed has terms that give.
-    """
+    """Give rows that must not be negative on the parameters of drives."""
+    # rotor inertias, and the friction of each joint against the motion at each of its speeds: the
+    # sum of all its terms, for friction that falls with the speed has terms that give
     place = {name: i for i, name in enumerate(columns)}
     rows = [np.eye(len(columns))[[i for name, i in place.items() if name.startswith('Ia(')]]]
     for joint, largest in zip(arm.joints, speeds.tolist(), strict=True):

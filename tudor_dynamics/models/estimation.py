@@ -188,24 +188,18 @@ def _solve(products: list[Products], weights: FloatArray, prior: float = 0.0) ->
 
 
 def _prior(products: list[Products], weights: FloatArray, noise: float) -> float:
-    """
-    Give the information of a weak prior on each column's contribution to the outputs.
-
-    No parameter is expected to contribute more than the outputs' own size. Where the motion says
-    anything, this adds nothing to it; directions that short or poor recordings show only by
-    their noise are drawn to zero, instead of to values that cancel in training and nowhere else.
-    """
+    """Give the information of a weak prior on each column's contribution to the outputs."""
+    # no parameter is expected to contribute more than the outputs' own size. Where the motion says
+    # anything, this adds nothing to it; directions that short or poor recordings show only by
+    # their noise are drawn to zero, instead of to values that cancel in training and nowhere else
     power = sum(w * p.gram[-1, -1] for w, p in zip(weights, products, strict=True))
     return noise / power if power > 0.0 else 0.0
 
 
 def _variance_floors(products: list[Products]) -> FloatArray:
-    """
-    Bound each channel's residual variance from below by what its products can resolve.
-
-    A channel that is fitted to rounding (or that is constant zero) would otherwise be given an
-    endless weight, against which the other channels vanish.
-    """
+    """Bound each channel's residual variance from below by what its products can resolve."""
+    # a channel that is fitted to rounding (or that is constant zero) would otherwise be given an
+    # endless weight, against which the other channels vanish
     squares = np.array([product.gram[-1, -1] / max(product.n, 1) for product in products])
     largest = float(np.max(squares, initial=0.0))
     return np.maximum(1e-14 * np.maximum(squares, 1e-6 * largest), 1e-300)

@@ -260,12 +260,9 @@ class BaseSet:
 
 
 def random_motion(n_joints: int, n_samples: int, seed: int) -> FloatArray:
-    """
-    Draw random states ``[q, dq, ddq]`` that excite every parameter, within +-pi, +-2, +-5.
-
-    Every second state is slow, down to 0.2 mrad/s, where friction terms differ that are alike (or
-    nothing) at speed.
-    """
+    """Draw random states ``[q, dq, ddq]`` that excite every parameter, within +-pi, +-2, +-5."""
+    # every second state is slow, down to 0.2 mrad/s, where friction terms differ that are alike
+    # (or nothing) at speed
     generator = np.random.default_rng(seed)
     scale = np.repeat([np.pi, 2.0, 5.0], n_joints)
     motion = generator.uniform(-1.0, 1.0, (n_samples, 3 * n_joints)) * scale
@@ -311,13 +308,10 @@ def independent_columns(
 
 
 def preference(columns: tuple[str, ...]) -> list[int]:
-    """
-    Order columns by how well one can read them as base parameters.
-
-    Friction and offsets first, for they are nobody else's; then first moments and inertias about
-    the joints' axes, as textbooks write them; then the rest; rotor inertias last, as they merge
-    with the inertia of the first link that they turn. What a payload adds comes after all that.
-    """
+    """Order columns by how well one can read them as base parameters."""
+    # friction and offsets first, for they are nobody else's; then first moments and inertias about
+    # the joints' axes, as textbooks write them; then the rest; rotor inertias last, as they merge
+    # with the inertia of the first link that they turn. What a payload adds comes after all that
     order = ['Izz', 'Iyy', 'Ixx', 'mx', 'my', 'mz', 'Ixy', 'Ixz', 'Iyz', 'm', 'Ia']
 
     def rank(i: int) -> tuple[int, int]:

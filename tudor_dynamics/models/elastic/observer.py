@@ -205,12 +205,9 @@ def seen_rows(shown: FloatArray, *, lags: bool) -> FloatArray:
 def white_force(
     small: Linearised, pushed: FloatArray, shown: FloatArray, bandwidth: float, lag: float = 0.0,
 ) -> float:
-    """
-    Give the density of a white force at the tip, for a filter of a given bandwidth.
-
-    An oscillator that a white force of density q drives and white noise of density r hides has a
-    filter with the decay sqrt(q / r) lever w / 2 (spectral factorisation).
-    """
+    """Give the density of a white force at the tip, for a filter of a given bandwidth."""
+    # an oscillator that a white force of density q drives and white noise of density r hides has a
+    # filter with the decay sqrt(q / r) lever w / 2 (spectral factorisation)
     lever = float(np.linalg.norm(shown @ np.linalg.solve(small.stiffness, pushed), 2))
     slowest = float(np.sqrt(np.linalg.eigvals(
         np.linalg.solve(small.mass, small.stiffness)).real.min()))
