@@ -101,13 +101,10 @@ def interpolate(
 def choose_clock(
     topics: Mapping[str, DecodedTopic], notes: Notes, path: str,
 ) -> dict[str, NDArray[np.int64]]:
-    """
-    Take header stamps, or log times where a topic has no header stamps.
-
-    A stamp of zero means "not set" in ROS. Streams with different clocks could not be aligned, so
-    one topic without stamps sends all to their log times. Messages of a type that has no stamp get
-    their log times less what stamped messages of the bag take to be recorded.
-    """
+    """Take header stamps, or log times where a topic has no header stamps."""
+    # a stamp of zero means "not set" in ROS. Streams with different clocks could not be aligned,
+    # so one topic without stamps sends all to their log times. Messages of a type that has no
+    # stamp get their log times less what stamped messages of the bag take to be recorded
     unset = [name for name, states in topics.items()
              if states.stamped and len(states.stamp) > 1 and not states.stamp.any()]
     if not unset:

@@ -228,12 +228,10 @@ def _is_about(value: float, expected: float) -> bool:
 
 @np.errstate(over='ignore', invalid='ignore')  # a damaged value may be as large as any double
 def check_units(recording: Recording, plan: Sources, notes: Notes) -> None:
-    """
-    Refuse degrees, warn of velocities that do not go with the positions.
-
-    Degrees beside rad/s show in the ratio of displacement and velocity. Degrees in both only show
-    in their size: positions far outside the limits or beyond two turns, speeds that no arm has.
-    """
+    """Refuse degrees, warn of velocities that do not go with the positions."""
+    # degrees beside rad/s show in the ratio of displacement and velocity. Degrees in both only
+    # show in their size: positions far outside the limits or beyond two turns, speeds that no arm
+    # has
     suspects = []
     for column, (name, slides, reach) in enumerate(
             zip(plan.joints, plan.prismatic, plan.reach, strict=True)):

@@ -375,12 +375,9 @@ def follow_targets(
 # joint_trajectory_controller, "Trajectory Representation").
 
 def spline(trajectory: Trajectory) -> BPoly:
-    """
-    Lay polynomials between points; returns positions of all joints over the time [s].
-
-    In Bernstein's basis, for all pieces at once: 30 times as fast as ``BPoly.from_derivatives``,
-    which takes a second and a half for 10 000 points of seven joints.
-    """
+    """Lay polynomials between points; returns positions of all joints over the time [s]."""
+    # in Bernstein's basis, for all pieces at once: 30 times as fast as ``BPoly.from_derivatives``,
+    # which takes a second and a half for 10 000 points of seven joints
     from scipy.interpolate import BPoly  # slow to import, and few fits have a plan
 
     h, q = np.diff(trajectory.t)[:, None], trajectory.q
@@ -398,14 +395,11 @@ def spline(trajectory: Trajectory) -> BPoly:
 
 
 def states(trajectory: Trajectory) -> FloatArray:
-    """
-    Give the motion at the points.
-
-    Where velocities or accelerations are not given, they are those of the splines; where the
-    splines on both sides of a point differ, the mean of both, since the controller draws a
-    straight line from effort to effort. The arm rests before the first point and after the last,
-    which the controller holds: there what is not given is zero.
-    """
+    """Give the motion at the points."""
+    # where velocities or accelerations are not given, they are those of the splines; where the
+    # splines on both sides of a point differ, the mean of both, since the controller draws a
+    # straight line from effort to effort. The arm rests before the first point and after the last,
+    # which the controller holds: there what is not given is zero
     given = (trajectory.dq, trajectory.ddq)
     return np.hstack([trajectory.q, *(
         _at_points(trajectory, order) if field is None else field

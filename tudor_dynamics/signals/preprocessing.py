@@ -50,13 +50,10 @@ class Timing:
 
 
 def timing(recording: Recording) -> Timing | None:
-    """
-    Compare recorded stamps with even ones; None where they are even, or no even ones fit.
-
-    The positions of an arm are smooth in time. Where each follows better from its neighbours by a
-    cubic over even stamps than over the recorded ones, the sampling was even, and the stamps were
-    late by varying times.
-    """
+    """Compare recorded stamps with even ones; None where they are even, or no even ones fit."""
+    # the positions of an arm are smooth in time. Where each follows better from its neighbours by
+    # a cubic over even stamps than over the recorded ones, the sampling was even, and the stamps
+    # were late by varying times
     stamp = recording.stamp.copy()
     squares, count = np.zeros((2, recording.q.shape[1])), 0
     offsets = []

@@ -78,12 +78,9 @@ def remains(shaper: Impulses, frequency: float, damping: float) -> float:
 
 
 def convolved(given: Trajectory, shaper: Impulses) -> Trajectory:
-    """
-    Shape a trajectory that begins and ends at rest.
-
-    Between points that are those of all its copies, the sum of splines is a spline of the same
-    degree: what a controller makes of the result is exact, and within what the given one kept to.
-    """
+    """Shape a trajectory that begins and ends at rest."""
+    # between points that are those of all its copies, the sum of splines is a spline of the same
+    # degree: what a controller makes of the result is exact, and within what the given one kept to
     if given.dq is not None and np.abs(given.dq[[0, -1]]).max() > settings.AT_REST:
         raise SignalError('the trajectory does not begin and end at rest',
                           remedy='shape motion from rest to rest, with no velocity at its ends')
