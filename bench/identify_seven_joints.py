@@ -16,7 +16,7 @@
 Time and memory of regressor, base parameters and weighted least squares for a seven-joint arm.
 
 98 columns: ten inertial parameters, rotor inertia, viscous and Coulomb friction and an offset for
-each joint. Peak memory is that of a process of its own, above one that did the same at 100
+each joint. Time is that of the processor. Peak memory is that of a process of its own, above one that did the same at 100
 samples. The peer is the same problem through FIGAROH (``pip install figaroh``), where it is
 installed; a plain loop with one dense regressor matrix and LAPACK is timed in any case.
 
@@ -145,9 +145,9 @@ def measure(method, n, joints=7):
     motion, tau = data(n, joints)
     METHODS[method](motion[:200], tau[:200])  # warm up
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    begun = time.perf_counter()
+    begun = time.process_time()
     rank, residual = METHODS[method](motion, tau)
-    seconds = time.perf_counter() - begun
+    seconds = time.process_time() - begun
     after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     print(json.dumps({'seconds': seconds, 'mib': (after - before) / 1024, 'rank': rank,
                       'residual': residual}))
@@ -182,7 +182,7 @@ def main():
             reference = reference or seconds
             rows.append((n, method, f'{1e6 * seconds / n:.2f} µs', f'{memory:.1f} MiB',
                          f'{seconds / reference:.1f}', runs[0]['rank']))
-    show(('samples of seven joints', 'method', 'time a sample', 'memory above that of 100 samples',
+    show(('samples of seven joints', 'method', 'CPU a sample', 'memory above that of 100 samples',
           'ratio of times', 'base parameters'), rows)
 
 
