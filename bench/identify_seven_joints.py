@@ -16,9 +16,10 @@
 Time and memory of regressor, base parameters and weighted least squares for a seven-joint arm.
 
 98 columns: ten inertial parameters, rotor inertia, viscous and Coulomb friction and an offset for
-each joint. Time is that of the processor. Peak memory is that of a process of its own, above one that did the same at 100
-samples. The peer is the same problem through FIGAROH (``pip install figaroh``), where it is
-installed; a plain loop with one dense regressor matrix and LAPACK is timed in any case.
+each joint. Time is that of the processor. Peak memory is that of a process of its own, above one
+that did the same at 100 samples. The peer is the same problem through FIGAROH (``pip install
+figaroh``), where it is installed; a plain loop with one dense regressor matrix and LAPACK is timed
+in any case.
 
     python bench/identify_seven_joints.py [--repeats 3]
 """
