@@ -18,12 +18,16 @@ from __future__ import annotations
 
 import io
 import json
+import shlex
 
+from hypothesis import given, HealthCheck, settings, strategies as st
 import pytest
 from rich.console import Console
 
-from tudor_dynamics.cli.console import print_json, print_table, score_table, steps
-from tudor_dynamics.identification.validation import ChannelScore, Score
+from tudor_dynamics.cli.console import (
+    print_json, print_table, print_verdicts, say, say_command, score_table, SILENCE, steps)
+from tudor_dynamics.identification.uses import Use
+from tudor_dynamics.identification.validation import ChannelScore, Grade, Score
 
 SCORE = Score(1580, 12.5, 11.25, 93.456, 93.2, 0.0654,
               {'hub': ChannelScore(15.0, 92.345, 0.07), 'mid': ChannelScore(9.0, 95.0, 0.05)})
@@ -85,11 +89,54 @@ def test_figures_come_before_the_width(
     assert '-1.234e-05' in text and '…' not in text and max(map(len, text.splitlines())) > 60
 
 
+WORDS = st.lists(st.text('ab /*-.\"\'$', min_size=1, max_size=30), min_size=1, max_size=12)
+EACH = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+
+
+@EACH
+@given(WORDS)
+def test_commands_can_be_copied(capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+    """A shell takes a command that goes on in the next line as it was given."""
+    capsys.readouterr()
+    say_command(shlex.join(words))
+    assert shlex.split(capsys.readouterr().out.replace('\\\n', '')) == words
+
+
+@EACH
+@given(WORDS)
+def test_texts_are_wrapped(capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+    """No word is broken, and none is lost."""
+    capsys.readouterr()
+    text = '  ' + ' '.join(words)
+    say(text)
+    said = capsys.readouterr().out
+    assert said.split() == text.split()
+    assert all(len(line) <= 80 for line in said.splitlines())
+
+
+def test_verdicts_come_by_grade(capsys: pytest.CaptureFixture[str]) -> None:
+    """A use is named once where all models agree, otherwise with its output."""
+    detect = 'collision detection'
+    print_verdicts('arm', [
+        Use('effort', 'analytical', 'prediction', Grade.GOOD, ''),
+        Use('effort', 'analytical', f'{detect} (effort)', Grade.GOOD, ''),
+        Use('strain', 'elm', f'{detect} (strain)', Grade.DO_NOT_USE, ''),
+        Use('strain', 'elm', 'payload', None, '')])
+    assert capsys.readouterr().out.splitlines() == [
+        f'arm: good: prediction, {detect} (effort) by analytical effort',
+        f'arm: do not use: {detect} (strain) by elm strain', 'arm: not known: payload']
+
+
 def test_steps(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Steps show on a terminal, and nothing anywhere else."""
+    """Steps show on a terminal; elsewhere one is named where seconds have passed."""
+    now = [100.0]
+    monkeypatch.setattr('tudor_dynamics.cli.console.time.monotonic', lambda: now[0])
     with steps(2) as step:
         step('read run4')
-    assert capsys.readouterr() == ('', '')
+        assert capsys.readouterr() == ('', '')
+        now[0] += SILENCE + 0.1
+        step('compare')
+    assert capsys.readouterr() == ('', '2 of 2: compare\n')
     screen = io.StringIO()
     monkeypatch.setattr('tudor_dynamics.cli.console.Console',
                         lambda **_: Console(file=screen, force_terminal=True, width=100))

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from printed import unwrapped
 import pytest
 from robot_making import described_arm, JOINTS
 
@@ -43,7 +44,7 @@ def test_plan_record_fit(
     """The whole way: plan, play in simulation, fit, and what was promised beside what came."""
     arm = str(root / 'config' / 'tudor.yaml')
     assert excite(root, tmp_path / 'plan', '--noise', '0.05', '--noise-of', 'link2_hub=3') == 0
-    said = capsys.readouterr().out
+    said = unwrapped(capsys.readouterr().out)
     assert 'capsules of 0.05 m' in said and 'coulomb+(joint2)' in said
     assert sorted(p.name for p in (tmp_path / 'plan').iterdir()) == [
         'bag', 'motion.png', 'plan.json', 'trajectory.csv']
@@ -115,7 +116,7 @@ def test_walls_and_efforts(
     assert main([*words, '--box', '1', '0', '0', '1', '0', '1']) == 2
     assert 'the first is the smaller one' in capsys.readouterr().err
     assert main([*words, *walls]) == 0
-    said = capsys.readouterr().out
+    said = unwrapped(capsys.readouterr().out)
     assert 'by 0 shapes and 5 capsules of 0.05 m' in said and 'efforts are not looked' not in said
     head = json.loads((tmp_path / 'plan' / 'plan.json').read_text())
     assert 0.0 < max(head['part_of_limits']['effort'].values()) <= 1.0 + 1e-6

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from elastic_making import blade_arm, identified
 import pinocchio as pin
+from printed import unwrapped
 import pytest
 from robot_making import described_arm, fitted
 from tudor_dynamics.arm.description import load_arm
@@ -40,7 +41,7 @@ def model(tmp_path_factory):
 def test_each_format_is_written(model, tmp_path, capsys, target):
     out = tmp_path / f'arm.{target}'
     assert main(['export', str(model), '--to', target, '--out', str(out)]) == 0
-    told = capsys.readouterr().out
+    told = unwrapped(capsys.readouterr().out)
     assert f'{target}: {out}' in told
     assert 'column' not in told and 'turn' in told
     assert ('no place for: rotor inertias' in told) == (target == 'urdf')
@@ -80,7 +81,7 @@ def elastic(tmp_path_factory):
 def test_an_elastic_model_becomes_a_description_that_is_simulated(elastic, tmp_path, capsys):
     out = tmp_path / 'arm.yaml'
     assert main(['export', str(elastic), '--to', 'arm', '--out', str(out)]) == 0
-    assert 'arm has no place for: lag of the gauges' in capsys.readouterr().out
+    assert 'arm has no place for: lag of the gauges' in unwrapped(capsys.readouterr().out)
     assert load_arm(out).spec.motors[0].stiffness == 190.0
     assert not out.with_suffix('.urdf').exists()
 
@@ -88,7 +89,8 @@ def test_an_elastic_model_becomes_a_description_that_is_simulated(elastic, tmp_p
 def test_an_elastic_model_becomes_mjcf_with_springs(elastic, tmp_path, capsys):
     out = tmp_path / 'arm.xml'
     assert main(['export', str(elastic), '--to', 'mjcf', '--out', str(out)]) == 0
-    assert 'mjcf has no place for: backlash of the gear of j1' in capsys.readouterr().out
+    assert 'mjcf has no place for: backlash of the gear of j1' in unwrapped(
+        capsys.readouterr().out)
     assert 'name="j1_gear"' in out.read_text()
     assert main(['export', str(elastic), '--to', 'mjcf', '--rigid', '--out', str(out),
                  '--overwrite']) == 2

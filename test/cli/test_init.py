@@ -25,6 +25,7 @@ from carrier_making import (
 from draft_making import JOINTS, motion, torques, urdf, write
 from hypothesis import example, given, settings, strategies as st
 import numpy as np
+from printed import unwrapped
 import pytest
 
 from tudor_dynamics.arm.description import load_arm
@@ -73,7 +74,7 @@ def test_units_show_in_what_the_arm_carries(
     """Efforts are compared with the gravity moments of the URDF; the file can be used as it is."""
     content = run(place, bag, '--urdf', 'pair.urdf')
     assert [joint['effort']['unit'] for joint in content['joints']] == [unit] * 2
-    said = capsys.readouterr().out
+    said = unwrapped(capsys.readouterr().out)
     assert re.search(evidence, said) and 'next: tudor fit ' in said
     assert '1.5708 as 1.570796' in said  # rounded in the URDF
     with pytest.warns(match='1.5708'):
@@ -90,7 +91,7 @@ def test_thousandths_are_not_taken_for_anything(
     """Efforts in mN m are neither of the units; the file is refused by the name of the key."""
     content = run(place, 'milli', '--urdf', 'pair.urdf')
     assert content['joints'][0]['effort']['unit'] == '?'
-    assert 'N m in thousandths' in capsys.readouterr().out
+    assert 'N m in thousandths' in unwrapped(capsys.readouterr().out)
     with pytest.raises(ArmError, match=r"still '\?': joints\[shoulder\].effort.unit, joints\[el"):
         load_arm(place / 'arm.yaml')
     assert main(['fit', str(place / 'milli'), '--arm', str(place / 'arm.yaml'), '--out',
@@ -177,7 +178,7 @@ def test_rows_in_a_file(place: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert 'taken as those of' not in capsys.readouterr().out
     (place / 'rows.yaml').write_text('dh: [[0.0, 1.5708, 0.3, 0.0], [0.4, 0, 0, 0]]\n')
     run(place, 'named', '--dh', 'rows.yaml')
-    assert 'taken as those of shoulder, elbow' in capsys.readouterr().out
+    assert 'taken as those of shoulder, elbow' in unwrapped(capsys.readouterr().out)
     for text, part in (('elbow 0 90 0 0', 'line 1: an angle of 90 looks like degrees'),
                        ('elbow 0 0 0', 'line 1: '), ('', '0 D-H rows'),
                        ('a 0 0 0 0\nb 0 0 0 0', '2 rows for the joints shoulder, elbow'),

@@ -116,7 +116,7 @@ def test_help_lists_all_commands(capsys: pytest.CaptureFixture[str]) -> None:
     shown = ' '.join(capsys.readouterr().out.split())
     for name, summary in entry.SUBCOMMANDS.items():
         assert f'{name} {summary}' in shown
-    assert 'exit codes: 0 done, 1 data or model not good enough, 2 wrong input, 70' in shown
+    assert 'Exit codes: 0 done, 1 data or model not good enough, 2 wrong input, 70' in shown
 
 
 def test_help_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:
@@ -134,14 +134,21 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f'tudor_dynamics {__version__}\n'
 
 
-@pytest.mark.parametrize('arguments', [
-    [], ['dance'], ['evaluate', '--model', 'm', 'bag', '--jsn'], ['evaluate', 'bag']])
-def test_wrong_arguments(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """An unknown command or option, or a missing one, ends with exit code 2 and the usage."""
+@pytest.mark.parametrize(('arguments', 'command', 'meant'), [
+    ([], '', 'required: COMMAND;'), (['dance'], '', "invalid choice: 'dance'"),
+    (['evaluat', 'bag'], '', 'did you mean evaluate?'),
+    (['evaluate', '--jsn', 'bag'], ' evaluate', 'there is no --jsn; did you mean --json?'),
+    (['evaluate', 'bag'], ' evaluate', 'required: --model;'),
+    (['fit', 'bag', '--arm', 'a', '--out', 'b', '--models', 'elastik'], ' fit', 'mean elastic?')])
+def test_wrong_arguments(
+    arguments: list[str], command: str, meant: str, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A wrong or missing word ends with exit code 2, and one line says what was meant."""
     with pytest.raises(SystemExit) as caught:
         entry.main(arguments)
     assert caught.value.code == 2
-    assert 'usage: tudor' in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1 and f'see tudor{command} --help' in said and meant in said
 
 
 def test_missing_model(capsys: pytest.CaptureFixture[str]) -> None:

@@ -183,7 +183,7 @@ def test_noise_floor(result: FitResult) -> None:
     for item in result.fitted:
         rmse = np.array([score.rmse for score in item.validation.score.channels.values()])
         assert (rmse < 1.25 * item.noise).all()
-        assert 'all that there is to get' in str(item.verdict)
+        assert 'is near the noise' in str(item.verdict)
 
 
 def test_missing_thresholds_are_a_step() -> None:

@@ -78,7 +78,7 @@ def test_noise_is_all_that_there_is() -> None:
     """An error as large as the noise of its sensor makes a usable model good, and is said."""
     limited = judge(_validation(75.0), 75.0, noise=[0.95])
     assert limited.level is Grade.GOOD
-    assert 'c0: an error of 1 at a noise of 0.95 is all that there is to get' in str(limited)
+    assert 'c0: its error of 1 is near the noise of 0.95' in str(limited)
     assert judge(_validation(75.0), 75.0, noise=[0.5]).level is Grade.USABLE
     assert judge(_validation(10.0), 10.0, noise=[0.95]).level is Grade.DO_NOT_USE
 

@@ -20,7 +20,7 @@ import argparse
 
 import numpy as np
 
-from tudor_dynamics.cli.console import new_table, print_json, print_table
+from tudor_dynamics.cli.console import new_table, print_json, print_table, say
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.comparison import BodyRow, compare_bodies, errors_on, Side, side_of
@@ -87,7 +87,7 @@ def _errors(one: Side, other: Side, bag: str) -> tuple[FloatArray, FloatArray]:
 
 
 def _print(one: Side, other: Side, rows: list[BodyRow]) -> None:
-    print(f'A: {one.name}\nB: {other.name}')
+    say(f'A: {one.name}', f'B: {other.name}')
     table = new_table('bodies', names=('joint',), figures=(
         'mass A [kg]', 'B', 'centres apart [mm]', 'inertia A [kg m^2]', 'B'))
     for row in rows:

@@ -25,7 +25,10 @@ import json
 import math
 import os
 from pathlib import Path
+import re
 import sys
+import textwrap
+import time
 from typing import Any
 
 from rich import box
@@ -34,17 +37,22 @@ from rich.console import Console
 from rich.progress import (
     BarColumn, Progress, ProgressColumn, SpinnerColumn, TimeElapsedColumn)
 from rich.table import Column, Table
+from rich.text import Text
 
 from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, Trajectory
 from tudor_dynamics.errors import printable, TudorError, UsageError
 from tudor_dynamics.identification.doctor.findings import Finding
-from tudor_dynamics.identification.validation import Score
+from tudor_dynamics.identification.uses import Use
+from tudor_dynamics.identification.validation import Grade, Score
 
 LEAST_TEXT = 10
 """Characters that a column of text keeps at least; longer text goes on in the next line."""
 GAP = 2
 """Blanks between columns."""
 
+
+SILENCE = 3.0
+"""Seconds after which a step is named where no terminal shows the bar."""
 
 Advance = Callable[..., None]
 """Takes what changes about a bar: ``advance`` or ``completed``, ``total``, ``description``."""
@@ -61,15 +69,40 @@ def bar(total: int | None, *columns: str | ProgressColumn) -> Iterator[Advance]:
 
 @contextmanager
 def steps(total: int) -> Iterator[Callable[[str], None]]:
-    """Show a bar over steps that are named as they begin."""
-    begun = 0
+    """Show a bar over steps that are named as they begin; elsewhere name some in lines."""
+    begun, last, watched = 0, time.monotonic(), sys.stderr.isatty()
     with bar(total, SpinnerColumn(), '{task.description}', BarColumn(),
              TimeElapsedColumn()) as advance:
         def step(text: str) -> None:
-            nonlocal begun
+            nonlocal begun, last
             advance(completed=begun, description=text)
             begun += 1
+            if not watched and time.monotonic() > last + SILENCE:
+                last = time.monotonic()
+                print(f'{begun} of {total}: {printable(text)}', file=sys.stderr, flush=True)
         yield step
+
+
+def say(*lines: str) -> None:
+    """Print lines on standard output, each wrapped at the width of the terminal."""
+    width = Console().width
+    for line in lines:
+        text = printable(line)
+        print(textwrap.fill(
+            text, width, subsequent_indent=' ' * (len(text) - len(text.lstrip()) + 2),
+            break_long_words=False, break_on_hyphens=False))
+
+
+def say_command(command: str) -> None:
+    """Print a command so that it can be copied: a line that goes on ends with a backslash."""
+    words = re.findall(r"""(?:'[^']*'|"[^"]*"|\S)+""", command)
+    width = Console().width - 6
+    lines = ['']
+    for word in words:
+        if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
+            lines.append('')
+        lines[-1] += f' {word}' if lines[-1] else word
+    print('   ' + ' \\\n     '.join(lines))
 
 
 def print_json(content: Any) -> None:
@@ -98,14 +131,35 @@ def _percent(value: float) -> str:
     return '> 999' if value > 999.0 else f'{value:.2f}'
 
 
+STYLES = {Grade.GOOD: 'green', Grade.USABLE: 'yellow', Grade.DO_NOT_USE: 'red', None: 'dim'}
+"""Colour of a verdict on a terminal."""
+
+
+def print_verdicts(name: str, uses: Sequence[Use]) -> None:
+    """Print what models may be used for, a line a grade; outputs are named where they differ."""
+    console = Console(markup=False, highlight=False, emoji=False)
+    by_use: dict[str, list[Use]] = {}
+    for use in uses:
+        by_use.setdefault(use.name.partition(' (')[0], []).append(use)
+    for level, style in STYLES.items():
+        names = [
+            what if len({one.level for one in same}) == 1 else
+            f'{use.name} by {use.kind} {use.output}'
+            for what, same in by_use.items() for use in same if use.level is level]
+        if names:
+            word = 'not known' if level is None else level.value
+            console.print(Text(f'{name}: ') + Text(word, style) + Text(
+                f': {", ".join(dict.fromkeys(names))}'))
+
+
 def print_findings(findings: Sequence[Finding]) -> None:
     """Print what the doctor says, one finding after the other."""
     for item in findings:
         where = f'{item.bag}: ' if item.bag else ''
-        print(printable(f'doctor: {item.title}: {where}{item.what}'))
+        say(f'doctor: {item.title}: {where}{item.what}')
         if item.evidence:
-            print(printable(f'  evidence: {item.evidence}'))
-        print(printable(f'  remedy: {item.remedy}'))
+            say(f'  evidence: {item.evidence}')
+        say(f'  remedy: {item.remedy}')
 
 
 def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) -> Table:

@@ -30,7 +30,8 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import plan_from_arm
 from tudor_dynamics.cli.console import (
-    add_bags_and_model, new_table, print_findings, print_json, print_table, score_table, steps)
+    add_bags_and_model, new_table, print_findings, print_json, print_table, say, say_command,
+    score_table, steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
@@ -140,7 +141,7 @@ def run_collisions(args: argparse.Namespace) -> int:
         _print_kept(results, args, bundle)
         for what, file in (('plot', plot), ('plot', picture), ('report', args.report)):
             if file is not None:
-                print(f'{what}: {file}')
+                say(f'{what}: {file}')
     return 0
 
 
@@ -180,7 +181,7 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
     for sentence in (*unknown(results), *(
             f'{item.method}: force and place are not known: {item.no_contact}'
             for item in results if item.no_contact)):
-        print(sentence)
+        say(sentence)
 
 
 def _print_kept(
@@ -195,12 +196,14 @@ def _print_kept(
             times = (f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
                      f'{kept["high"]:.3g})' if kept['low'] > 1.0 or kept['high'] < TOO_WIDE else
                      f'too short to judge ({60.0 * item.score.hours:.2g} min)')
-            print(f'{item.method}: {item.score.false_alarms} false alarms in '
-                  f'{item.score.hours:.3g} h, {kept["promised"]:.3g} promised: {times}')
+            say(f'{item.method}: {item.score.false_alarms} false alarms in '
+                f'{item.score.hours:.3g} h, {kept["promised"]:.3g} promised: {times}')
     if broken and args.free:
         command = fit_with(bundle, args.bags, args.model, args.payload)
-        print('more than was promised: this motion is of another kind or day; thresholds learn '
-              'it from these bags' + (f':\n   {command}' if command else ''))
+        say('more than was promised: this motion is of another kind or day; thresholds learn '
+            'it from these bags' + ':' * bool(command))
+        if command:
+            say_command(command)
 
 
 def _milliseconds(value: float | None) -> str:
@@ -355,16 +358,15 @@ def run(args: argparse.Namespace) -> int:
     rows = [(output, kind, item.score, output_units(bundle.arm, output))
             for output, kinds in found.items() for kind, item in kinds.items()]
     print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}', rows))
-    for change in worse:
-        print(change)
+    say(*map(str, worse))
     if compared and not worse:
-        print('the model is what it was in its validation: no channel is worse by more than '
-              'chance')
+        say('the model is what it was in its validation: no channel is worse by more than '
+            'chance')
     print_findings(findings)
     _print_loads(evaluated, bundle)
     if worse and all(item.kind == 'standstill' for item in findings):
-        print(_cause(args, data, [touched(change, found[change.output][change.kind])
-                                  for change in worse]))
+        say(_cause(args, data, [touched(change, found[change.output][change.kind])
+                                for change in worse]))
     return 1 if worse else 0
 
 

@@ -27,7 +27,7 @@ from rich.progress import BarColumn, TimeElapsedColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import RADIUS, SelfCollision, walls_of
-from tudor_dynamics.cli.console import bar, new_table, print_json, print_table
+from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import whole
 from tudor_dynamics.identification.excitation import CLEARANCE, ExpectedError
@@ -75,10 +75,10 @@ def print_comparison(comparison: Comparison) -> None:
         return
     for key, words in (('expected', 'the plan'), ('by_noise', 'the plan with the noise found')):
         if key == 'expected' and not comparison.stated:
-            print('no noise was stated in the plan: its own column is for a noise of 1')
+            say('no noise was stated in the plan: its own column is for a noise of 1')
             continue
-        print(f'reached over {words}: median {ratios[f"median_over_{key}"]:.2f}, '
-              f'{100 * ratios[f"within_30_percent_of_{key}"]:.0f} % of the parameters within 30 %')
+        say(f'reached over {words}: median {ratios[f"median_over_{key}"]:.2f}, '
+            f'{100 * ratios[f"within_30_percent_of_{key}"]:.0f} % of the parameters within 30 %')
 
 
 # -- ``tudor excite``: plan the motion to record, and say what it will show
@@ -236,9 +236,9 @@ def run(args: argparse.Namespace) -> int:
         return 0
     _print(target, plan, links, stated=stated)
     if cut:
-        print(f'the search was ended after {seconds:.0f} s; a longer --budget may find better')
-    print(f'standard errors are {gain:.2g} times smaller than those of random Fourier series '
-          f'within the same limits (median of all)\nplan: {args.out} (search: {seconds:.1f} s)')
+        say(f'the search was ended after {seconds:.0f} s; a longer --budget may find better')
+    say(f'standard errors are {gain:.2g} times smaller than those of random Fourier series '
+        f'within the same limits (median of all)\nplan: {args.out} (search: {seconds:.1f} s)')
     return 0
 
 
@@ -264,9 +264,9 @@ def _print(target: Target, plan: Plan, links: SelfCollision, *, stated: bool) ->
             f'{100 * beyond.effort[j]:.0f} %' if beyond.effort[j] > 0.0 else '-')
     print_table(table)
     if not beyond.effort.any():
-        print('efforts are not looked at: no limit of them, or nothing of the bodies, is known')
-    print(links.note if not links.pairs else
-          f'{links.note}; none comes nearer than {1e3 * min(beyond.clearance, CLEARANCE):.0f} mm')
+        say('efforts are not looked at: no limit of them, or nothing of the bodies, is known')
+    say(links.note if not links.pairs else
+        f'{links.note}; none comes nearer than {1e3 * min(beyond.clearance, CLEARANCE):.0f} mm')
     table = new_table('what one recording of it will show', names=('parameter', 'unit'),
                       figures=('standard error',))
     for item in plan.expected:
@@ -276,11 +276,11 @@ def _print(target: Target, plan: Plan, links: SelfCollision, *, stated: bool) ->
     kind = 'residuals' if plan.noise.residual else 'samples'
     for output, size in plan.noise.size.items():
         units = output_units(arm, output)
-        print(f'{output}, noise of {kind}: ' + ', '.join(
+        say(f'{output}, noise of {kind}: ' + ', '.join(
             f'{name} {value:.3g} {unit}' for (name, unit), value in zip(
-                units.items(), size, strict=True)))
+              units.items(), size, strict=True)))
     if not stated:
-        print('no noise was stated: all standard errors grow with it (--noise, or --model)')
+        say('no noise was stated: all standard errors grow with it (--noise, or --model)')
 
 
 def _shown(item: ExpectedError | Promise) -> str:

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.cli.console import new_table, print_table
+from tudor_dynamics.cli.console import new_table, print_table, say
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.models.bundle import ModelBundle
@@ -90,8 +90,8 @@ def run(args: argparse.Namespace) -> int:
         show(full, full.solution.relative_errors if args.to in TABLES else
              file_errors(bundle, full, out))
     for what in left_out:
-        print(f'{args.to} has no place for: {what}')
-    print(f'{args.to}: {", ".join(map(str, reversed(files)))}')
+        say(f'{args.to} has no place for: {what}')
+    say(f'{args.to}: {", ".join(map(str, reversed(files)))}')
     return 0
 
 
@@ -150,11 +150,11 @@ def show(full: FullParameters, errors: FloatArray) -> None:
             f'{100 * solution.free_errors[place]:.2f} %',
             f'{100 * errors[place]:.2f} %')
     print_table(table)
-    print('from data: parameters of the body that the data fix; the others lean on the '
-          'description. error: on the training bags, of the model, and of this file')
+    say('from data: parameters of the body that the data fix; the others lean on the '
+        'description. error: on the training bags, of the model, and of this file')
     if loose := full.loose_constants():
-        print(f'torque constants that the data do not fix: {loose}')
+        say(f'torque constants that the data do not fix: {loose}')
     if full.assumed:
-        print('torque constants are not known: torques and masses are scaled so that '
-              'the bodies weigh about what the description says; give effort.'
-              'torque_constant of one joint for absolute ones')
+        say('torque constants are not known: torques and masses are scaled so that '
+            'the bodies weigh about what the description says; give effort.'
+            'torque_constant of one joint for absolute ones')

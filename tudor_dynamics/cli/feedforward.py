@@ -24,7 +24,7 @@ import numpy as np
 
 from tudor_dynamics.bags.trajectory import Sent, write_trajectories
 from tudor_dynamics.cli.console import (
-    add_trajectories, changed_trajectories, check_trajectories, new_table, print_table)
+    add_trajectories, changed_trajectories, check_trajectories, new_table, print_table, say)
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.online.feedforward import AT_REST, Feedforward, POSITIONS, UNITS
@@ -76,8 +76,8 @@ def run(args: argparse.Namespace) -> int:
         wanted if args.rate is None else denser(wanted, args.rate)))
     write_trajectories(Path(args.out), done)
     _print(ahead, done)
-    print(f'{sum(len(item.trajectory.t) for item in done)} points, payload {ahead.payload:g} kg: '
-          f'{args.out}')
+    say(f'{sum(len(item.trajectory.t) for item in done)} points, payload {ahead.payload:g} kg: '
+        f'{args.out}')
     return 0
 
 

@@ -26,7 +26,8 @@ from pydantic import ValidationError
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS, PreprocessingSpec, validation_message
 from tudor_dynamics.cli.console import (
-    add_running, check_running, print_findings, print_json, print_table, score_table, steps)
+    add_running, check_running, print_findings, print_json, print_table, print_verdicts, say,
+    say_command, score_table, steps)
 from tudor_dynamics.cli.excite import print_comparison
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import found_choices, parse_payloads
@@ -210,6 +211,7 @@ def _print(result: FitResult, assessment: Assessment, report: Path) -> None:
     live = () if result.causal is None else result.causal.fitted
     judged = [*((item, ' beside the robot') for item in live),
               *((item, ' (offline)' if live else '') for item in result.fitted)]
+    print_verdicts(result.arm.name, assessment.uses)
     rows = []
     for item, where in judged:
         units = output_units(result.arm, item.output)
@@ -218,26 +220,23 @@ def _print(result: FitResult, assessment: Assessment, report: Path) -> None:
             rows.append((item.output, f'{item.kind}{where}, random half (optimistic)',
                          item.random.score, units))
     print_table(score_table(f'{result.arm.name}: {result.fitted[0].validation.method}', rows))
-    for item, where in judged:
-        print(f'{item.output} {item.kind}{where}, prediction: {item.verdict}')
-    for choice in result.choices:
-        print(f'chosen: {choice}')
-    for use in assessment.uses:
-        if use.name != 'prediction':
-            print(f'{use.output} {use.kind}, {use}')
-    for mark in assessment.marks:
-        print(f'mark: {mark}')
+    say('verdicts:', *(f'  {item.output} {item.kind}{where}, prediction: {item.verdict}'
+                       for item, where in judged),
+        *(f'  {use.output} {use.kind}, {use}' for use in assessment.uses
+          if use.name != 'prediction'))
+    if result.choices:
+        say('chosen on parts of the bags:', *(f'  {choice}' for choice in result.choices))
+    say(*(f'mark: {mark}' for mark in assessment.marks))
     print_findings(result.findings)
-    for ringing in result.ringing:
-        print(f'the arm rings: {ringing}')
+    say(*(f'the arm rings: {ringing}' for ringing in result.ringing))
     if result.settings.payloads is not None:
         low, high = result.settings.payloads
-        print(f'one model of all payloads from {low:g} to {high:g} kg; give --payload KG where a '
-              'bag does not carry it')
-    print(f'model: {report.parent}\nreport: {report}')
+        say(f'one model of all payloads from {low:g} to {high:g} kg; give --payload KG where a '
+            'bag does not carry it')
+    say(f'model: {report.parent}', f'report: {report}')
     if assessment.steps:
-        print('what to do next:')
+        say('what to do next:')
     for place, step in enumerate(assessment.steps, 1):
-        print(f'{place}. {step.what}')
+        say(f'{place}. {step.what}')
         if step.command:
-            print(f'   {step.command}')
+            say_command(step.command)

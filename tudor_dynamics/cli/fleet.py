@@ -22,7 +22,7 @@ from pathlib import Path
 import time
 
 from tudor_dynamics.cli.console import (
-    add_running, check_running, finite, new_table, print_json, print_table, steps)
+    add_running, check_running, finite, new_table, print_json, print_table, say, steps)
 from tudor_dynamics.errors import FitError, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.fleet.comparison import Fleet, page_of, WORDS
@@ -101,10 +101,10 @@ def _print(fleet: Fleet, out: Path) -> None:
     if fleet.named:
         print_table(table)
     else:
-        print(f'{fleet.name}: {len(fleet.arms)} arms, alike and unchanged as far as these bags '
-              'show')
+        say(f'{fleet.name}: {len(fleet.arms)} arms, alike and unchanged as far as these bags '
+            'show')
     for choice in fleet.choices:
-        print(f'chosen for all: {choice}')
+        say(f'chosen for all: {choice}')
     for bag in fleet.unused:
-        print(f'left out: {bag}')
-    print(f'page: {out / "fleet.html"}')
+        say(f'left out: {bag}')
+    say(f'page: {out / "fleet.html"}')

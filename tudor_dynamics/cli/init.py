@@ -22,6 +22,7 @@ import shlex
 import sys
 
 from tudor_dynamics.arm.description import arm_from_dict, OPEN, spelled
+from tudor_dynamics.cli.console import say, say_command
 from tudor_dynamics.errors import printable, UsageError
 from tudor_dynamics.files import other_name, write_whole
 from tudor_dynamics.identification.drafting.draft import (
@@ -84,7 +85,7 @@ def _ask(draft: Draft) -> None:
             try:
                 answer(draft, path, convert(said))
             except ValueError as err:
-                print(f'  {said}: {err}')
+                say(f'  {said}: {err}')
 
 
 def _say(draft: Draft, out: Path, bags: list[str]) -> None:
@@ -93,17 +94,18 @@ def _say(draft: Draft, out: Path, bags: list[str]) -> None:
     efforts = sorted({f'[{joint["effort"]["unit"]}] on {joint["effort"]["topic"]}'
                       for joint in content['joints'] if 'topic' in joint.get('effort', ())})
     gauges = [gauge['name'] for gauge in content.get('gauges', ())]
-    print(printable(f'{out}: {len(active)} of {len(content["joints"])} joints move; efforts '
-                    f'{", ".join(efforts) or "none"}; gauges {", ".join(gauges) or "none"}'))
+    say(f'{out}: {len(active)} of {len(content["joints"])} joints move; efforts '
+        f'{", ".join(efforts) or "none"}; gauges {", ".join(gauges) or "none"}')
     if 'unit' in draft.remarks:
-        print(printable(f'unit of the efforts: {draft.remarks["unit"]}'))
+        say(f'unit of the efforts: {draft.remarks["unit"]}')
     for note in draft.notes:
-        print(printable(note))
+        say(note)
     left = [spelled(content, path) for path in draft.unknown]
     if left:
-        print(printable(f"left as '?', write them in: {', '.join(left)}"))
+        say(f"left as '?', write them in: {', '.join(left)}")
     else:
         model = Path('model')
         words = ['tudor', 'fit', *bags, '--arm', str(out), '--out',
                  str(other_name(model) if model.exists() else model)]
-        print(printable(f'next: {shlex.join(words)}'))
+        say('next:')
+        say_command(shlex.join(words))

@@ -24,16 +24,19 @@ from __future__ import annotations
 
 import _thread
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+import difflib
 import gc
 from importlib import import_module
 import os
+import re
 import sys
 import tempfile
 import threading
 import traceback
 from types import ModuleType
+from typing import Any, NoReturn
 import warnings
 
 # One BLAS thread: two on busy cores made a Gram matrix ninety times slower. Before numpy loads.
@@ -43,22 +46,29 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 from tudor_dynamics._version import __version__  # noqa: E402
 from tudor_dynamics.errors import printable, TudorError, TudorWarning  # noqa: E402
 
-SUBCOMMANDS = {
-    'init': 'write the first description of your arm, from its bags and its URDF',
-    'fit': 'learn a dynamics model from bags',
-    'evaluate': 'compare a model with bags it has not seen',
-    'fleet': 'fit many arms of one kind, and say which one differs',
-    'payload': 'say what the arm of a bag carries: mass, centre, inertia',
-    'info': 'say what is in a bag, what it can be used for and what is wrong with it',
-    'export': 'write an identified arm as URDF, MJCF, or table',
-    'feedforward': 'add to a trajectory the efforts that its motion needs',
-    'shape': 'shape trajectories so that what the arm carries does not ring on',
-    'compare': 'put two models, or a model and a description, side by side',
-    'excite': 'plan the motion to record, and say what it will show',
-    'record': 'let the simulated arm move in closed loop and record bags',
-    'simulate': 'drive a mechanism of rigid and flexible links, or list its vibrations',
-    'tune': 'compute gains of damper and position loop by payload and pose, from an elastic model',
+GROUPS = {
+    'learn a model': {
+        'info': 'say what is in a bag, what it is good for, what is wrong with it',
+        'init': 'write the first description of an arm, from bags and URDF',
+        'excite': 'plan the motion to record, and say what it will show',
+        'fit': 'learn a dynamics model from bags',
+        'fleet': 'fit many arms of one kind, and say which one differs',
+    },
+    'use it': {
+        'evaluate': 'compare a model with bags it has not seen',
+        'payload': 'say what the arm of a bag carries: mass, centre, inertia',
+        'compare': 'put two models, or a model and a description, side by side',
+        'export': 'write an identified arm as URDF, MJCF, or table',
+        'feedforward': 'add to a trajectory the efforts that its motion needs',
+        'shape': 'shape trajectories so that what the arm carries does not ring on',
+        'tune': 'compute gains of damper and position loop, by payload and pose',
+    },
+    'simulate an arm': {
+        'record': 'let the simulated arm move in closed loop and record bags',
+        'simulate': 'move rigid and flexible links, or list their vibrations',
+    },
 }
+SUBCOMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
 OK, NOT_GOOD_ENOUGH, WRONG_INPUT, DEFECT = 0, 1, 2, 70
 """Exit codes; the last one, EX_SOFTWARE of sysexits.h, is for errors that nobody expected."""
@@ -66,19 +76,50 @@ DEBUG = 'TUDOR_DEBUG'
 """Environment variable; where it is set, such an error keeps its traceback."""
 
 
+class Parser(argparse.ArgumentParser):
+    """Answers a wrong word with the word that was meant, in place of the whole usage."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse unknown options before it is said that others are missing."""
+        for word in args or ():
+            name = word.partition('=')[0]
+            if name.startswith('--') and len(name) > 2 and self.prog != 'tudor' and not any(
+                    option.startswith(name) for option in self._option_string_actions):
+                self.error(f'there is no {name}{_meant(name, self._option_string_actions)}')
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Say in one line what is wrong, and where help is."""
+        found = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        if found:
+            message += _meant(found[1], found[2].replace("'", '').split(', '))
+        self.exit(WRONG_INPUT, f'{self.prog}: {printable(message)}; see {self.prog} --help\n')
+
+
+def _meant(word: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(word, list(known), 1, 0.7)
+    return f'; did you mean {close[0]}?' if close else ''
+
+
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     """Build the parser."""
-    parser = argparse.ArgumentParser(
-        prog='tudor',
-        description='Dynamics of lightweight and elastic robot arms, learned from rosbags.',
-        epilog='an own arm begins with `tudor init BAG --urdf FILE --out arm.yaml`. '
-               'exit codes: 0 done, 1 data or model not good enough, 2 wrong input, '
-               f'{DEFECT} a defect of tudor (with {DEBUG}=1: its traceback), 130 interrupted')
+    listed = '\n\n'.join(f'{title}:\n' + '\n'.join(
+        f'  {name:12} {text}' for name, text in group.items()) for title, group in GROUPS.items())
+    parser = Parser(
+        prog='tudor', usage='tudor COMMAND ...',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description='Dynamics of lightweight and elastic robot arms, learned from rosbags.\n\n'
+                    + listed,
+        epilog='Begin with `tudor init BAG --urdf FILE --out arm.yaml`. The help of each command\n'
+               'has examples: `tudor fit --help`. Exit codes: 0 done, 1 data or model not good\n'
+               f'enough, 2 wrong input, {DEFECT} a defect of tudor ({DEBUG}=1 shows its\n'
+               'traceback), 130 interrupted.')
     parser.add_argument('--version', action='version', version=f'tudor_dynamics {__version__}')
-    commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
+    commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True,
+                                     prog='tudor', help=argparse.SUPPRESS)
     for name, summary in SUBCOMMANDS.items():
         sub = commands.add_parser(
-            name, help=summary, description=summary[0].upper() + summary[1:] + '.',
+            name, description=summary[0].upper() + summary[1:] + '.',
             formatter_class=argparse.RawDescriptionHelpFormatter)
         if only == name:
             module = _subcommand(name)

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.console import (
-    add_bags_and_model, new_table, print_json, print_table, steps)
+    add_bags_and_model, new_table, print_json, print_table, say, steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice, parse_payloads
 from tudor_dynamics.identification.loads import payload_of, telling
@@ -125,7 +125,7 @@ def _live(
         for time in seen.events:
             table.add_row('a collision, or a load at first', f'{time:.2f}', '', '')
         print_table(table)
-        print(f'at the end: {mass:.4g} +- {std:.2g} kg' + (
+        say(f'at the end: {mass:.4g} +- {std:.2g} kg' + (
             '' if true is None else f'; known: {true:g} kg, error {mass - true:+.4g} kg'))
     if args.json:
         print_json({'model': args.model, 'bags': content})
@@ -147,8 +147,8 @@ def _print(
                           f'{100 * one.after:.1f}')
     print_table(table)
     for bag, item, mass in zip(bags, found, known, strict=True):
-        print(f'{bag.choice}: {item.sentence}')
+        say(f'{bag.choice}: {item.sentence}')
         if item.known:
-            print(f'  {item.known:g} kg of it are in the model')
+            say(f'  {item.known:g} kg of it are in the model')
         if mass is not None:
-            print(f'  known: {mass:g} kg, error {item.mass - mass:+.4g} kg')
+            say(f'  known: {mass:g} kg, error {item.mass - mass:+.4g} kg')

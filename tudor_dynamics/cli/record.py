@@ -24,8 +24,7 @@ import time
 from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
-from tudor_dynamics.cli.console import (
-    add_running, bar, new_table, print_json, print_table)
+from tudor_dynamics.cli.console import add_running, bar, new_table, print_json, print_table, say
 from tudor_dynamics.cli.excite import print_conditions
 from tudor_dynamics.errors import BagError, check_budget, UsageError
 from tudor_dynamics.files import write_whole
@@ -205,4 +204,4 @@ def _print(results: list[StimulusResult], out: Path, seconds: float) -> None:
     print_table(table)
     for result in results:
         for note in result.notes:
-            print(f'{Path(result.bag).name}: {note}')
+            say(f'{Path(result.bag).name}: {note}')

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from tudor_dynamics.bags.trajectory import write_trajectories
 from tudor_dynamics.cli.console import (
-    add_trajectories, changed_trajectories, check_trajectories, new_table, print_table)
+    add_trajectories, changed_trajectories, check_trajectories, new_table, print_table, say)
 from tudor_dynamics.signals.shaping import convolved, impulses, KINDS, remains
 
 EXAMPLES = """\
@@ -62,5 +62,5 @@ def run(args: argparse.Namespace) -> int:
                       f'{100.0 * remains(shaper, frequency, args.damping):.1f}')
     print_table(table)
     write_trajectories(Path(args.out), done)
-    print(f'{sum(len(item.trajectory.t) for item in done)} points: {args.out}')
+    say(f'{sum(len(item.trajectory.t) for item in done)} points: {args.out}')
     return 0

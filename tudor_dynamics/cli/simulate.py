@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.cli.console import bar, new_table, print_json, print_table
+from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
 from tudor_dynamics.errors import check_budget, TudorWarning, UsageError
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
@@ -242,8 +242,8 @@ def _report(args: argparse.Namespace, result: PlantRecord, mechanism: Mechanism,
     angles = ', '.join(f'{name} {np.degrees(value):.3f} deg'
                        for name, value in zip(mechanism.joints, result.q[-1], strict=True))
     where = args.out if args.out is not None else args.animate
-    print(f'{where}: {result.t[-1]:g} s, {result.t.size} samples, at the end {angles}; largest '
-          f'elastic rotation {largest:.3g} rad')
+    say(f'{where}: {result.t[-1]:g} s, {result.t.size} samples, at the end {angles}; largest '
+        f'elastic rotation {largest:.3g} rad')
 
 
 def _warn_of(rotation: float, arm: Arm) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.cli.console import bar, new_table, print_json, print_table
+from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.elastic.model import elastic_of
@@ -122,9 +122,9 @@ def run(args: argparse.Namespace) -> int:
         table.add_row(f'{1e3 * payload:g}', *(
             f'{part.min():.2f} .. {part.max():.2f}' for part in values))
     print_table(table)
-    print(f'{out}: schedule; {picture}: drawn')
+    say(f'{out}: schedule; {picture}: drawn')
     if missed.any():
-        print(f'the damping ratio is missed by more than {100 * MISSED:g} % in {missed.sum()} of '
-              f'{missed.size} nodes, where {reached[missed].min():.2f} is the least that can be '
-              'had: ask for less, or shorten the delay of the loop')
+        say(f'the damping ratio is missed by more than {100 * MISSED:g} % in {missed.sum()} of '
+            f'{missed.size} nodes, where {reached[missed].min():.2f} is the least that can be '
+            'had: ask for less, or shorten the delay of the loop')
     return int(missed.any())

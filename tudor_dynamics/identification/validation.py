@@ -367,7 +367,7 @@ USABLE_FIT = 60.0
 USABLE_ERROR = 15.0
 """Relative error up to which a model is of use where the output hardly varies [%]."""
 NOISE_LIMITED = 1.25
-"""Times the noise of the sensor up to which an error is all that there is to get."""
+"""Times the noise of the sensor up to which no model does much better."""
 LARGEST_CONDITION = 1e4
 LARGEST_GAP = 10.0
 
@@ -425,8 +425,8 @@ def judge(
     total = math.sqrt(sum(floor**2 for floor in floors.values()) / len(floors))
     level = level_of(validation.score, total)
     reasons = [_figures(validation)]
-    reasons += [f'{name}: an error of {item.rmse:.3g} at a noise of {floors[name]:.3g} is all '
-                'that there is to get' for name, item in scores.items()
+    reasons += [f'{name}: its error of {item.rmse:.3g} is near the noise of {floors[name]:.3g}, '
+                'no model does much better' for name, item in scores.items()
                 if name not in still and item.rmse <= NOISE_LIMITED * floors[name]]
     doubts = [_dead(still, validation.method)] if still else []
     order = list(Grade)

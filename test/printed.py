@@ -1,0 +1,22 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What commands print, without the breaks that the width of the terminal makes."""
+
+from __future__ import annotations
+
+
+def unwrapped(text: str) -> str:
+    """Give a text on one line; a command that goes on after a backslash is whole again."""
+    return ' '.join(text.replace('\\\n', ' ').split())
