@@ -104,7 +104,8 @@ def write(folder: Path) -> None:
     """Write the pages."""
     (folder / 'nodes').mkdir(exist_ok=True)
     pages = {'commands': commands(), 'errors': error_page(),
-             **{f'nodes/{name}': re.sub(r'(_msgs/)(?=\w)', r'\1<wbr>', nodes_reference.page(name))
+             **{f'nodes/{name}': re.sub(r'(?<!`)\b(\w+_msgs/)(?=\w+(?:/\w+)*\b(?!`))', r'\1<wbr>',
+                                      nodes_reference.page(name))
                 for name in NODES}}  # types break after the slash on a phone
     for name, text in pages.items():
         file = folder / f'{name}.md'

@@ -90,7 +90,7 @@ class FiguresDirective(Directive):
         figures = read(name)
         changes = figures.changes()
         age = ('' if changes == 0 else ', age unknown' if changes is None else
-               f', **old**: {changes} commits to its code since')
+               ', **old**: its code has changed since')
         copied = '' if figures.measured else ', copied from what it prints'
         if changes:
             LOGGER.info('old: figures %s are of %s, %d commits to their code since; %s',

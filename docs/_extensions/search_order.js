@@ -26,3 +26,20 @@ var Scorer = {
   term: 5,
   partialTerm: 2,
 };
+
+// A question in words that no page has together still has answers: the rarest word is left out
+// until there are some; what has fewer of the words comes after what has more.
+const ENOUGH = 5, LEFT_OUT = 30;
+{
+  const strict = Search.performTermsSearch;
+  const pages = (word) => new Set(Object.entries(Search._index.terms)
+    .filter(([term]) => term.includes(word)).flatMap(([, files]) => files)).size;
+  Search.performTermsSearch = (terms, excluded) => {
+    const words = [...terms].sort((one, other) => pages(other) - pages(one));
+    const found = new Map();
+    for (let less = 0; words.length && found.size < ENOUGH; words.pop(), less += LEFT_OUT)
+      for (const [name, title, anchor, text, score, ...rest] of strict(new Set(words), excluded))
+        if (!found.has(name)) found.set(name, [name, title, anchor, text, score - less, ...rest]);
+    return [...found.values()];
+  };
+}

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The causes in docs/explanation/safety.md are those of the code, and their tests exist."""
+"""The causes in docs/reference/causes.md are those of the code, and their tests exist."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 
 def rows() -> list[tuple[str, str]]:
     """Give the words of each cause, and the test that shows it."""
-    text = (ROOT / 'docs' / 'explanation' / 'safety.md').read_text()
+    text = (ROOT / 'docs' / 'reference' / 'causes.md').read_text()
     table = text.partition('| cause | level |')[2].partition('\n\n')[0]
     found = re.findall(r'^\| `([^`]+)` \|.*\| `(test_\w+)` \|$', table, re.MULTILINE)
     assert len(found) > 12
