@@ -33,6 +33,8 @@ import time
 import numpy as np
 
 import tudor_dynamics as td
+from tudor_dynamics.control.shaped_motion import Shaping
+from tudor_dynamics.models.tuning import MoveRefiner, TunedArm
 from tudor_dynamics.typing import FloatArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -49,7 +51,7 @@ EVERY = 5
 
 
 def simulated(
-    tuned: td.TunedArm, payload: float, q: FloatArray, length: float, period: float,
+    tuned: TunedArm, payload: float, q: FloatArray, length: float, period: float,
 ) -> float:
     """Give what a move leaves in the simulation that it was refined with [um/m]."""
     assert tuned.arm.spec.damper is not None
@@ -60,7 +62,7 @@ def simulated(
 
 
 def trial(
-    tuned: td.TunedArm, schedule: td.Schedule, refiner: td.MoveRefiner, seed: int, error: float,
+    tuned: TunedArm, schedule: td.Schedule, refiner: MoveRefiner, seed: int, error: float,
 ) -> tuple[FloatArray, list[float]]:
     """Give what is left by the modes, refined, and of that simulated [%], and times [s]."""
     arm, random = tuned.arm, np.random.default_rng(seed)
@@ -76,7 +78,7 @@ def trial(
         for kind, refine in (('none', None), ('elastic', None), ('elastic', refiner)):
             begun = time.process_time()
             q, dq, length = reference(
-                arm, td.Shaping(kind, schedule, payload=told, refine=refine), ends, period)
+                arm, Shaping(kind, schedule, payload=told, refine=refine), ends, period)
             seconds.append(time.process_time() - begun)
             left.append(run(arm, payload, q, dq, length, period, number)[2])
         left.append(simulated(tuned, told, q, length, period))
@@ -94,7 +96,7 @@ def main() -> None:
     options = parser.parse_args()
     setting = Setting('shaping', Campaign(Plan(str(default_arm())), ResultCache(options.work)))
     tuned = tuned_arm(setting)
-    schedule, refiner = schedule_of(setting, tuned)[0], td.MoveRefiner(tuned)
+    schedule, refiner = schedule_of(setting, tuned)[0], MoveRefiner(tuned)
     print(f'{"seed":>5} {"payload":>9} {"modes":>7} {"refined":>8} {"simulated":>10} '
           f'{"median":>7} {"longest":>8}')
     for seed in options.seeds:

@@ -26,6 +26,7 @@ from papers.look import BLUE, Picture
 from papers.outlook import Floor, Section, Setting
 from papers.tuned import elastic_models, ENDS
 import tudor_dynamics as td
+from tudor_dynamics.mechanics.campaign import random_pushes
 
 EVERY = 10
 """Steps of the loop between two samples: 200 Hz."""
@@ -141,7 +142,7 @@ def _move(
     loop = td.ClosedLoop(models.arm, damping=0.0, seed=seed)
     seconds = 3.0 + SLOT * pushes
     motion = td.stimulus_motion(models.arm, 'aprbs', seconds, seed, loop.dt)
-    chosen = td.random_pushes(models.arm, loop.plant.mechanism, pushes, seconds, seed)
+    chosen = random_pushes(models.arm, loop.plant.mechanism, pushes, seconds, seed)
     loop.reset(motion.q[0])
     loop.set_pushes(chosen)
     return _judge(models, loop.run(motion.q, motion.dq, every=EVERY), list(chosen))

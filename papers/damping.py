@@ -28,6 +28,7 @@ from papers.look import BLUE, Picture, VERMILION
 from papers.outlook import Floor, Section, Setting
 from papers.tuned import DELAY, ENDS, RATE, schedule_of, tuned_arm
 import tudor_dynamics as td
+from tudor_dynamics.show.pictures import draw_schedule
 
 PAYLOAD_ERROR = 0.02
 """Of the payload that the damper is given: what an estimate has within a second [kg]."""
@@ -106,7 +107,7 @@ def section(setting: Setting) -> Section:
     pictures = (
         Picture('damping_schedule', 'Load-adaptive damping', 'The schedule',
                 'Medians over the workspace, bands from the least to the largest value.',
-                lambda: td.draw_schedule(schedule, fixed)),
+                lambda: draw_schedule(schedule, fixed)),
         Picture('damping_ratio', 'Load-adaptive damping', 'Measured damping ratios',
                 'One mark a pose, at each payload; hatched what was asked for within 20 %.',
                 lambda: _draw_ratios(content, asked)),

@@ -28,6 +28,8 @@ from papers.campaign import Cached, Campaign, fit, stimulus_seeds
 from papers.look import BLUE, Picture, VERMILION
 from papers.outlook import Floor, Section, Setting
 import tudor_dynamics as td
+from tudor_dynamics.mechanics.campaign import random_loads, random_pushes
+from tudor_dynamics.online.monitor import follow_load
 
 CLOSE, CLOSE_SOON, CLOSE_LATER = 0.005, 0.020, 0.010
 """Errors of a mass that are asked for: of a recording, a second after a change, later [kg]."""
@@ -190,13 +192,13 @@ def picked_up(setting: Setting, models: td.ModelBundle, *, announced: bool) -> d
     """Let loads be picked up and put down while the arm moves."""
     size = size_of(setting)
     seeds = [stimulus_seeds(LOADED + setting.campaign.plan.seed, k) for k in range(size.bags)]
-    changes = [td.random_loads(size.each, size.seconds, 0.0, seed[2]) for seed in seeds]
+    changes = [random_loads(size.each, size.seconds, 0.0, seed[2]) for seed in seeds]
     paths = _recorded(setting, 'bags_payload_loads', [
         td.StimulusSpec(0.0, size.seconds, 100.0, 1.0, 'aprbs', *seed, loads=loads)
         for seed, loads in zip(seeds, changes, strict=True)])
     errors, reported, events, corrections = [], 0, 0, 0
     for path, loads in zip(paths, changes, strict=True):
-        seen = td.follow_load(models, td.read_recording(path, models.arm), 0.0, announced=[
+        seen = follow_load(models, td.read_recording(path, models.arm), 0.0, announced=[
             change.time - EARLY for change in loads] if announced else ())
         for change in loads:
             at = np.searchsorted(seen.t, [change.time + SOON, change.time + LATER])
@@ -227,9 +229,8 @@ def pushed(setting: Setting, models: td.ModelBundle, *, estimate: bool) -> dict[
     total = found = reported = 0
     latency = []
     for path, mass, seed in zip(paths, known, seeds, strict=True):
-        pushes = td.random_pushes(arm, mechanism, size.each, size.seconds, seed[2], held=True)
-        seen = td.follow_load(models, td.read_recording(path, models.arm), mass,
-                              estimate=estimate)
+        pushes = random_pushes(arm, mechanism, size.each, size.seconds, seed[2], held=True)
+        seen = follow_load(models, td.read_recording(path, models.arm), mass, estimate=estimate)
         for push in pushes:
             total += 1
             end = push.time + push.duration

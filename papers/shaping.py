@@ -28,6 +28,8 @@ from papers.look import BLUE, Picture, VERMILION
 from papers.outlook import Floor, Section, Setting
 from papers.tuned import ENDS, schedule_of, tuned_arm
 import tudor_dynamics as td
+from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
+from tudor_dynamics.models.tuning import MoveRefiner
 
 KINDS = {'none': 'not shaped', 'fixed': 'ZV, one frequency', 'zv': 'ZV by payload',
          'zvd': 'ZVD by payload', 'elastic': 'elastic', 'refined': 'elastic, refined'}
@@ -52,7 +54,7 @@ def section(setting: Setting) -> Section:
                                'quick': setting.quick}
     found = campaign.stages.result('shaping_trials', depends,
                                    lambda: _trials(setting, campaign.arm, schedule,
-                                                   td.MoveRefiner(tuned)))
+                                                   MoveRefiner(tuned)))
     content = found.content
     sided, across = (_left(content['moves'], side) for side in (True, False))
     longest = max((row['longer']['refined'] / row['period'] for row in content['moves']),
@@ -102,7 +104,7 @@ def _left(moves: list[dict[str, Any]], sided: bool) -> dict[str, float]:
 
 
 def _trials(
-    setting: Setting, arm: td.Arm, schedule: td.Schedule, refiner: td.MoveRefiner,
+    setting: Setting, arm: td.Arm, schedule: td.Schedule, refiner: MoveRefiner,
 ) -> Cached:
     random = np.random.default_rng(setting.campaign.plan.seed)
     payloads = schedule.payload.tolist()
@@ -121,10 +123,10 @@ def _trials(
             plain = 0.0
             for kind in KINDS:
                 shaping = (
-                    td.Shaping('zv', None, middle.frequency, middle.damping)
+                    Shaping('zv', None, middle.frequency, middle.damping)
                     if kind == 'fixed' else
-                    td.Shaping('elastic', schedule, payload=payload, refine=refiner)
-                    if kind == 'refined' else td.Shaping(kind, schedule, payload=payload))
+                    Shaping('elastic', schedule, payload=payload, refine=refiner)
+                    if kind == 'refined' else Shaping(kind, schedule, payload=payload))
                 q, dq, length = reference(arm, shaping, ends, row['period'])
                 plain = length if kind == 'none' else plain
                 t, strain, left = run(arm, payload, q, dq, length, row['period'], number)
@@ -161,12 +163,12 @@ def draw_ends(
 
 
 def reference(
-    arm: td.Arm, shaping: td.Shaping, ends: tuple[FloatArray, FloatArray], period: float,
+    arm: td.Arm, shaping: Shaping, ends: tuple[FloatArray, FloatArray], period: float,
 ) -> tuple[FloatArray, FloatArray, float]:
     """Give a shaped move with rest before and after it, and its length [s]."""
     assert arm.spec.damper is not None
     dt = 1.0 / arm.spec.damper.rate
-    planner = td.ShapedPlanner(td.motion_limits(arm), ends[0], shaping)
+    planner = ShapedPlanner(td.motion_limits(arm), ends[0], shaping)
     planner.go(ends[1])
     length = planner.remaining
     begin = round(BEFORE / dt)

@@ -23,6 +23,7 @@ from papers.campaign import Campaign, ELASTIC, fit, FloatArray, training_and_tes
 from papers.fits import elastic_settings
 from papers.outlook import Setting
 import tudor_dynamics as td
+from tudor_dynamics.models.tuning import design, fixed_ratios, TunedArm, Wish
 
 ENDS = (0.0, 0.4)
 """Payloads of the recordings that the model is identified from [kg]."""
@@ -35,11 +36,11 @@ RATE = 500.0
 """Of the loop [Hz]."""
 
 
-def tuned_arm(setting: Setting) -> td.TunedArm:
+def tuned_arm(setting: Setting) -> TunedArm:
     """Give the arm with an elastic model that was identified from recordings of two payloads."""
     if setting.quick:  # the description has to do
-        return td.TunedArm(setting.campaign.arm)
-    return td.TunedArm(setting.campaign.arm, strain_model(elastic_models(setting)))
+        return TunedArm(setting.campaign.arm)
+    return TunedArm(setting.campaign.arm, strain_model(elastic_models(setting)))
 
 
 def strain_model(models: td.ModelBundle) -> td.ElasticModel:
@@ -77,8 +78,8 @@ def elastic_models(setting: Setting) -> td.ModelBundle:
     return td.load_bundle(folder)
 
 
-def schedule_of(setting: Setting, tuned: td.TunedArm) -> tuple[td.Schedule, FloatArray]:
+def schedule_of(setting: Setting, tuned: TunedArm) -> tuple[td.Schedule, FloatArray]:
     """Give the schedule of an arm, and the damping ratios that fixed gains have on its grid."""
-    wish = td.Wish(delay=DELAY, payloads=ENDS if setting.quick else PAYLOADS)
-    schedule = td.design(tuned, wish)
-    return schedule, td.fixed_ratios(tuned, wish.delay, schedule)
+    wish = Wish(delay=DELAY, payloads=ENDS if setting.quick else PAYLOADS)
+    schedule = design(tuned, wish)
+    return schedule, fixed_ratios(tuned, wish.delay, schedule)

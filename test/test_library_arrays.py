@@ -25,6 +25,7 @@ import pytest
 from sample_arms import random_states
 import tudor_dynamics as td
 from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.mechanics.campaign import random_loads, random_pushes
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.regressor import EffortRegressor
 
@@ -93,8 +94,8 @@ CALLS = {
     'monitor': lambda m: td.Monitor(m['bundle'], td.MonitorSettings(methods=('effort',))
                                     ).add_joints(10**9, np.zeros(5)),
     'load of an arm': lambda m: td.with_payload(m['arm'], NUMBER),
-    'loads': lambda m: td.random_loads(1, NUMBER, 0.0, 0),
-    'pushes': lambda m: td.random_pushes(m['arm'], m['mechanism'], 1, NUMBER, 0),
+    'loads': lambda m: random_loads(1, NUMBER, 0.0, 0),
+    'pushes': lambda m: random_pushes(m['arm'], m['mechanism'], 1, NUMBER, 0),
     'stimulus': lambda m: td.stimulus_motion(m['arm'], 'aprbs', NUMBER, 0, 1e-3),
     'stimulus dt': lambda m: td.stimulus_motion(m['arm'], 'aprbs', 10.0, 0, 1e-300),
     'stimulus dt 0': lambda m: td.stimulus_motion(m['arm'], 'fourier', 10.0, 0, 0.0),

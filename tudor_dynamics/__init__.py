@@ -34,13 +34,11 @@ if TYPE_CHECKING:
     from tudor_dynamics.bags.trajectory import Trajectory
     from tudor_dynamics.bags.writer import write_bag
     from tudor_dynamics.control.schedule import Schedule
-    from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
     from tudor_dynamics.errors import TudorError
     from tudor_dynamics.identification.fit import FitSettings
     from tudor_dynamics.identification.validation import score
     from tudor_dynamics.library import carried, detect, excitation, fit, predict, roc
-    from tudor_dynamics.mechanics.campaign import (
-        random_loads, random_pushes, record_stimuli, stimulus_motion, StimulusSpec)
+    from tudor_dynamics.mechanics.campaign import record_stimuli, stimulus_motion, StimulusSpec
     from tudor_dynamics.mechanics.closed_loop import ClosedLoop
     from tudor_dynamics.mechanics.hardware import Imperfections, Push, with_payload
     from tudor_dynamics.mechanics.mechanism import build_mechanism
@@ -51,26 +49,22 @@ if TYPE_CHECKING:
     from tudor_dynamics.models.bundle import ModelBundle
     from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
     from tudor_dynamics.models.elastic.model import ElasticModel
-    from tudor_dynamics.models.tuning import design, fixed_ratios, MoveRefiner, TunedArm, Wish
     from tudor_dynamics.online.contact import ContactEstimator
     from tudor_dynamics.online.feedforward import Feedforward
-    from tudor_dynamics.online.monitor import follow_load, Monitor, MonitorSettings
+    from tudor_dynamics.online.monitor import Monitor, MonitorSettings
     from tudor_dynamics.online.tip_force import ForceRig
     from tudor_dynamics.parallel import on_cluster
-    from tudor_dynamics.show.pictures import draw_schedule
     from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
     from tudor_dynamics.signals.preprocessing import prepare
 
 __all__ = [
     'Arm', 'ClosedLoop', 'ContactEstimator', 'ElasticModel', 'Feedforward', 'FitSettings',
-    'ForceRig', 'Imperfections', 'Loop', 'ModelBundle', 'Monitor', 'MonitorSettings',
-    'MoveRefiner', 'Plant', 'Push', 'Recording', 'Rig', 'Schedule', 'ShapedPlanner', 'Shaping',
-    'SimulatedRun', 'StimulusSpec', 'Trajectory', 'TudorError', 'TunedArm', 'Wish',
-    'arm_from_dict', 'build_mechanism', 'carried', 'design', 'detect', 'draw_schedule',
-    'excitation', 'fit', 'fixed_ratios', 'follow_load', 'follow_targets', 'joint_signals',
-    'load_arm', 'load_bundle', 'modes', 'motion_limits', 'on_cluster', 'planned_limits', 'predict',
-    'prepare', 'random_loads', 'random_pushes', 'read_recording', 'record_stimuli', 'roc',
-    'save_bundle', 'score', 'simulate', 'stimulus_motion', 'with_payload', 'write_bag',
+    'ForceRig', 'Imperfections', 'Loop', 'ModelBundle', 'Monitor', 'MonitorSettings', 'Plant',
+    'Push', 'Recording', 'Rig', 'Schedule', 'SimulatedRun', 'StimulusSpec', 'Trajectory',
+    'TudorError', 'arm_from_dict', 'build_mechanism', 'carried', 'detect', 'excitation', 'fit',
+    'follow_targets', 'joint_signals', 'load_arm', 'load_bundle', 'modes', 'motion_limits',
+    'on_cluster', 'planned_limits', 'predict', 'prepare', 'read_recording', 'record_stimuli',
+    'roc', 'save_bundle', 'score', 'simulate', 'stimulus_motion', 'with_payload', 'write_bag',
 ]
 
 # The same as above, for the interpreter; test/test_library.py compares them.
@@ -83,14 +77,12 @@ _HOMES = {
     'tudor_dynamics.bags.trajectory': ('Trajectory',),
     'tudor_dynamics.bags.writer': ('write_bag',),
     'tudor_dynamics.control.schedule': ('Schedule',),
-    'tudor_dynamics.control.shaped_motion': ('ShapedPlanner', 'Shaping'),
     'tudor_dynamics.errors': ('TudorError',),
     'tudor_dynamics.parallel': ('on_cluster',),
     'tudor_dynamics.identification.fit': ('FitSettings',),
     'tudor_dynamics.identification.validation': ('score',),
     'tudor_dynamics.library': ('carried', 'detect', 'excitation', 'fit', 'predict', 'roc'),
-    'tudor_dynamics.mechanics.campaign': (
-        'random_loads', 'random_pushes', 'record_stimuli', 'stimulus_motion', 'StimulusSpec'),
+    'tudor_dynamics.mechanics.campaign': ('record_stimuli', 'stimulus_motion', 'StimulusSpec'),
     'tudor_dynamics.mechanics.closed_loop': ('ClosedLoop',),
     'tudor_dynamics.mechanics.hardware': ('Imperfections', 'Push', 'with_payload'),
     'tudor_dynamics.mechanics.mechanism': ('build_mechanism',),
@@ -101,12 +93,10 @@ _HOMES = {
     'tudor_dynamics.models.bundle': ('ModelBundle',),
     'tudor_dynamics.models.bundle_io': ('load_bundle', 'save_bundle'),
     'tudor_dynamics.models.elastic.model': ('ElasticModel',),
-    'tudor_dynamics.models.tuning': ('design', 'fixed_ratios', 'MoveRefiner', 'TunedArm', 'Wish'),
     'tudor_dynamics.online.contact': ('ContactEstimator',),
     'tudor_dynamics.online.feedforward': ('Feedforward',),
-    'tudor_dynamics.online.monitor': ('follow_load', 'Monitor', 'MonitorSettings'),
+    'tudor_dynamics.online.monitor': ('Monitor', 'MonitorSettings'),
     'tudor_dynamics.online.tip_force': ('ForceRig',),
-    'tudor_dynamics.show.pictures': ('draw_schedule',),
     'tudor_dynamics.signals.motion_profile': ('follow_targets', 'motion_limits'),
     'tudor_dynamics.signals.preprocessing': ('prepare',),
 }

@@ -25,6 +25,8 @@ from papers.damping import tapped
 import pytest
 
 import tudor_dynamics as td
+from tudor_dynamics.control.shaped_motion import Shaping
+from tudor_dynamics.models.tuning import design, MoveRefiner, TunedArm, Wish
 
 POSE = np.radians([60.0, 20.0])
 
@@ -32,7 +34,7 @@ POSE = np.radians([60.0, 20.0])
 @lru_cache
 def schedule() -> td.Schedule:
     """Tune the reference arm as it was described."""
-    return td.design(td.TunedArm(tudor()), td.Wish(0.6, 0.006, (0.0, 0.4)))
+    return design(TunedArm(tudor()), Wish(0.6, 0.006, (0.0, 0.4)))
 
 
 @pytest.mark.parametrize('payload', [0.0, 0.4])
@@ -52,7 +54,7 @@ def test_undamped_arm_does_not_ring_behind_a_shaped_move() -> None:
     period = 1.0 / schedule().at(0.4, ends[1]).modes[0].frequency
     left, length = {}, {}
     for kind in ('none', 'elastic'):
-        how = td.Shaping(kind, schedule(), payload=0.4)
+        how = Shaping(kind, schedule(), payload=0.4)
         q, dq, length[kind] = shaping.reference(tudor(), how, ends, period)
         left[kind] = shaping.run(tudor(), 0.4, q, dq, length[kind], period, 0)[2]
         assert how.note == ''
@@ -65,8 +67,8 @@ def test_gears_that_cross_their_play() -> None:
     ends = np.radians([136.0, 14.0]), np.radians([52.0, -52.0])
     period = 1.0 / schedule().at(0.3, ends[1]).modes[0].frequency
     left, length = [], []
-    for refine in (None, td.MoveRefiner(td.TunedArm(tudor()))):
-        how = td.Shaping('elastic', schedule(), payload=0.3, refine=refine)
+    for refine in (None, MoveRefiner(TunedArm(tudor()))):
+        how = Shaping('elastic', schedule(), payload=0.3, refine=refine)
         q, dq, duration = shaping.reference(tudor(), how, ends, period)
         left.append(shaping.run(tudor(), 0.3, q, dq, duration, period, 0)[2])
         length.append(duration)

@@ -208,10 +208,7 @@ def model_from_dh(
     convention: str = 'standard',
 ) -> pin.Model:
     """
-    Build a serial chain from Denavit-Hartenberg rows, base first; links have no mass.
-
-    Rows are a [m], alpha [rad], d [m], theta_offset [rad] of each joint; modified ones may have
-    one more, for a flange. The end of the last is the frame ``tip``.
+    Build a serial chain from Denavit-Hartenberg rows, links without mass.
 
     Standard: link i follows joint i by ``Rz(theta + q) Tz(d) Tx(a) Rx(alpha)`` (Siciliano et al.,
     Robotics: Modelling, Planning and Control, 2009, Eq. 2.52), or ``Tz(d + q)`` for a prismatic
@@ -220,6 +217,17 @@ def model_from_dh(
 
     Modified: joint i follows joint i - 1 by ``Rx(alpha) Tx(a) Rz(theta + q) Tz(d)`` (Craig,
     Introduction to Robotics, 2005, Eq. 3.6), and its frame is that of the table.
+
+    Parameters
+    ----------
+    rows : sequence
+        a [m], alpha [rad], d [m], theta_offset [rad] of each joint, base first; modified ones may
+        have one more, for a flange. The end of the last row is the frame ``tip``.
+    names, types : sequence of str
+        Of the joints; types are ``revolute`` or ``prismatic``.
+    convention : str
+        ``standard`` or ``modified``.
+
     """
     model = pin.Model()
     placement = pin.SE3.Identity()

@@ -365,20 +365,24 @@ def run(args: argparse.Namespace) -> int:
     print_findings(findings)
     _print_loads(evaluated, bundle)
     if worse and all(item.kind == 'standstill' for item in findings):
-        say(_cause(args, data, [touched(change, found[change.output][change.kind])
-                                for change in worse]))
+        _print_cause(args, data, [touched(change, found[change.output][change.kind])
+                                  for change in worse])
     return 1 if worse else 0
 
 
-def _cause(args: argparse.Namespace, data: Sequence[BagData], short: Sequence[str]) -> str:
+def _print_cause(
+    args: argparse.Namespace, data: Sequence[BagData], short: Sequence[str],
+) -> None:
     """Say why an error has grown, where the doctor finds nothing: pushes, or friction."""
     pushed = [f'{bag.choice} holds {count} pushes' for bag in data if (count := len(within(
         find_truth(bag.choice.path), bag.recording).pushes))]
     if pushed or all(short):
         bags = [str(bag.choice) for bag in data]
-        return (f'{"; ".join(pushed or short)}: touched, not changed; look at the pushes:\n   ' +
-                shlex.join(['tudor', 'evaluate', '--model', args.model, *bags, '--collisions']))
-    return ('the doctor finds no cause in these bags: temperature and wear of the drives change '
+        say(f'{"; ".join(pushed or short)}: touched, not changed; look at the pushes:')
+        say_command(shlex.join(['tudor', 'evaluate', '--model', args.model, *bags,
+                                '--collisions']))
+    else:
+        say('the doctor finds no cause in these bags: temperature and wear of the drives change '
             'friction; fit again with these bags')
 
 

@@ -39,36 +39,16 @@ the same length; see ``models.tuning.MoveRefiner``."""
 
 @dataclass(eq=False)
 class Shaping:
-    """
-    How moves are shaped, and what is known for that.
+    """How moves are shaped, and what is known for that."""
 
-    Attributes
-    ----------
-    kind : {'none', 'zv', 'zvd', 'elastic'}
-        Impulses of the first mode, or a profile by all modes on the path.
-    schedule : Schedule, optional
-        Has the modes by payload and pose.
-    frequency, damping : float
-        First mode where there is no schedule [Hz].
-    payload : float or None
-        Mass at the tip, None while it is unknown [kg].
-    note : str
-        Why the last move was not shaped, or not refined; empty if it was.
-    refine : callable, optional
-        Refines moves of `elastic` by a model that knows what modes do not.
-    beside : Executor, optional
-        Plans moves of `elastic` while the joints rest; without one, planning takes the time of
-        the step that it is asked for in.
-
-    """
-
-    kind: str = 'none'
-    schedule: Schedule | None = None
-    frequency: float = 0.0
+    kind: str = 'none'  # none, zv or zvd (impulses of the first mode), or elastic (all modes)
+    schedule: Schedule | None = None  # has the modes by payload and pose
+    frequency: float = 0.0  # of the first mode where there is no schedule [Hz]
     damping: float = 0.0
-    payload: float | None = None
-    note: str = ''
-    refine: Refine | None = None
+    payload: float | None = None  # at the tip [kg]; None while it is unknown
+    note: str = ''  # why the last move was not shaped, or not refined; empty if it was
+    refine: Refine | None = None  # by a model that knows what modes do not
+    # Plans elastic moves while the joints rest; without one a step waits for its move.
     beside: Executor | None = None
 
     def __post_init__(self) -> None:
@@ -106,17 +86,7 @@ class Shaping:
 
     def profile(self, start: FloatArray, target: FloatArray, limits: MotionLimits,
                 ) -> Profile | None:
-        """
-        Plan a move by the modes on its path; None where that is not to be had.
-
-        Parameters
-        ----------
-        start, target : ndarray of shape (n_joints,)
-            From rest to rest [rad].
-        limits : MotionLimits
-            Of speed and acceleration.
-
-        """
+        """Plan a move by the modes on its path, rest to rest [rad]; None if there is none."""
         payload = self.payload  # another one may be reported meanwhile
         if self.kind != 'elastic':
             return None
@@ -140,19 +110,7 @@ class Shaping:
 
 
 class ShapedPlanner(MotionPlanner):
-    """
-    Planner whose moves are shaped.
-
-    Parameters
-    ----------
-    limits : MotionLimits
-        One value a joint; shaped moves keep to them, too.
-    q : array of shape (n_joints,)
-        Where the joints rest at the start [rad].
-    shaping : Shaping
-        How moves are shaped, and what is known for that.
-
-    """
+    """Planner whose moves are shaped; the joints rest at q [rad]."""
 
     def __init__(self, limits: MotionLimits, q: ArrayLike, shaping: Shaping) -> None:
         self._shaping = shaping

@@ -66,31 +66,7 @@ class LoadChange:
 
 
 def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple[LoadChange, ...]:
-    """
-    Choose loads that are picked up where nothing is carried, and put down where something is.
-
-    Parameters
-    ----------
-    count : int
-        Number of changes.
-    seconds : float
-        Length of the recording [s].
-    carried : float
-        What is carried at the beginning [kg].
-    seed : int
-        Of the choice.
-
-    Returns
-    -------
-    tuple of LoadChange
-        In the order of time.
-
-    Raises
-    ------
-    SimulationError
-        If they do not fit into the recording.
-
-    """
+    """Choose loads [kg] to pick up, or put down if one is carried, for a recording [s]."""
     if count == 0:
         return ()
     slot = (seconds - settings.FIRST_CHANGE) / count
@@ -122,33 +98,7 @@ def random_pushes(
     arm: Arm, mechanism: Mechanism, count: int, seconds: float, seed: int, *,
     held: bool = False,
 ) -> tuple[Push, ...]:
-    """
-    Choose pushes on any beam, one after the other, across the axis of its joint.
-
-    Parameters
-    ----------
-    arm, mechanism : Arm, Mechanism
-        What is pushed.
-    count : int
-        Number of pushes.
-    seconds : float
-        Length of the recording [s].
-    seed : int
-        Of the choice.
-    held : bool, default=False
-        Let every second push be weaker and last for seconds.
-
-    Returns
-    -------
-    tuple of Push
-        In the order of time.
-
-    Raises
-    ------
-    SimulationError
-        If they do not fit into the recording.
-
-    """
+    """Choose pushes across the axis of a joint for a recording [s]; held: every other lasts."""
     if count == 0:
         return ()
     slot = (seconds - settings.FIRST_PUSH) / count

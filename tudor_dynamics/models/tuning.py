@@ -105,20 +105,8 @@ class TunedArm:
     An elastic arm whose small motion is asked for by payload and pose.
 
     Small motion is that without the play of gears: in it an arm has no frequency of its own, and
-    where gears bear, none is felt. The load at rest has it, which turns the links.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description with a damper.
-    model : ElasticModel, optional
-        Elastic model of the strain; without one, links, gears and gauges are those described.
-
-    Raises
-    ------
-    ModelError
-        If the arm has no damper, no flexible links, or gauges of unknown gain.
-
+    where gears bear, none is felt. The load at rest has it, which turns the links. Without a model
+    of the strain, links, gears and gauges are those described.
     """
 
     def __init__(self, arm: Arm, model: ElasticModel | None = None) -> None:
@@ -180,29 +168,7 @@ class TunedArm:
                            load * self._gain + self._offset, slope * self._gain[:, None], reaction)
 
     def strains(self, payload: float, motions: FloatArray, dt: float) -> FloatArray:
-        """
-        Simulate large motions, with the play of the gears.
-
-        Parameters
-        ----------
-        payload : float
-            Mass at the tip [kg].
-        motions : ndarray of shape (n_motions, n_samples, n_joints)
-            Positions of the drives, from rest at one pose [rad].
-        dt : float
-            Time between samples [s].
-
-        Returns
-        -------
-        ndarray of shape (n_motions, n_samples, n_damped)
-            Strain [m/m].
-
-        Raises
-        ------
-        SimulationError
-            If there is no equilibrium where they begin, or one of them diverges.
-
-        """
+        """Simulate motions of drives [rad], (motions, samples, joints); strain [m/m] of each."""
         self._carry(payload)
         moments = follow_motions(self._loose, motions, dt)
         return moments[..., self._index] * self._gain + self._offset
@@ -318,23 +284,11 @@ MODES = 2
 
 @dataclass(frozen=True)
 class Wish:
-    """
-    What a schedule is for.
+    """What a schedule is for."""
 
-    Attributes
-    ----------
-    damping_ratio : float
-        Of the first mode, at every payload and pose.
-    delay : float
-        Of the loop, from readings to commands in effect [s].
-    payloads : tuple of float
-        Grid of payloads [kg].
-
-    """
-
-    damping_ratio: float = 0.65
-    delay: float = 0.005
-    payloads: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4)
+    damping_ratio: float = 0.65  # of the first mode, at every payload and pose
+    delay: float = 0.005  # of the loop, from readings to commands in effect [s]
+    payloads: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4)  # [kg]
 
     def __post_init__(self) -> None:
         if not 0.02 <= self.damping_ratio <= 0.95:
@@ -362,24 +316,7 @@ def pose_axes(tuned: TunedArm) -> tuple[FloatArray, ...]:
 def design(
     tuned: TunedArm, wish: Wish, progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Schedule:
-    """
-    Compute a schedule.
-
-    Parameters
-    ----------
-    tuned : TunedArm
-        Arm with its elastic model.
-    wish : Wish
-        What is asked for.
-    progress : callable, optional
-        Called after each node with how many are done, and how many there are.
-
-    Returns
-    -------
-    Schedule
-        Over the planned range of all joints.
-
-    """
+    """Compute a schedule; progress: told how many nodes of the grid are done, and of how many."""
     arm = tuned.arm
     assert arm.spec.damper is not None
     axes = pose_axes(tuned)
@@ -406,24 +343,7 @@ def design(
 
 
 def fixed_ratios(tuned: TunedArm, delay: float, schedule: Schedule) -> FloatArray:
-    """
-    Give the damping ratios that the fixed gains of the description would have.
-
-    Parameters
-    ----------
-    tuned : TunedArm
-        Arm with its elastic model.
-    delay : float
-        Of the loop [s].
-    schedule : Schedule
-        Gives the grid.
-
-    Returns
-    -------
-    ndarray of the grid's shape
-        Of the first mode.
-
-    """
+    """Give the damping ratios of the fixed gains on the grid of a schedule; delay [s]."""
     damper = tuned.arm.spec.damper
     assert damper is not None
     frequency = [schedule.column(f'frequency({mode})') for mode in (1, min(2, schedule.modes))]
@@ -521,15 +441,7 @@ def choose_factor(judge: Judge, wish: Wish) -> tuple[float, float]:
 
 
 class MoveRefiner:
-    """
-    Refines moves by simulating them.
-
-    Parameters
-    ----------
-    tuned : TunedArm
-        Arm with its model; nobody else uses it meanwhile.
-
-    """
+    """Refines moves by simulating them with an arm that nobody else uses meanwhile."""
 
     def __init__(self, tuned: TunedArm) -> None:
         self._tuned = tuned

@@ -533,28 +533,7 @@ def follow_load(
     bundle: ModelBundle, recording: Recording, known: float, *, estimate: bool = True,
     announced: Sequence[float] = (),
 ) -> FollowedLoad:
-    """
-    Replay a recording.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models as they were loaded, of all payloads or of one.
-    recording : Recording
-        Joints with efforts or strains.
-    known : float
-        Payload at the beginning [kg].
-    estimate : bool, default=True
-        Whether the load is followed.
-    announced : sequence of float
-        Times at which a load is announced [s].
-
-    Raises
-    ------
-    ModelError
-        If no output shows the load in kilograms.
-
-    """
+    """Replay a recording that begins with a known load [kg]; announced: times of changes [s]."""
     live = bundle.beside_robot()
     stage = PayloadStage(live, known) if estimate else None
     methods = ('strain',) if stage is None else (stage.output,)

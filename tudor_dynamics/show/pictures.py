@@ -168,22 +168,7 @@ LOOKS: tuple[dict[str, Any], ...] = (
 
 
 def draw_schedule(schedule: Schedule, fixed: FloatArray) -> Figure:
-    """
-    Draw a schedule; to be called within a style.
-
-    Parameters
-    ----------
-    schedule : Schedule
-        Schedule to be drawn.
-    fixed : ndarray of the grid's shape
-        Damping ratios that fixed gains have.
-
-    Returns
-    -------
-    Figure
-        Four panels over the payload: median over the poses, and all of them as a band.
-
-    """
+    """Draw a schedule, and the damping ratios of fixed gains on its grid; within a style."""
     figure = Figure(figsize=(7.2, 5.0))
     axes = figure.subplots(2, 2, sharex=True)
     asked = schedule.content.damping_ratio
