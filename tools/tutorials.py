@@ -44,6 +44,8 @@ PAGES = sorted((ROOT / 'docs' / 'tutorials').glob('*_*.md'))
 FENCE = re.compile(r'^```(sh|text|text rough)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r'[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?')
 SPACE = re.compile(r'[\s─]+')
+STEP = re.compile(r'^\d+ of \d+: .*\n', re.MULTILINE)
+"""Progress, which is named on a slow machine alone."""
 CLOSE = 0.05
 """Numbers of two machines differ by less, as a share."""
 CUT = '...'
@@ -108,7 +110,7 @@ def run(commands: list[str], folder: Path, patience: float) -> list[str]:
             left = False
         else:
             left = code is not None
-    outputs = [path.read_text(encoding='utf-8') for k in range(len(commands))
+    outputs = [STEP.sub('', path.read_text(encoding='utf-8')) for k in range(len(commands))
                if (path := folder / f'out_{k}').exists()]
     logs = '\n'.join(f'{path.name}: {path.read_text()[-1000:]}' for path in folder.glob('*.log'))
     if code != 0:
