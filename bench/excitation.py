@@ -235,7 +235,7 @@ def recorded(arm, target, trajectory, parameters, noise, seed):
 
 def promises():
     """Compare errors that a plan expects with those of fits, and with true ones."""
-    noise, rows = 0.1, []
+    noise, found = 0.1, []
     for arm in arms()[1:]:
         target = wanted(arm, noise)
         plan = make_plan(target, order_of(arm, 60, 0))
@@ -253,11 +253,11 @@ def promises():
             reached.append(group.estimate.standard_errors / expected)
             off.append((group.estimate.parameters - exact) / expected)
         ratio, off = np.array(reached), np.array(off)
-        rows.append((arm.name, f'{ratio.min():.2f} to {ratio.max():.2f}',
-                     f'{np.sqrt(np.mean(off.var(axis=0, ddof=1))):.2f}',
-                     f'{np.sqrt(np.mean(off.mean(axis=0)**2)):.2f}'))
+        found.append((arm.name, f'{ratio.min():.2f} to {ratio.max():.2f}',
+                      f'{np.sqrt(np.mean(off.var(axis=0, ddof=1))):.2f}',
+                      f'{np.sqrt(np.mean(off.mean(axis=0)**2)):.2f}'))
     show((f'white noise of {noise:g} N m', 'each standard error', f'scatter over {len(off)} seeds',
-          'mean off by'), rows)
+          'mean off by'), found)
     with tempfile.TemporaryDirectory() as folder:
         closed_loop(Path(folder))
 
