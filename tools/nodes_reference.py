@@ -58,7 +58,8 @@ CONTENT = {
     'effort_ratios': (STATE, 'ratio of each channel to a collision, which it is above 1'),
     'strain_ratios': (STATE, 'the same'),
     'momentum_ratios': (STATE, 'the same'),
-    'collision': ('std_msgs/Bool', 'state of the detector, which is no safety function; latched, on change'),
+    'collision': ('std_msgs/Bool',
+                  'state of the detector, which is no safety function; latched, on change'),
     'contact': ('std_msgs/Bool', 'the more sensitive level; latched, on change'),
     'contact_wrench': (WRENCH, 'with `estimate_contact`: force, and torque about the origin of '
                        'the frame, on a link, in its frame; zero without contact'),

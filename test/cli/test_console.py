@@ -130,6 +130,7 @@ def test_verdicts_come_by_grade(capsys: pytest.CaptureFixture[str]) -> None:
 def test_steps(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps show on a terminal; elsewhere one is named where seconds have passed."""
     now = [100.0]
+    monkeypatch.setattr('tudor_dynamics.cli.console.SILENCE', SILENCE)
     monkeypatch.setattr('tudor_dynamics.cli.console.time.monotonic', lambda: now[0])
     with steps(2) as step:
         step('read run4')

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -90,7 +91,8 @@ def test_ends_at_once(name: str, seconds: float, root: Path, tmp_path: Path) -> 
         process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode in (130, -signal.SIGINT), (out, err)
-    lines = [line for line in err.splitlines() if not line.startswith('warning: ')]
+    lines = [line for line in err.splitlines()
+             if not re.match(r'warning: |\d+ of \d+: ', line)]  # steps, on a slow machine
     assert lines == [f'tudor {words[0]}: interrupted'] and out == ''
     assert not list(tmp_path.rglob('.*'))
 
