@@ -17,9 +17,10 @@ Follow what to do next, item by item and literally, and judge it by motion that 
 
 Each recording of DATA is fitted by its first 60 % (or by another bag), with the description of the
 arm without friction, as `tudor init` writes it. Each command that the fit prints is run in a shell
-as it stands; each remedy that changes the description is applied to it, and the fit run again. Of
-every analytical model that comes out the error on the last 40 % is printed, before and after. It
-must not grow by more than 0.1 points, and each command must end with 0 or 1.
+as it stands; each remedy that changes the description, or names a part of the bag that is to be
+used, is applied, and the fit run again. Of what comes out, by the best of its models, the error on
+the last 40 % is printed, before and after. It must not grow by more than 0.1 points, and each
+command must end with 0 or 1.
 
     python bench/next_steps.py --data DATA [--only UR10 TX40]
 """
@@ -74,8 +75,10 @@ def errors(model, arm, test):
     if code not in (0, 1):
         return None
     found = json.loads(said)
-    return {output: 100.0 * kinds['analytical']['relative_error'] for output, kinds in
-            found.items() if isinstance(kinds, dict) and 'analytical' in kinds}
+    return {output: 100.0 * min(one['relative_error'] for one in kinds.values()
+                                if isinstance(one, dict) and 'relative_error' in one)
+            for output, kinds in found.items()
+            if isinstance(kinds, dict) and 'analytical' in kinds}
 
 
 def fitted(words, out):
@@ -153,11 +156,12 @@ def follow(name, folder, data, robot):
             print(f'    runs: {step["command"]}', flush=True)
     for number, finding in enumerate(said['findings']):
         changed = remedied(content, finding)
-        if changed is not None:
+        part = re.search(r'use (\S+@\S+%)', finding['remedy'])
+        if changed is not None or part and part[1] != training:
             count += 1
             other = folder / f'arm_{number}.yaml'
-            other.write_text(yaml.safe_dump(changed))
-            words[-1] = str(other)
+            other.write_text(yaml.safe_dump(changed or content))
+            words = ['tudor', 'fit', part[1] if part else training, '--arm', str(other)]
             out = folder / f'remedied_{number}'
             found = fitted(words, out)
             short += not compare(f'remedy: {finding["remedy"][:100]}', before,
