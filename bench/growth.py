@@ -176,15 +176,15 @@ def main(args: Sequence[str] | None = None) -> int:
     for name in asked.parts:
         found[name] = PARTS[name](asked.folder, asked.model)
         kept.write_text(json.dumps(found, indent=2) + '\n')
-    ends = [(name, row) for name, rows in found.items() for layout in dict.fromkeys(
-        row.get('layout') for row in rows) for row in [
-            row for row in rows if row.get('layout') == layout][::len(rows) // 2]]
+    parts = [(name, [row for row in rows if row.get('layout') == layout]) for name, rows in
+             found.items() for layout in dict.fromkeys(row.get('layout') for row in rows)]
+    some = [(name, part[at]) for name, part in parts for at in (0, len(part) // 2, -1)]
     show(('of', 'number', 'time', 'memory'), (
         (', '.join([name, *([row['layout']] if 'layout' in row else [])]), row[name],
          f'{row["cores"]:.1%} of a core' if 'cores' in row else
          f'{row.get("cpu", row.get("seconds")):.3g} s',
          f'{row["mb"]:.0f} MB' if 'mb' in row else f'{row["mib"]:.1f} MiB')
-        for name, row in ends))
+        for name, row in some))
     draw(found, asked.out)
     return 0
 
