@@ -227,7 +227,7 @@ def closed_loop(bundle: td.ModelBundle, arm: td.Arm) -> None:
         print(f'{which:16} {ahead:12} {np.round(joints, 2)!s:16} {np.linalg.norm(joints):8.2f}'
               f'{float(tip):20.2f}')
         rows.append((CONTROLLERS[which], FORWARD[ahead],
-                     *(f'{value:.3g} mrad' for value in joints), f'{float(tip):.2g} mm'))
+                     *(f'{value:.3g} mrad' for value in joints), f'{float(tip):.3g} mm'))
     show(('controller', 'fed forward', *(name.replace('joint', 'joint ') for name in
                                          arm.active_joints), 'tip'), rows)
     for which, before, after in (
