@@ -25,10 +25,13 @@ from tudor_dynamics import errors
 from tudor_dynamics.cli.main import build_parser, SUBCOMMANDS
 from tudor_dynamics.nodes.common.interfaces import NODES
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / 'tools'))
 
 import nodes_reference  # noqa: E402, I100
 
+SLASH = re.compile(r'(?<!`)\b(\w+_msgs/)(?=\w+(?:/\w+)*\b(?!`))')
+"""Types break after the slash on a phone, outside code."""
 EXIT_CODES = (
     ('0', 'done'), ('1', 'data or model are not good enough'),
     ('2', 'wrong input: one line on standard error, `tudor COMMAND: place: cause; remedy`'),
@@ -101,12 +104,15 @@ def error_page() -> str:
 
 
 def write(folder: Path) -> None:
-    """Write the pages."""
+    """Write the pages, and remove those of modules that have gone."""
+    for page in folder.glob('tudor_dynamics.*.rst'):
+        home = ROOT.joinpath(*page.stem.split('.'))
+        if not (home.is_dir() or home.with_suffix('.py').exists()):
+            page.unlink()
     (folder / 'nodes').mkdir(exist_ok=True)
     pages = {'commands': commands(), 'errors': error_page(),
-             **{f'nodes/{name}': re.sub(r'(?<!`)\b(\w+_msgs/)(?=\w+(?:/\w+)*\b(?!`))', r'\1<wbr>',
-                                      nodes_reference.page(name))
-                for name in NODES}}  # types break after the slash on a phone
+             **{f'nodes/{name}': SLASH.sub(r'\1<wbr>', nodes_reference.page(name))
+                for name in NODES}}
     for name, text in pages.items():
         file = folder / f'{name}.md'
         if not file.exists() or file.read_text(encoding='utf-8') != text:
