@@ -23,7 +23,6 @@ import subprocess
 import sys
 
 import pytest
-from tudor_dynamics.cli import main as commands
 
 COMMANDS = {
     'fit': 'fit bags/two_blade_train_1 --arm config/two_blade_arm.yaml --out {out}',
@@ -103,15 +102,3 @@ def test_an_interrupt_that_a_callback_swallows() -> None:
     done = subprocess.run([sys.executable, '-c', SWALLOWED], capture_output=True, text=True,
                           timeout=60)
     assert (done.returncode, done.stderr) == (130, 'tudor fit: interrupted\n')
-
-
-def test_an_interrupt_that_a_library_has_as_text(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:
-    """Pydantic, interrupted while it builds a model, raises an error of its own that names it."""
-    def built(name: str) -> None:
-        raise ValueError(f'Error building "model" validator of {name}:\n  KeyboardInterrupt: ')
-
-    monkeypatch.setattr(commands, '_subcommand', built)
-    assert commands.main(['info', 'bag']) == 130
-    assert capsys.readouterr().err == 'tudor info: interrupted\n'

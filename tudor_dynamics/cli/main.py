@@ -208,8 +208,6 @@ def _interrupts_kept() -> Iterator[None]:
 
 def _hides_interrupt(err: BaseException | None) -> bool:
     """Say whether an interrupt is what a library, a compiler for instance, stumbled over."""
-    if KeyboardInterrupt.__name__ in str(err):  # as pydantic puts it, where it builds models
-        return True
     while err is not None and not isinstance(err, KeyboardInterrupt):
         err = err.__cause__ or err.__context__
     return err is not None
