@@ -254,6 +254,8 @@ def _sizes(case: Case, explained: Mapping[str, Explained], motion: FloatArray, j
             free = usual.rest(c, np.vstack([y[:, c], change.real, -change.imag]).T)
             felt.append(free / max(float(np.std(free[:, 0])), 1e-300, settings.LEAST_RESIDUAL
                                    * float(np.std(y[:, c]))))
+    if not felt:  # no channel is sound
+        return []
     left, *columns = np.vstack(felt).T
     found = []
     for both in (np.array(columns[k::len(turns)]).T for k in range(len(turns))):
