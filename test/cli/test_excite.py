@@ -44,8 +44,10 @@ def test_plan_record_fit(
     """The whole way: plan, play in simulation, fit, and what was promised beside what came."""
     arm = str(root / 'config' / 'tudor.yaml')
     assert excite(root, tmp_path / 'plan', '--noise', '0.05', '--noise-of', 'link2_hub=3') == 0
-    said = unwrapped(capsys.readouterr().out)
+    text = capsys.readouterr().out
+    said = unwrapped(text)
     assert 'capsules of 0.05 m' in said and 'coulomb+(joint2)' in said
+    assert '\nplan:' in text  # on a line of its own
     assert sorted(p.name for p in (tmp_path / 'plan').iterdir()) == [
         'bag', 'motion.png', 'plan.json', 'trajectory.csv']
     head = json.loads((tmp_path / 'plan' / 'plan.json').read_text())

@@ -52,7 +52,7 @@ GAP = 2
 
 
 SILENCE = 3.0
-"""Seconds after which a step is named where no terminal shows the bar."""
+"""A step is named after it where no terminal shows the bar [s]; shorter ones need no word."""
 
 Advance = Callable[..., None]
 """Takes what changes about a bar: ``advance`` or ``completed``, ``total``, ``description``."""

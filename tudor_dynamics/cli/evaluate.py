@@ -178,10 +178,8 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
             str(score.false_alarms) if known else '-', f'{60 * score.hours:.1f}' if known else '-')
     print_table(table)
     _print_events(results)
-    for sentence in (*unknown(results), *(
-            f'{item.method}: force and place are not known: {item.no_contact}'
-            for item in results if item.no_contact)):
-        say(sentence)
+    say(*unknown(results), *(f'{item.method}: force and place are not known: {item.no_contact}'
+                             for item in results if item.no_contact))
 
 
 def _print_kept(

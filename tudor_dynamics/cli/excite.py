@@ -238,7 +238,7 @@ def run(args: argparse.Namespace) -> int:
     if cut:
         say(f'the search was ended after {seconds:.0f} s; a longer --budget may find better')
     say(f'standard errors are {gain:.2g} times smaller than those of random Fourier series '
-        f'within the same limits (median of all)\nplan: {args.out} (search: {seconds:.1f} s)')
+        'within the same limits (median of all)', f'plan: {args.out} (search: {seconds:.1f} s)')
     return 0
 
 
