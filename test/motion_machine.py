@@ -71,7 +71,9 @@ def broken_limits(rig: Rig, begin: int = 0) -> list[str]:
     return found
 
 
-def left_envelope(rig: Rig, deepest: np.ndarray, runaway: bool, begin: int) -> list[str]:
+def left_envelope(
+    rig: Rig, deepest: np.ndarray, runaway: bool, begin: int, swapped: float = 0.0,
+) -> list[str]:
     """
     Say which samples were truly beyond the envelope of an arm about which something has lied.
 
@@ -83,7 +85,8 @@ def left_envelope(rig: Rig, deepest: np.ndarray, runaway: bool, begin: int) -> l
     limits, trace, joints = hard_limits(rig.arm), rig.trace, range(len(deepest))
     blind = rig.delay + (2.0 / rig.rate if rig.loss > 0.0 else 0.0)
     near = np.sqrt(2.0 * planned_limits(rig.arm).acceleration * BEYOND)
-    beyond = np.maximum(deepest, 0.0) + BEYOND + near * blind
+    beyond = np.maximum(deepest, 0.0) + BEYOND + np.maximum(
+        near * blind, swapped * (blind + 1.0 / rig.rate))
     speed = FASTER * limits.velocity
     if runaway:
         late = SAMPLES / rig.rate + 0.01 + blind
@@ -127,7 +130,7 @@ class MotionMachine(RuleBasedStateMachine):
         self.rig: Rig | None = None
         self.seen = 0
         self.lied = self.runaway = False
-        self.deepest = np.zeros(2)
+        self.deepest, self.swapped = np.zeros(2), 0.0
 
     @initialize(payload=st.sampled_from([0.0, 0.2, 0.4]), delay=st.sampled_from([0.0, 0.02, 0.06]),
                 loss=st.sampled_from([0.0, 0.0, 0.05]), seed=st.integers(0, 99))
@@ -160,6 +163,7 @@ class MotionMachine(RuleBasedStateMachine):
         limits, q = hard_limits(self.rig.arm), self.rig.trace.q[-1]
         self.deepest = np.maximum(limits.lower - q, q - limits.upper)
         self.lied, self.runaway = True, self.runaway or lie.kind == 'runaway'
+        self.swapped = float(np.abs(self.rig.trace.command[-1]).max()) * (lie.kind == 'swapped')
         self.liar.begin(lie, velocity, sign)
         self._run(seconds)
 
@@ -325,7 +329,8 @@ class MotionMachine(RuleBasedStateMachine):
     def within_limits(self) -> None:
         """Find no sample since the last look beyond a limit."""
         if self.rig is not None and self.seen < len(self.rig.trace.t):
-            found = (left_envelope(self.rig, self.deepest, self.runaway, self.seen) if self.lied
+            found = (left_envelope(
+                self.rig, self.deepest, self.runaway, self.seen, self.swapped) if self.lied
                      else broken_limits(self.rig, self.seen))
             assert not found, found
             self.seen = len(self.rig.trace.t)

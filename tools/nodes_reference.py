@@ -188,6 +188,7 @@ MEANING = {
     'scheduled gains in use': '0 to 1', 'first mode [Hz]': 'by the schedule',
     'damping ratio by schedule': 'of the first mode',
     'cut: CAUSE': 'commands that the envelope cut since the last diagnosis',
+    'ahead of commands [rad], JOINT': 'its excess, and what is no fault',
     'refused: CAUSE': 'references refused', 'damper JOINT': 'state of its damper and gauge',
     'wanted [N]': 'force asked for', 'force [N]': 'force estimated',
     'weight by': 'source of what gauges read of the weight',

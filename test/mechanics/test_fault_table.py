@@ -33,6 +33,7 @@ import numpy as np
 import pytest
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.control.motion_controller import MotionController, State
+from tudor_dynamics.control.settings import WATCH_PERIOD
 from tudor_dynamics.mechanics.closed_loop import Sample
 from tudor_dynamics.mechanics.rig import Rig
 
@@ -432,6 +433,16 @@ def test_encoder_freezes_before_a_limit() -> None:
     assert not broken_limits(rig)
 
 
+def test_encoder_freezes_as_the_arm_creeps_to_a_limit() -> None:
+    """What a frozen encoder does not show is not forgotten, however slow the arm is."""
+    machine = MotionMachine()  # found by bench/motion_sequences.py --seed 3
+    machine.start(delay=0.02, seed=23, payload=0.0, loss=0.0)
+    machine.goal(seconds=1.9, shares=(0.2446822626325767, 0.0))
+    machine.fault(kind='frozen', seconds=3.0, size=0.0)
+    assert machine.rig is not None
+    assert not broken_limits(machine.rig)
+
+
 def test_the_way_to_a_limit_is_no_swing() -> None:
     """Where a slow loop nears the end of the range, its bounded speed does not end damping."""
     rig = Rig(tudor(), rate=100.0, payload=0.2, delay=0.08, seed=1)
@@ -542,6 +553,25 @@ def test_positions_that_come_late(late: float) -> None:
     rig.run(3.0)
     follows_again(rig)
     judge(rig)
+
+
+@pytest.mark.parametrize('rate', [100.0, 500.0])
+def test_samples_that_waited_do_not_add_up_to_a_step(rate: float) -> None:
+    """However many are answered at once, commands change as fast as the limits allow."""
+    rig = moving(rate=rate)
+    begin = len(rig.trace.sent)
+    for _ in range(4):
+        rig.late = 0.09
+        rig.run(0.09)
+        rig.late = 0.0
+        rig.run(0.1)
+    times = np.array([t for t, _, _ in rig.trace.sent[begin:]])
+    commands = np.array([command for _, _, command in rig.trace.sent[begin:]])
+    at_once = np.array([np.ptp(commands[(times >= t - 1e-9) & (times < t + 1e-9)], axis=0)
+                        for t in np.unique(times)])
+    assert np.max(np.unique(times, return_counts=True)[1]) > 0.08 * rate
+    most = hard_limits(rig.arm).acceleration * (max(2.0 / rate, WATCH_PERIOD) + 1e-6)
+    assert np.all(at_once < most), np.degrees(at_once.max(axis=0))
 
 
 @pytest.mark.parametrize('rate', [100.0, 500.0])

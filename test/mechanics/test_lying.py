@@ -37,6 +37,7 @@ from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.motion_controller import State
 from tudor_dynamics.errors import TudorError
+from tudor_dynamics.mechanics.closed_loop import Sample
 from tudor_dynamics.mechanics.rig import Rig
 
 
@@ -128,6 +129,44 @@ def test_a_runaway_beside_an_oracle(
     found = fastest(rate, cruise, oracle=False, efforts=efforts)
     assert found < best + gained + 1.0
     assert (best > 126.0) is (rate == 100.0)
+
+
+def passed(rate: float, delay: float, inside: float, *, oracle: bool) -> float:
+    """
+    Let a driver swap commands while one joint moves and one rests; give how far the latter goes.
+
+    inside [deg]: where it rests before its limit; the oracle commands standstill with the first
+    reading that shows it; returns the way beyond the limit [deg].
+    """
+    limit = hard_limits(tudor()).lower[0]
+    place = limit + np.radians(inside)
+    rig = Rig(resting((place, np.radians(60.0))), rate=rate, payload=0.0, delay=delay)
+    rig.run(0.5)
+    go(rig, np.array([place, np.radians(-70.0)]))
+    rig.run(0.8)
+    begin, answer, seen = rig.trace.q[-1], rig._answer, [False]
+    Liar(rig).begin(NAMED['drive swaps'])
+    assert np.degrees(np.abs(rig.trace.command[-1]).max()) > 70.0
+
+    def known(sample: Sample) -> np.ndarray | None:
+        seen[0] |= bool(abs(sample.q[0] - begin[0]) > np.radians(0.05))
+        command = answer(sample)
+        return np.zeros(2) if seen[0] else command
+    if oracle:
+        rig._answer = known
+    rig.run(0.5)
+    assert oracle or rig.controller.state is State.FAULT
+    return float(np.degrees(limit - rig.trace.array('q')[:, 0].min()))
+
+
+@pytest.mark.parametrize('rate, delay, inside', [
+    (100.0, 0.0, 0.37), (100.0, 0.02, 0.0), (100.0, 0.06, 1.0), (500.0, 0.0, 0.0),
+    (500.0, 0.02, 1.0)])
+def test_swapped_in_a_move_beside_an_oracle(rate: float, delay: float, inside: float) -> None:
+    """It stops with the first sample that shows it; the loop's delay keeps anybody from more."""
+    best = passed(rate, delay, inside, oracle=True)
+    assert passed(rate, delay, inside, oracle=False) < best + 0.05
+    assert best < 1.0 + 90.0 * (delay + 1.0 / rate)
 
 
 @pytest.mark.parametrize('rate, payload', [(100.0, 0.4), (500.0, 0.0)])

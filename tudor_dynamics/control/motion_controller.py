@@ -208,6 +208,8 @@ class MotionController:
         self._arrival = 0.0  # time between samples by the clock of this machine
         self.ages = AgeWatch()
         self._gave = -math.inf  # when the last command was given
+        # For which commands may still change: samples that waited are answered all at once [s].
+        self._budget = 0.0
         self._unknown = True  # the speed of the arm
         self.missing = False  # positions: commands are given without them
         self._stood = 0.0  # for which a fault has commanded standstill [s]
@@ -299,6 +301,8 @@ class MotionController:
                            if doubt.later else doubt for doubt in self._doubts])
         self._hold.step(dt)
         self._choose(now, q)
+        self._budget = min(self._budget + now - self._gave,
+                           max(2.0 * gains.period, settings.WATCH_PERIOD))
         self._gave = now
         command = self._command(now, dt, q, speed, strain, fresh)
         self._stood = self._stood + dt if self.state is State.FAULT and not command.any() else 0.0
@@ -399,7 +403,7 @@ class MotionController:
     def _begin(self, now: float, q: FloatArray, dq: FloatArray) -> None:
         """Brake from a known motion, and hold where that ends."""
         self._unknown = self.missing = False
-        self._gave = now
+        self._gave, self._budget = now, self.gains.period
         speed = np.clip(dq, -self.limits.velocity, self.limits.velocity)
         self.envelope.begin(speed)
         self.gains.begin(speed)
@@ -499,7 +503,9 @@ class MotionController:
         if self.state is State.FAULT:
             place = np.clip(place, self.limits.lower, self.limits.upper)
         # What a lost sample left out is not made up for in one command.
-        command = envelope.step(min(dt, gains.period), wanted, place)
+        step = min(dt, gains.period, self._budget)
+        self._budget -= step
+        command = envelope.step(step, wanted, place)
         cuts = envelope.cuts
         for j in np.flatnonzero(cuts):
             self.cuts[self.joints[j]] += 1

@@ -244,6 +244,10 @@ class MotionWatch:
         return np.asarray(settings.UNCONFIRMED_SPEED * self.speed
                           + self.state[:, CONFIRMED] / settings.CONFIRMING_TIME)
 
+    def report(self) -> list[str]:
+        """Give how far each joint is ahead of its commands, and what is no fault [rad or m]."""
+        return [f'{row[EXCESS]:.4f} of {row[ALLOWED]:.4f}' for row in self.state]
+
     def step(
         self, now: float, dt: float, q: FloatArray, commanded: Commanded,
         lags: tuple[float, float], dq: FloatArray | None = None, effort: FloatArray | None = None,
@@ -275,7 +279,9 @@ class MotionWatch:
         found = commanded.count > 0 and watch_law(
             commanded.at, commanded.way, commanded.commands, commanded.count, now, dt, longer,
             (earliest, latest, deaf), q, share, self._bounds, self.state)
-        self.owed = -self.state[:, EXCESS]
+        # What wanders is forgotten, but not of an encoder that may be frozen.
+        self.owed = np.where(self.state[:, SAME] >= settings.FROZEN_SAMPLES,
+                             self.state[:, STOOD], -self.state[:, EXCESS])
         if not telling or not (found or outside.any() or jumped.any()):
             return []
         self._onset = self.state[:, ONSET].copy()

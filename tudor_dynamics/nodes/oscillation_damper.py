@@ -81,6 +81,8 @@ class OscillationDamperNode(MovingNode):
             node.controller.cuts, node.reported_cuts)),
         Figure('refused: CAUSE', lambda node: node.controller and _since(
             node.controller.reference.refused, node.reported_refusals)),
+        Figure('ahead of commands [rad], JOINT', lambda controller: dict(zip(
+            controller.joints, controller.watched.report(), strict=True)), 'controller'),
         Figure('damper JOINT', lambda controller: dict(zip(
             controller.damper.joints, controller.damper.report(), strict=True)), 'controller'))
     feels = True
