@@ -21,8 +21,9 @@ on one line and exits with code 2.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+import difflib
 from pathlib import Path
 import warnings
 
@@ -33,6 +34,12 @@ MAX_MESSAGE = 1500
 def printable(text: str) -> str:
     """Replace characters that would steer the terminal, as names in a file may hold them."""
     return ''.join(char if char.isprintable() else '?' for char in text)
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """Ask for the known word that is most like a wrong one; empty if none is."""
+    close = difflib.get_close_matches(word, list(known), 1, 0.7)
+    return f'; did you mean {close[0]}?' if close else ''
 
 
 def _one_line(text: str) -> str:

@@ -75,6 +75,14 @@ def test_order_and_names(world: World, model: Path, recording) -> None:
     assert int(values_of(world.status('monitor'))['dropped: unknown_names']) == 12
 
 
+def test_a_parameter_that_no_node_has(world: World, model: Path, recording) -> None:
+    """A typo is named, with what was meant; what a file holds for other nodes is not."""
+    node = start(world, model, fasle_alarms_per_hour=2.0, damping=0.5)
+    feed(world, recording, counter(node), last=60)
+    world.status('monitor', lambda status: status.message == (
+        'there is no parameter fasle_alarms_per_hour; did you mean false_alarms_per_hour?'))
+
+
 @pytest.mark.parametrize(('name', 'spoil', 'cause'), [
     ('NaN', lambda m: m.position.__setitem__(0, float('nan')), 'not_finite'),
     ('short', lambda m: m.position.pop(), 'short_array'),

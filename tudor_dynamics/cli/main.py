@@ -24,9 +24,8 @@ from __future__ import annotations
 
 import _thread
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-import difflib
 import gc
 from importlib import import_module
 import os
@@ -44,7 +43,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
 
 from tudor_dynamics._version import __version__  # noqa: E402
-from tudor_dynamics.errors import printable, TudorError, TudorWarning  # noqa: E402
+from tudor_dynamics.errors import meant, printable, TudorError, TudorWarning  # noqa: E402
 
 GROUPS = {
     'learn a model': {
@@ -85,20 +84,15 @@ class Parser(argparse.ArgumentParser):
             name = word.partition('=')[0]
             if name.startswith('--') and len(name) > 2 and self.prog != 'tudor' and not any(
                     option.startswith(name) for option in self._option_string_actions):
-                self.error(f'there is no {name}{_meant(name, self._option_string_actions)}')
+                self.error(f'there is no {name}{meant(name, self._option_string_actions)}')
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Say in one line what is wrong, and where help is."""
         found = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if found:
-            message += _meant(found[1], found[2].replace("'", '').split(', '))
+            message += meant(found[1], found[2].replace("'", '').split(', '))
         self.exit(WRONG_INPUT, f'{self.prog}: {printable(message)}; see {self.prog} --help\n')
-
-
-def _meant(word: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(word, list(known), 1, 0.7)
-    return f'; did you mean {close[0]}?' if close else ''
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:

@@ -43,7 +43,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
-from tudor_dynamics.errors import ArmError, TudorError
+from tudor_dynamics.errors import ArmError, meant, TudorError
 from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param, Value
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateDecoder, MotionDecoder, PointSample)
@@ -350,7 +350,7 @@ class TudorNode(Node):
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.meter = Meter(lambda: self.steady())
         self.drops: Counter[str] = Counter()
-        self.fault = self.ended = ''
+        self.fault = self.ended = self._unknown = ''
         self._closing = Event()  # for what runs beside the executor
         self._beside: Thread | None = None
         self._level_log = LevelLog(self.get_logger(), lambda: self.steady())
@@ -505,6 +505,10 @@ class TudorNode(Node):
 
     def _announce(self) -> None:
         self._start.cancel()
+        for name in self._parameter_overrides:  # a file may hold those of other nodes, too
+            if not (self.has_parameter(name) or name.startswith('qos_overrides.')
+                    or any(param.name == name for group in NODES.values() for param in group)):
+                self._unknown = f'there is no parameter {name}{meant(name, self.params)}'
         about = ', '.join(f'{name} {value or "none"}' for name, value in self.about().items())
         self.get_logger().info(f'started: {about}')
 
@@ -547,7 +551,7 @@ class TudorNode(Node):
     def publish_diagnostics(self, extra: DiagnosticStatus | None = None) -> None:
         """Publish the state of the node; called once a second."""
         level, message, more = self.status()
-        unusable = self._unusable()
+        unusable = self._unusable() or self._unknown
         if level == OK and unusable:
             level, message = WARN, unusable
         values = {**self.meter.report(self.counters()), **more}
