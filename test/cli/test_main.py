@@ -204,6 +204,26 @@ def test_interrupt_while_modules_load() -> None:
     assert process.returncode == 130
 
 
+def test_an_interrupt_that_a_library_makes_another_error_of(
+    command: Any, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Compilers and loaders of modules keep nothing of it but its text, or less."""
+    def run(args: Any) -> int:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            pass
+        raise SystemError('initialization failed without raising an exception')
+    command.run = run
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # workers may ignore it
+    try:
+        assert entry.main(['evaluate']) == 130
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert capsys.readouterr() == ('', 'tudor evaluate: interrupted\n')
+
+
 @pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&-', '<&- >&- 2>&-'])
 def test_closed_streams(closed: str, root: Path) -> None:
     """Where nobody listens the work is done all the same, and no file takes a stream's place."""

@@ -30,11 +30,12 @@ import gc
 from importlib import import_module
 import os
 import re
+import signal
 import sys
 import tempfile
 import threading
 import traceback
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any, NoReturn
 import warnings
 
@@ -146,7 +147,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     only = next((word for word in arguments if word in SUBCOMMANDS), None)
     name = f'tudor {only}' if only else 'tudor'
     _open_standard_streams()
-    with warnings.catch_warnings(), _interrupts_kept():
+    with warnings.catch_warnings(), _interrupts_kept() as interrupted:
         warnings.showwarning = _show_warning  # type: ignore[assignment]
         warnings.simplefilter('always', TudorWarning)
         try:
@@ -172,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             return _interrupted(name)
         except Exception as err:
-            if _hides_interrupt(err):
+            if interrupted.is_set():  # a library has made another error of it
                 return _interrupted(name)
             if os.environ.get(DEBUG):
                 raise
@@ -182,9 +183,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 @contextmanager
-def _interrupts_kept() -> Iterator[None]:
-    """Interrupt again where a callback of C swallows the interrupt, as those of numba do."""
-    report = sys.unraisablehook
+def _interrupts_kept() -> Iterator[threading.Event]:
+    """Note interrupts, and repeat one that a callback of C swallows, as those of numba do."""
+    report, handler, seen = sys.unraisablehook, signal.getsignal(signal.SIGINT), threading.Event()
 
     def again(lost: sys.UnraisableHookArgs) -> None:
         if not isinstance(lost.exc_value, KeyboardInterrupt):
@@ -193,18 +194,22 @@ def _interrupts_kept() -> Iterator[None]:
         timer.daemon = True
         timer.start()
 
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        seen.set()
+        raise KeyboardInterrupt
+
     sys.unraisablehook = again
+    # elsewhere it is ignored, or somebody else's
+    ours = handler is signal.default_int_handler and (
+        threading.current_thread() is threading.main_thread())
+    if ours:
+        signal.signal(signal.SIGINT, interrupt)
     try:
-        yield
+        yield seen
     finally:
         sys.unraisablehook = report
-
-
-def _hides_interrupt(err: BaseException | None) -> bool:
-    """Say whether an interrupt is what a library, a compiler for instance, stumbled over."""
-    while err is not None and not isinstance(err, KeyboardInterrupt):
-        err = err.__cause__ or err.__context__
-    return err is not None
+        if ours:
+            signal.signal(signal.SIGINT, handler)
 
 
 def _interrupted(name: str) -> int:
