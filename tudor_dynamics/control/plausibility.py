@@ -54,7 +54,7 @@ LOADED, PUSH = 14, 15  # when its effort was at its end last [s], and its sign
 BEYOND = 16  # 1 where it is farther or faster than is allowed, or will be past a limit
 COUNT = 17  # smallest change of its readings [rad]
 PUSHED = 18  # time at which it was faster than is allowed, and pushed on with all its effort [s]
-SLACK = 19  # way that a driver may have gone otherwise, which took no commands for a while [rad]
+UNHEARD = 19  # way that may be due to commands that its driver has not taken [rad]
 WATCHED = 20
 RADIANS = 'its driver takes radians for degrees, or the scale of its encoder is wrong'
 
@@ -75,7 +75,7 @@ def watch_law(
     though it is commanded.
     """
     found = False
-    earliest, latest, deaf = lags
+    earliest, latest, unheard = lags
     lower, upper, speed = limits[0], limits[1], limits[2]
     for j in range(len(q)):
         row, least, most, old = state[j], 0.0, 0.0, False
@@ -91,13 +91,13 @@ def watch_law(
                     low, high = min(low, way[k, j]), max(high, way[k, j])
                     least, most = min(least, commands[k, j]), max(most, commands[k, j])
             old = at[k] < now - latest
-            if at[k] < now - latest - deaf:
+            if at[k] < now - latest - unheard:
                 break
             k -= 1
         fastest, first = max(most, -least), math.isnan(row[OFFSET])
-        row[SLACK] *= 1.0 - min(dt / settings.LATE_MEMORY, 1.0)
-        if deaf > 0.0 and quickest > slowest:
-            row[SLACK] += dt * (quickest - slowest)
+        row[UNHEARD] *= 1.0 - min(dt / settings.LATE_MEMORY, 1.0)
+        if unheard > 0.0 and quickest > slowest:
+            row[UNHEARD] += dt * (quickest - slowest)
         if first:
             row[OFFSET], row[LAST], row[ONSET] = q[j] - 0.5 * (low + high), q[j], now
             row[FASTER] = 0.0
@@ -106,10 +106,10 @@ def watch_law(
             at, way, commands, count, j, now - dt - middle)
         offset = min(max(row[OFFSET], q[j] - high), q[j] - low)
         excess = offset - row[OFFSET]
-        eased = min(max(excess, -row[SLACK]), row[SLACK])
-        row[OFFSET] += eased
-        row[SLACK] -= abs(eased)
-        excess -= eased
+        explained = min(max(excess, -row[UNHEARD]), row[UNHEARD])
+        row[OFFSET] += explained
+        row[UNHEARD] -= abs(explained)
+        excess -= explained
         if now >= row[JERKED]:
             row[WIDTH] = 0.0
         at_end = abs(effort[j]) >= 1.0
@@ -158,7 +158,7 @@ def watch_law(
             right = moved if asked > 0.0 else -moved
             right = min(max(right, -abs(asked)), abs(asked))
             row[CONFIRMED] = min(max(row[CONFIRMED] + right, 0.0), speed[j])
-        if moved != 0.0 or first or deaf > 0.0:
+        if moved != 0.0 or first or unheard > 0.0:
             row[SAME], row[STOOD] = 0.0, 0.0
         else:
             row[SAME], row[STOOD] = row[SAME] + 1.0, row[STOOD] + asked
@@ -217,7 +217,7 @@ class MotionWatch:
 
         q (joints,) [rad]; free [s]: for which drives may have braked by themselves meanwhile.
         """
-        self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH, AHEAD, BEYOND, SLACK]] = 0.0
+        self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH, AHEAD, BEYOND, UNHEARD]] = 0.0
         self.state[:, OFFSET] = math.nan
         self.state[:, [LOADED, PUSHED]] = -math.inf
         self.owed = np.zeros(len(self._joints))
@@ -274,11 +274,11 @@ class MotionWatch:
         # A driver that is late with its samples is so with commands, too: until it has caught up,
         # it may go on with old ones, or take what was given after the time of the sample.
         earliest, latest = lags[0] - late, lags[1] + late
-        deaf = recent if late > max(dt, settings.LAG_MARGIN) else 0.0
+        unheard = recent if late > max(dt, settings.LAG_MARGIN) else 0.0
         share = np.zeros_like(q) if effort is None else effort / self._effort
         found = commanded.count > 0 and watch_law(
             commanded.at, commanded.way, commanded.commands, commanded.count, now, dt, longer,
-            (earliest, latest, deaf), q, share, self._bounds, self.state)
+            (earliest, latest, unheard), q, share, self._bounds, self.state)
         # What wanders is forgotten, but not of an encoder that may be frozen.
         self.owed = np.where(self.state[:, SAME] >= settings.FROZEN_SAMPLES,
                              self.state[:, STOOD], -self.state[:, EXCESS])
