@@ -22,19 +22,21 @@ guesses elastic gears with play. One elastic model is identified from 80 s with 
 
 fit        strain explained on unseen loads, 150 g damped and 250 g not damped, and the gears found
 payload    mass of 150 and 350 g, estimated from a recording each
+changes    loads picked up and dropped, unannounced: when they are told from touches, and mass
 rest       pushes beyond the second gauge while the arm stands: place and force
 motion     pushes anywhere while it moves, 200 g, not damped: link, place, force, delay of events
 
 A place counts as within its deviation where the error is at most twice it. Bags and the model are
 kept in --work.
 
-    python bench/other_plant.py --work DIR [--gears rigid] [--only fit payload rest motion]
+    python bench/other_plant.py --work DIR [--gears rigid] [--only fit payload changes rest motion]
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 import time
 from typing import Any
@@ -45,6 +47,7 @@ from other_plant.plant import (
     first_frequency, FloatArray, GAUGES, JOINTS, LENGTH, motion, Options, Push, record)
 from tables import show
 import tudor_dynamics as td
+from tudor_dynamics.online.monitor import follow_load
 import yaml
 
 ROOT = Path(__file__).parent.parent
@@ -55,6 +58,10 @@ SECONDS, SLOT, FIRST = 80.0, 2.0, 3.0
 FELT = 1.0
 """Pushes with less across the link do not count [N]."""
 RESTING = 10
+CHANGES, APART, BEGIN = 12, (4.0, 6.0), 6.0
+"""Changes of the load in a recording, between two of them, before the first one [s]."""
+HEAVY = (0.1, 0.4)
+"""Loads that are picked up [kg]."""
 
 
 def description() -> td.Arm:
@@ -78,6 +85,20 @@ class Bags:
         seed = [self.seed, number, round(1000 * payload)]
         self._make(name, payload, damped, motion(SECONDS, np.random.default_rng(seed)), ())
         return self.work / name
+
+    def changing(self, how: str, number: int) -> tuple[Path, tuple[tuple[float, float], ...]]:
+        """Record loads that are picked up and dropped: damped, undamped, or at rest."""
+        random = np.random.default_rng([self.seed, 70, number])
+        times = BEGIN + np.cumsum(random.uniform(*APART, CHANGES)) - APART[0]
+        loads = tuple((float(time), float(random.uniform(*HEAVY)) if k % 2 == 0 else 0.0)
+                      for k, time in enumerate(times))
+        moved = motion(float(times[-1]) + APART[1], random)
+        if how == 'rest':
+            moved = np.tile(random.uniform((0.3, -1.0), (2.5, 1.0)), (len(moved[0]), 1)), (
+                0.0 * moved[1])
+        name = f'changes_{how}_{number}'
+        self._make(name, 0.0, how != 'undamped', moved, (), loads)
+        return self.work / name, loads
 
     def pushed(self, number: int, pushes: int) -> tuple[Path, list[Push], FloatArray]:
         """Record pushes anywhere on the links of a moving arm, damped by nothing but itself."""
@@ -106,10 +127,11 @@ class Bags:
     def _make(
         self, name: str, payload: float, damped: bool,
         moved: tuple[FloatArray, FloatArray], pushes: tuple[Push, ...],
+        loads: tuple[tuple[float, float], ...] = (),
     ) -> FloatArray:
         truth = self.work / f'{name}.npy'
         if not truth.exists():
-            options = Options(gears=self.gears, payload=payload, damped=damped)
+            options = Options(gears=self.gears, payload=payload, damped=damped, loads=loads)
             np.save(truth, record(self.work / name, options, moved, self.seed, pushes))
         return np.asarray(np.load(truth))
 
@@ -145,6 +167,33 @@ def payload(bags: Bags, models: td.ModelBundle) -> None:
     found = {load: td.carried(models, [bags.free(load, 2)]) for load in (0.15, 0.35)}
     show(('load', 'estimated'), ((f'{1000 * load:.0f} g', f'{1e3 * item.mass:.1f} ± '
                                   f'{1e3 * item.mass_std:.1f} g') for load, item in found.items()))
+
+
+def changes(bags: Bags, models: td.ModelBundle, count: int) -> None:
+    """Print what a monitor says of loads that nobody announces."""
+    rows = []
+    for how in ('damped', 'undamped', 'rest'):
+        delays: list[float] = []
+        errors: list[float] = []
+        known = alarms = 0
+        for number in range(count):
+            path, loads = bags.changing(how, number)
+            seen = follow_load(models, td.read_recording(path, models.arm), 0.0)
+            times, found = np.array(seen.times), np.array([load.mass for load in seen.loads])
+            for (begin, mass), (end, _) in pairwise((*loads, (loads[-1][0] + APART[0], 0.0))):
+                known += 1
+                inside = (times > begin) & (times < end)
+                right = inside & (np.abs(found - mass) < 0.3 * max(mass, HEAVY[0]))
+                alarms += sum(begin < time < end for time in seen.events)
+                if right.any():
+                    delays.append(float(times[right][0]) - begin)
+                two = int(np.searchsorted(seen.t, begin + 2.0))
+                errors.append(1e3 * abs(float(seen.mass[two]) - mass))
+        rows.append((how, f'{known}', *(
+            f'{np.sum(np.array(delays) < limit)}' for limit in (0.7, 1.0, 4.0)), f'{alarms}',
+            f'{np.median(errors):.1f} g', f'{np.mean(np.array(errors) < 5.0):.0%}'))
+    show(('loads changed', 'n', 'recognised in 0.7 s', '1 s', '4 s', 'collisions before that',
+          'mass after 2 s', 'within 5 g'), rows)
 
 
 def rest(bags: Bags, models: td.ModelBundle) -> tuple[str, ...]:
@@ -229,8 +278,8 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--runs', type=int, default=2, help='recordings of pushes in motion')
     parser.add_argument('--pushes', type=int, default=30, help='in each of them')
-    parser.add_argument('--only', nargs='+', default=['fit', 'payload', 'rest', 'motion'],
-                        choices=('fit', 'payload', 'rest', 'motion'))
+    parser.add_argument('--only', nargs='+', default=(parts := (
+                        'fit', 'payload', 'changes', 'rest', 'motion')), choices=parts)
     args = parser.parse_args()
     warnings.simplefilter('ignore', UserWarning)  # recordings are known to be the plant's
     bags = Bags(args.work, args.gears, args.seed)
@@ -241,6 +290,8 @@ def main() -> None:
         fit(bags, models)
     if 'payload' in args.only:
         payload(bags, models)
+    if 'changes' in args.only:
+        changes(bags, models, args.runs)
     carrying = models.at(0.2)
     rows = [rest(bags, carrying)] if 'rest' in args.only else []
     if 'motion' in args.only:

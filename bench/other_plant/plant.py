@@ -91,6 +91,7 @@ class Options:
     gears: str = 'rigid'  # or elastic, or play
     stribeck: float = 0.0  # friction at rest over Coulomb friction, less 1
     payload: float = 0.2  # [kg]
+    loads: tuple[tuple[float, float], ...] = ()  # what is carried from a time on [s, kg]
     damped: bool = True
     noise: float = 2.0  # of the gauges [um/m]
     gains: tuple[float, ...] = (1.02, 0.99, 0.98, 1.01)  # of the gauges, over what they should be
@@ -124,6 +125,11 @@ class Arm:
     def moments(self) -> FloatArray:
         """Give the bending moments at the gauges, positive for the weight of the arm [N m]."""
         return -self.stiffness * self.data.qpos[self.gauges]
+
+    def carry(self, payload: float) -> None:
+        """Carry another load from now on, which moves as the arm does already [kg]."""
+        self.model.body_mass[self.model.body('load').id] = max(payload, 1e-6)
+        mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
 
     def push(self, link: int, place: float, force: FloatArray) -> FloatArray:
         """Give the generalised forces of a force in the base frame at a place of a link."""
@@ -261,7 +267,10 @@ def record(
     mean, rows, forces = arm.moments()[:2], [], np.zeros((len(want), 3))
     begun: dict[int, FloatArray] = {}
     acted = [np.zeros(0)] * len(pushes)
+    changes = {round(time / DT): payload for time, payload in options.loads}
     for k in range(len(want)):
+        if k in changes:
+            arm.carry(changes[k])
         q, dq, moment = data.qpos[motors], data.qvel[motors], arm.moments()
         wanted = rate[k] + POSITION_GAIN * (want[k] - q)
         mean = mean + DT * YIELD_MEAN * (moment[:2] - mean)

@@ -151,6 +151,15 @@ LOAD_GAIN = 1.0  # sum of log ratios by which a load reduces the residual (bench
 LOAD_SHARE = 0.5  # upper bound of the part of the error that remains with it (bench/doctor)
 LOAD_ERROR = 0.1  # relative error without friction of a model as it was (bench/doctor)
 
+# -- Gauges that a model knows otherwise (doctor/examine.py). Between recordings of two blades
+# gains differ by up to 0.5 %, zeros by 1 % of the deviation of a gauge (bench/changed_gauges.py)
+GAUGE_GAIN, GAUGE_ZERO = 0.02, 0.1  # least change of a gain, of a zero by the standard deviation
+GAUGE_SURE = 5.0  # standard deviations that a change has to be
+GAUGE_PARTS = 8  # parts that are left out in turn for the standard deviation
+# Part of its change that the other gauges may show: a load at the tip of the two-blade arm changes
+# the inner link's gauge by 0.46 of what it does to the outer's
+GAUGE_ALONE = 0.25
+
 # -- Alternatives of a description (doctor/alternatives.py)
 LEAST_GAIN = 0.5  # sum of log ratios of the residuals from which on one is tried (bench/doctor)
 REFINED_GAIN = 0.5  # the same for gravity that is turned away from an axis (bench/doctor)

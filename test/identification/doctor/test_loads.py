@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Loads that a model does not know, and bags of several loads compared."""
+"""Loads and gauges that a model knows otherwise, and bags of several loads compared."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 from doctor_making import bag, described, healthy
+import numpy as np
 import pytest
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
@@ -78,6 +79,35 @@ def test_faults_of_the_bag_stand_beside_its_load() -> None:
     strain[:, 1] = 7.0
     kinds = [item.kind for item in _evaluated(replace(recording, strain=strain)).findings]
     assert kinds == ['load_unknown', 'constant']
+
+
+@pytest.mark.parametrize('gauge', [0, 1])
+@pytest.mark.parametrize(('gain', 'zero'), [(1.05, 0.0), (0.9, 0.0), (1.0, 60.0), (1.0, -60.0)])
+def test_a_gauge_that_has_changed_is_named(gauge: int, gain: float, zero: float) -> None:
+    """By its gain or its zero, with the size; the other one is not, and it is no load."""
+    recording = healthy(seed=6)
+    strain = np.array(recording.strain)
+    strain[:, gauge] = gain * strain[:, gauge] + zero
+    evaluated = _evaluated(replace(recording, strain=strain))
+    finding, = evaluated.findings
+    assert finding.kind == ('gauge_zero' if zero else 'gauge_gain')
+    assert finding.channels == (described().gauge_names[gauge],) and evaluated.loads == {}
+    assert finding.size == pytest.approx(zero or gain, rel=0.05 if zero else 0.01)
+
+
+@pytest.mark.parametrize('payload', [0.01, 0.03, 0.1, 0.3])
+def test_a_light_load_is_no_gauge(payload: float) -> None:
+    """It changes what all gauges read."""
+    kinds = {item.kind for item in _evaluated(healthy(seed=6, payload=payload)).findings}
+    assert kinds <= {'load_unknown'}
+
+
+def test_gauges_that_have_changed_all_alike() -> None:
+    """No gauge is blamed for what may be a load, or the motion."""
+    recording = healthy(seed=6)
+    assert recording.strain is not None
+    changed = _evaluated(replace(recording, strain=1.05 * recording.strain))
+    assert not any(item.kind.startswith('gauge_') for item in changed.findings)
 
 
 def test_a_bag_that_is_too_short() -> None:

@@ -29,7 +29,7 @@ from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.choice import Choices
 from tudor_dynamics.identification.dataset import BagData, model_for
 from tudor_dynamics.identification.doctor.case import Case, unit_scale
-from tudor_dynamics.identification.doctor.examine import examine_all, load_of
+from tudor_dynamics.identification.doctor.examine import changed_gauges, examine_all, load_of
 from tudor_dynamics.identification.doctor.findings import CHECKS, Finding, found
 from tudor_dynamics.identification.loads import payload_of
 from tudor_dynamics.load.offline import PayloadEstimate
@@ -306,7 +306,11 @@ def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> Evaluate
                     continue  # its payload is not known, which is said elsewhere
                 predicted[output] = model.predict(examined.case.motion)
         finding = load_of(examined.case, predicted)
-        if finding is not None:
+        gauges = changed_gauges(
+            examined.case, predicted['strain']) if 'strain' in predicted else []
+        if gauges:
+            findings[-1][:0] = gauges
+        elif finding is not None:
             # how much it is, and as surely as that is known
             load = loads[name] = payload_of(bundle, [bag], 'analytical')
             size = None if math.isnan(load.mass) else load.mass - load.known

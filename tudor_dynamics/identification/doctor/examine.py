@@ -153,6 +153,38 @@ def _of_output(case: Case, output: str, predicted: FloatArray) -> Finding | None
                  case.recording.path, now=now, otherwise=then)
 
 
+def changed_gauges(case: Case, predicted: FloatArray) -> list[Finding]:
+    """Find gauges whose gain or zero is not that of the training: predicted (n, gauges)."""
+    measured = case.outputs['strain']
+    parts = np.array_split(np.arange(len(measured)), settings.GAUGE_PARTS)
+    effect, said = np.zeros(measured.shape[1]), []
+    sound = case.sound['strain']
+    sure = sound.copy()
+    for i, (expected, gauge) in enumerate(zip(predicted.T, case.arm.gauges, strict=True)):
+        left, size = measured[:, i] - expected, max(float(np.std(measured[:, i])), 1e-300)
+        # filters may be later, or earlier, than those of the fit
+        rate = np.gradient(expected, case.decimated.t)
+        ways = [np.column_stack([column, rate]) for column in (expected, np.ones_like(expected))]
+        values = [np.linalg.lstsq(way, left, rcond=None)[0] for way in ways]
+        zero = int(np.argmin([np.sum((left - way @ value) ** 2)
+                              for way, value in zip(ways, values, strict=True)]))
+        value, std = float(values[zero][0]), float(np.sqrt((len(parts) - 1) * np.var([
+            np.linalg.lstsq(np.delete(ways[zero], part, axis=0), np.delete(left, part),
+                            rcond=None)[0][0] for part in parts])))
+        least = settings.GAUGE_ZERO * size if zero else settings.GAUGE_GAIN
+        sure[i] &= abs(value) > max(least, settings.GAUGE_SURE * std)
+        effect[i] = float(np.sqrt(np.mean((value * ways[zero][:, 0]) ** 2))) / size
+        said.append(found(
+            'gauge_zero' if zero else 'gauge_gain', f'gauge {gauge.name} reads ' + (
+                f'{value:+.3g} +- {std:.1g} {gauge.unit} beside' if zero else
+                f'{1.0 + value:.3f} +- {std:.3f} times') + ' what the model expects',
+            case.recording.path, (gauge.name,), size=value if zero else 1.0 + value))
+    # what changes the readings of all gauges is a load
+    alone = 0 < sure.sum() <= sound.sum() // 2 and (
+        effect[sound & ~sure].max() < settings.GAUGE_ALONE * effect[sure].min())
+    return [item for item, changed in zip(said, sure, strict=True) if changed and alone]
+
+
 @dataclass(frozen=True, eq=False)
 class Examined:
     """What was found about a bag."""

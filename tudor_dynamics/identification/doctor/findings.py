@@ -35,6 +35,7 @@ UNSEEN = 'relative error of parts left out'
 NAMES = 'correct the names in the driver or in the description'
 UNIT = 'correct joints[].effort.unit, or scale the efforts in the driver'
 ONE_PART = 'leave one part out with BAG@BEGIN-END%'
+CHANGED = 'look at its bond, cable and amplifier; if it stays so, fit again with this bag'
 PLACE = 'give gauges[].distance in metres, from the axis of the joint along its link'
 CHECKS = {
     'gravity_axis': Check('gravity of the description along another axis', '', 'deg', RESIDUAL),
@@ -141,6 +142,8 @@ CHECKS = {
     'standstill': Check('the arm stands still at the ends', '', 's', one_bag=True),
     'payload_wrong': Check('payload stated wrong', 'correct it with --payload-of BAG=KG, or in '
                            'the metadata of the bag', 'kg', 'payload [kg]'),
+    'gauge_gain': Check('gauge with another gain than the model knows', CHANGED),
+    'gauge_zero': Check('gauge with another zero than the model knows', CHANGED),
     'load_unknown': Check(
         'the arm carries a load that the model lacks', 'fit a model to bags with this load; bags '
         'of two loads and --payload-of BAG=KG give one of all loads', 'kg', 'relative error')}
