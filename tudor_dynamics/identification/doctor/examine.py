@@ -211,7 +211,10 @@ def examine_all(
                                           arm.active_joints, arm.gauge_names, bag.timing)
         findings, decimated = not_listed(arm, clean) + findings, decimate(clean)
         if decimated is not None:
-            findings += velocity_lag(clean, decimated, arm.active_joints) + rings_on(arm, clean)
+            rings = rings_on(arm, clean)
+            # where it stands is where that shows
+            findings = [item for item in findings if not rings or item.kind != 'standstill']
+            findings += velocity_lag(clean, decimated, arm.active_joints) + rings
         seen.append((findings, None if decimated is None else Case(
             mended, clean, decimated, frozenset(
                 name for item in findings if item.kind in BROKEN for name in item.channels))))
@@ -254,7 +257,9 @@ def rings_on(arm: Arm, recording: Recording) -> list[Finding]:
     joint = arm.joints[loudest]
     return [found('rings', f'rings at {ring.frequency:.2f} Hz after motion, damping ratio '
                   f'{ring.damping:.3f}; {joint.name} shows {size[loudest]:.2g} '
-                  f'{joint.effort.unit}', recording.path, size=ring.frequency)]
+                  f'{joint.effort.unit}', recording.path, size=ring.frequency, remedy=(
+                      f'shape its motion: tudor shape --frequency {ring.frequency:.2f} --damping '
+                      f'{ring.damping:.3f}'))]
 
 
 def _by_model(

@@ -136,9 +136,7 @@ CHECKS = {
         'the same recording twice',
         'give another recording: a copy is no test of what was learned from it', '',
         'share of samples in common'),
-    'rings': Check(
-        'what the arm carries rings on after motion', 'shape its motion by this frequency: tudor '
-        'shape', 'Hz'),
+    'rings': Check('what the arm carries rings on after motion', '', 'Hz'),
     'standstill': Check('the arm stands still at the ends', '', 's', one_bag=True),
     'payload_wrong': Check('payload stated wrong', 'correct it with --payload-of BAG=KG, or in '
                            'the metadata of the bag', 'kg', 'payload [kg]'),
