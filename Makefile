@@ -23,7 +23,8 @@ export ROS_PYTHON_CHECK_FIELDS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-WORKERS ?= 2
+# One more than two cores: tests over topics mostly wait.
+WORKERS ?= 3
 PYTEST_ARGS ?=
 DEMO_OUT ?= demo_out
 PAPERS_ARGS ?=
