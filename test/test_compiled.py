@@ -106,6 +106,16 @@ def test_a_changed_callee_is_compiled_again(tmp_path: Path) -> None:
     assert len(list((package / '__pycache__').glob('tudor_dynamics-*'))) == 1
 
 
+def test_processes_that_start_at_once_compile_once(tmp_path: Path) -> None:
+    """A function that another process compiles is waited for, and read from the disk."""
+    tiny(tmp_path)
+    others = [subprocess.Popen([sys.executable, '-c', CALL], cwd=tmp_path, text=True,
+                               stdout=subprocess.PIPE, env={**os.environ, 'NUMBA_CACHE_DIR': ''})
+              for _ in range(4)]
+    said = sorted(process.communicate(timeout=120.0)[0].split()[-1] for process in others)
+    assert said == ['0', '1', '1', '1']
+
+
 def test_bits_do_not_depend_on_what_was_called_before(root: Path) -> None:
     """Functions that two others contain exist twice, and the first that is loaded serves both."""
     first, second = (subprocess.run(

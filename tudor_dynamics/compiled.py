@@ -17,7 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack, suppress
+from fcntl import flock, LOCK_EX
 import hashlib
 import math
 import os
@@ -27,6 +28,7 @@ from typing import Any, cast, TypeVar
 
 import numba
 from numba import types
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 import numpy as np
@@ -117,7 +119,29 @@ def compiled(function: Function) -> Function:
     """
     with _kept():
         jit = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy')
-        return cast(Function, jit(function))
+        return cast(Function, _once(jit(function)))
+
+
+_ALONE: set[Path] = set()
+"""Locks that this process holds."""
+
+
+def _once(function: Any) -> Any:
+    """Let only one of several processes compile a function; the others wait, and read it."""
+    compile_it, own = function.compile, function.py_func
+    place = DIRECTORY / f'{own.__module__}.{own.__qualname__}.lock'
+
+    def compile_once(signature: Any) -> Any:
+        # numba's own lock first: who has it may need this function inside of another one
+        with global_compiler_lock, ExitStack() as held:
+            if place not in _ALONE:
+                with suppress(OSError):  # a directory without locks, or without rights
+                    flock(held.enter_context(place.open('a')), LOCK_EX)
+                    _ALONE.add(place)
+                    held.callback(_ALONE.discard, place)
+            return compile_it(signature)
+    function.compile = compile_once
+    return function
 
 
 REAL, WHOLE, TRUTH = range(3)

@@ -81,8 +81,8 @@ def test_faults_of_the_bag_stand_beside_its_load() -> None:
     assert kinds == ['load_unknown', 'constant']
 
 
-@pytest.mark.parametrize('gauge', [0, 1])
-@pytest.mark.parametrize(('gain', 'zero'), [(1.05, 0.0), (0.9, 0.0), (1.0, 60.0), (1.0, -60.0)])
+@pytest.mark.parametrize(('gauge', 'gain', 'zero'), [
+    (0, 1.05, 0.0), (1, 0.95, 0.0), (0, 1.0, -60.0), (1, 1.0, 60.0)])
 def test_a_gauge_that_has_changed_is_named(gauge: int, gain: float, zero: float) -> None:
     """By its gain or its zero, with the size; the other one is not, and it is no load."""
     recording = healthy(seed=6)
@@ -95,7 +95,7 @@ def test_a_gauge_that_has_changed_is_named(gauge: int, gain: float, zero: float)
     assert finding.size == pytest.approx(zero or gain, rel=0.05 if zero else 0.01)
 
 
-@pytest.mark.parametrize('payload', [0.01, 0.03, 0.1, 0.3])
+@pytest.mark.parametrize('payload', [0.01, 0.1])
 def test_a_light_load_is_no_gauge(payload: float) -> None:
     """It changes what all gauges read."""
     kinds = {item.kind for item in _evaluated(healthy(seed=6, payload=payload)).findings}
