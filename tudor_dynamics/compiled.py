@@ -119,7 +119,8 @@ def compiled(function: Function) -> Function:
     """
     with _kept():
         jit = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy')
-        return cast(Function, _once(jit(function)))
+        made = jit(function)
+        return cast(Function, made if made is function else _once(made))  # NUMBA_DISABLE_JIT
 
 
 _ALONE: set[Path] = set()
