@@ -16,29 +16,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import importlib.util
 import json
 from pathlib import Path
+import sys
+from types import ModuleType
 
 import pytest
 from ros_world import feed, World
 from std_msgs.msg import String
-from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.bags.messages import load_topics
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.online.black_box import EVENTS
-from tudor_dynamics.online.detector import CollisionEvent
-from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 
 BEGIN, END = 1200, 1800
 """Samples of the bag of pushes that are played: one push, from 15.06 s on."""
 LOST = range(1350, 1353)
 """Readings of strain that never come."""
-TOPICS = ('/joint_states', '/motor_currents', '/link_strains')
+
+
+@pytest.fixture(scope='module')
+def why(root: Path) -> Iterator[ModuleType]:
+    """Load the tool that explains events."""
+    spec = importlib.util.spec_from_file_location('why', root / 'tools/why.py')
+    assert spec is not None and spec.loader is not None
+    module = sys.modules['why'] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules['why']
 
 
 @pytest.fixture(scope='module')
@@ -60,30 +70,9 @@ def played(world: World, model: Path, pushes: Recording, folder: Path) -> list[d
     return [json.loads(message.data) for message in records]
 
 
-def replayed(bag: Path, arm: Arm, model: Path) -> list[CollisionEvent]:
-    """Give the messages of a bag to the same object, in the order in which they arrived."""
-    monitor = Monitor(load_bundle(model), MonitorSettings(methods=()))
-    topics = load_topics(open_bag(bag), TOPICS)
-    order = sorted((time, name, row) for name, topic in topics.items()
-                   for row, time in enumerate(topic.log_time.tolist()))
-    fields = {'/joint_states': (arm.active_joints, 'position'),
-              '/motor_currents': (arm.active_joints, 'effort'),
-              '/link_strains': (arm.gauge_names, 'position')}
-    values = {name: topics[name].select(*of, str(bag))[1] for name, of in fields.items()}
-    speeds = topics['/joint_states'].select(arm.active_joints, 'velocity', str(bag))[1]
-    events = []
-    for _, name, row in order:
-        stamp, now = int(topics[name].stamp[row]), values[name][row]
-        speed = speeds[row] if len(speeds) else None
-        found = (monitor.add_joints(stamp, now, speed) if name == '/joint_states' else
-                 monitor.add_measured('effort' if name == '/motor_currents' else 'strain', stamp,
-                                      now))
-        events += found.events
-    return events
-
-
 def test_replayed_to_the_last_bit(
-    world: World, model: Path, pushes: Recording, tmp_path: Path, root: Path,
+    world: World, model: Path, pushes: Recording, tmp_path: Path, why: ModuleType,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Lost readings included, the event comes again: onset, method, link and all ratios."""
     records = played(world, model, pushes, tmp_path)
@@ -91,10 +80,16 @@ def test_replayed_to_the_last_bit(
     kept = json.loads(open_bag(bag).custom[EVENTS])
     assert [{key: item[key] for key in records[0]} for item in kept] == records
     assert kept[0]['settings']['model'] == str(model) and kept[0]['state']['arm']
-    events = replayed(bag, load_arm(root / 'config/two_blade_arm.yaml'), model)
+    assert why.main([str(bag)]) == 0
+    said = capsys.readouterr().out
+    assert said.count(': touch\n') == said.count('to the last bit\n') == len(records)
+    found = why.causes(why.asked([str(bag)]))
     assert [(event.onset, event.stamp, event.method, event.link, event.ratios)
-            for event in events] == [tuple(record[key] for key in (
-                'onset', 'stamp', 'method', 'link', 'ratio')) for record in records]
+            for event in (cause.event.event for cause in found)] == [
+                tuple(record[key] for key in ('onset', 'stamp', 'method', 'link', 'ratio'))
+                for record in records]
+    assert why.causes(why.asked([str(bag), '--at', records[0]['time'][11:19]])) == found[:1]
+    assert why.main([str(bag), '--at', '33:33:33']) == 1
 
 
 def test_a_folder_that_takes_nothing(

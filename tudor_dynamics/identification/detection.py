@@ -407,8 +407,8 @@ class _Open:
 
 
 @dataclass(slots=True)
-class _Log:
-    """What one method makes of one bag, sample after sample."""
+class EventLog:
+    """What a detector makes of a bag, sample after sample."""
 
     stamps: list[int] = field(default_factory=list)
     ratios: list[float] = field(default_factory=list)
@@ -420,11 +420,12 @@ class _Log:
     def add(self, found: Found, watch: Watch) -> None:
         """Take the samples that became known, and the level after them."""
         level = watch.level
-        for _, excess in found.excesses:
+        for method, excess in found.excesses:
             stamp, ratio = excess.residual.motion.stamp, float(excess.collision.max())
             self.stamps.append(stamp)
             self.ratios.append(ratio)
-            if self.under_way is not None and ratio >= 1.0:
+            if (self.under_way is not None and ratio >= 1.0
+                    and method == self.under_way.event.method):
                 self.under_way.last = stamp
                 if ratio > self.under_way.ratio:
                     self.under_way.ratio = ratio
@@ -468,7 +469,7 @@ def watch_bag(
         bundle, common.kind, common.observer if recording.strain is not None else 'off')
     watches = {method: Watch(bundle, alone) for method, alone in settings.items()}
     outputs = {SOURCE[method] for method in settings}
-    logs = {method: _Log() for method in settings}
+    logs = {method: EventLog() for method in settings}
     for k, stamp in enumerate(recording.stamp.tolist()):
         motion = front.step(stamp, recording.q[k],
                             None if recording.dq is None else recording.dq[k])

@@ -513,3 +513,11 @@ class PayloadStage(CarriedLoad):
         change = self.observer.step(
             since, *sensed, held=touched and not self.expecting, expected=self.expecting)
         return LoadFound(stamp, self.mass, change) if change else None
+
+
+def carried_load(source: str, bundle: ModelBundle, payload: float) -> CarriedLoad | None:
+    """Give what follows the load, by where it is known from; None for ``parameter``."""
+    if source == 'parameter':
+        return None
+    known = payload if bundle.payload_range is not None else bundle.payload or 0.0
+    return (PayloadStage if source == 'estimate' else CarriedLoad)(bundle, known)

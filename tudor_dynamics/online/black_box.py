@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from tudor_dynamics.bags.storage import METADATA, RawMessages, read_metadata
+from tudor_dynamics.bags.storage import Bag, METADATA, one_line, RawMessages, read_metadata
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.detector import CollisionEvent, Excess, time_of_day
@@ -53,6 +53,18 @@ def record_of(event: CollisionEvent, excess: Excess) -> dict[str, Any]:
             **{name: dict(zip(channels, values.tolist(), strict=True))
                for name, values in found.items()},
             'motion': excess.residual.motion.row.tolist()}
+
+
+def records_of(bag: Bag) -> list[dict[str, Any]]:
+    """Read the records of a bag; none where it has none."""
+    try:
+        found = json.loads(bag.custom.get(EVENTS, '[]'))
+        for record in found:
+            int(record['onset']), record['method'], dict(record['ratio']), dict(record['settings'])
+    except (KeyError, RecursionError, TypeError, ValueError) as err:
+        raise BagError(f'{EVENTS} in {METADATA} are no records of events ({one_line(err)})',
+                       place=str(bag.path), remedy='copy the bag again') from None
+    return list(found)
 
 
 class MessageRing:

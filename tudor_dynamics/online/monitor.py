@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,15 @@ class MonitorSettings:
     observer_gain: float = OBSERVER_GAIN
     gap: float = 0.0
     contact: bool = False
+
+    @classmethod
+    def of(cls, params: Mapping[str, Any]) -> MonitorSettings:
+        """Give what the parameters of a node stand for."""
+        return cls(
+            params['kind'], params.get('observer', 'off'), tuple(params['methods']),
+            Rates(params['false_alarms_per_hour'], params['contact_alarms_per_hour']),
+            DetectorSettings(params['debounce'], params['rearm']), params['observer_gain'],
+            params.get('gap', 0.0), params['estimate_contact'])
 
 
 @dataclass(eq=False, slots=True)

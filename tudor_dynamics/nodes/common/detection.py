@@ -43,7 +43,7 @@ from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPo
 from tudor_dynamics.online.black_box import record_of
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.coverage import Coverage, CoverageLevel, SensorHealth
-from tudor_dynamics.online.detector import CollisionEvent, DetectorSettings, Level, Rates
+from tudor_dynamics.online.detector import CollisionEvent, Level
 from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.online.settings import SENSOR_SPEED
 from tudor_dynamics.online.streams import Gathering, Residual
@@ -202,16 +202,7 @@ class DetectNode(ModelNode):
 
     def settings(self) -> MonitorSettings:
         """Give the settings that the parameters stand for."""
-        return MonitorSettings(
-            kind=self.value('kind'),
-            observer=self.value('observer') if 'observer' in self.params else 'off',
-            methods=self.value('methods'),
-            rates=Rates(self.value('false_alarms_per_hour'),
-                        self.value('contact_alarms_per_hour')),
-            detector=DetectorSettings(self.value('debounce'), self.value('rearm')),
-            observer_gain=self.value('observer_gain'),
-            gap=self.value('gap') if 'gap' in self.params else 0.0,
-            contact=self.value('estimate_contact'))
+        return MonitorSettings.of({name: self.value(name) for name in self.params})
 
     def adopt(
         self, bundle: ModelBundle, watch: Watch, motion: str, drops: Sequence[Counter[str]],

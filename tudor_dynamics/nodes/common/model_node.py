@@ -29,7 +29,7 @@ from std_msgs.msg import Bool, Float64MultiArray
 
 from tudor_dynamics.arm.description import Arm, array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
-from tudor_dynamics.load.live import CarriedLoad, PayloadStage
+from tudor_dynamics.load.live import carried_load, CarriedLoad, PayloadStage
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, TudorNode, WARN
@@ -106,10 +106,7 @@ class PayloadPort:
 
         payload [kg]; returns None where the load is a parameter.
         """
-        if self.source == 'parameter':
-            return None
-        known = payload if bundle.payload_range is not None else bundle.payload or 0.0
-        return (PayloadStage if self.source == 'estimate' else CarriedLoad)(bundle, known)
+        return carried_load(self.source, bundle, payload)
 
     def use(self, load: CarriedLoad | None) -> None:
         """Put another one into use; a load that is known stays."""
