@@ -27,6 +27,7 @@ import pytest
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
+from tudor_dynamics.identification.doctor.residuals import _spectrum
 from tudor_dynamics.typing import FloatArray
 
 Change = Callable[[FloatArray, FloatArray], FloatArray]
@@ -79,6 +80,22 @@ def test_positions(change: Change, kind: str, size: float) -> None:
 def test_channels(field: str, change: Change, kind: str) -> None:
     """What an amplifier or a driver does and no arm."""
     assert kind in found(of(field, change))
+
+
+def test_a_spectrum_is_the_sum_over_waves_also_after_a_gap() -> None:
+    """Each share is that of the plain sum; the table does not grow with the square of the time."""
+    t = np.concatenate([np.arange(400) * 0.05, 31.013 + np.arange(300) * 0.05])
+    values = np.column_stack([np.sin(2.0 * np.pi * 1.7 * t + 0.3), np.cos(2.0 * np.pi * 4.1 * t)])
+    frequency, shares = _spectrum(t, values)
+    assert len(frequency) < 100 * len(t)
+    free = values - values.mean(axis=0)
+    inside = np.flatnonzero(frequency < 9.0)  # below half of the samples a second
+    peaks = np.argmax(shares[inside], axis=0)
+    assert frequency[peaks] == pytest.approx([1.7, 4.1], abs=0.005)
+    for k in [*peaks, 77, 1234]:
+        waves = np.exp(-2j * np.pi * frequency[k] * t)
+        plain = 2.0 * np.abs(waves @ free / len(t)) ** 2 / np.mean(free ** 2, axis=0)
+        assert shares[k] == pytest.approx(plain, abs=0.02)
 
 
 @pytest.mark.parametrize('seconds', [12.0, 40.0])

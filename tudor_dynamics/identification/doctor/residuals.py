@@ -199,6 +199,18 @@ def ringing(chosen: Alternative, output: str) -> float | None:
     return min(found, default=None)
 
 
+def _spectrum(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Give frequencies, and what part of the variance of values (n, columns) each one is."""
+    step = float(np.median(np.diff(t))) / settings.WAVE_FINE
+    place = np.round((t - t[0]) / step).astype(int)
+    spread = np.zeros((place[-1] + 1, values.shape[1]))  # fine: stretches keep their phase
+    spread[place] = values - values.mean(axis=0)
+    count = 1 << (settings.WAVE_LONGER * len(spread)).bit_length()
+    shares = 2.0 * np.abs(np.fft.rfft(spread, count, axis=0) / len(t)) ** 2 / np.maximum(
+        np.mean(spread[place] ** 2, axis=0), 1e-300)
+    return np.asarray(np.fft.rfftfreq(count, step)), shares
+
+
 def _wave(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
     """Find a wave that goes on through most of a residual, and is none of the motion."""
     case, t = chosen.case, chosen.case.decimated.t
@@ -206,18 +218,16 @@ def _wave(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
     if seconds < settings.WAVE_SECONDS:
         return None
     left = chosen.explained[name].residuals(chosen.output(name))[:, i]
-    both = np.column_stack([left, np.split(case.motion, 3, axis=1)[1][:, case.moves]])
-    both -= both.mean(axis=0)
-    frequency = np.arange(max(settings.WAVE_ABOVE, settings.WAVE_CYCLES / seconds),
-                          settings.CUTOFF, 0.1 / seconds)
-    waves = np.exp(-2j * np.pi * np.outer(frequency, t))
-    shares = 2.0 * np.abs(waves @ both / len(t)) ** 2 / np.maximum(
-        np.mean(both ** 2, axis=0), 1e-300)
+    frequency, shares = _spectrum(
+        t, np.column_stack([left, np.split(case.motion, 3, axis=1)[1][:, case.moves]]))
+    near = (frequency >= max(settings.WAVE_ABOVE, settings.WAVE_CYCLES / seconds)) & (
+        frequency <= min(settings.CUTOFF, 0.5 / float(np.median(np.diff(t)))))
+    frequency, shares = frequency[near], shares[near]
     peak = int(np.argmax(shares[:, 0]))
     # what rings dies out, or begins again with each motion
     parts = np.array([part.mean() for part in np.array_split(
-        waves[peak] * left, settings.WAVE_PARTS)])
-    line, uneven = float(shares[peak, 0]), np.abs(parts / parts.mean() - 1.0).max()
+        np.exp(-2j * np.pi * frequency[peak] * t) * left, settings.WAVE_PARTS)])
+    line, uneven = min(float(shares[peak, 0]), 1.0), np.abs(parts / parts.mean() - 1.0).max()
     if (line < settings.WAVE or uneven > settings.WAVE_EVEN
             or shares[peak, 1:].max(initial=0.0) > settings.RINGING_MOVED):
         return None

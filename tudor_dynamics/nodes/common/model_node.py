@@ -101,11 +101,7 @@ class PayloadPort:
                 InertiaStamped, PAYLOAD_TOPIC, self._heard, latched())
 
     def prepare(self, bundle: ModelBundle, payload: float) -> CarriedLoad | None:
-        """
-        Build what follows the load.
-
-        payload [kg]; returns None where the load is a parameter.
-        """
+        """Build what follows the load: payload [kg]; None where the load is a parameter."""
         return carried_load(self.source, bundle, payload)
 
     def use(self, load: CarriedLoad | None) -> None:
