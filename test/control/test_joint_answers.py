@@ -108,9 +108,8 @@ def nudge(rig: Rig, joint: int, step: float = STEP, *, velocities: bool = True) 
 
 
 def both(rate: Callable[..., Any]) -> Callable[..., Any]:
-    """Run a test with a slow and a fast driver, without load and with the heaviest."""
-    rate = pytest.mark.parametrize('payload', [0.0, 0.4])(rate)
-    return pytest.mark.parametrize('rate', [100.0, 500.0])(rate)
+    """Run a test with a slow driver and the heaviest load, and with a fast one and none."""
+    return pytest.mark.parametrize('rate, payload', [(100.0, 0.4), (500.0, 0.0)])(rate)
 
 
 @both

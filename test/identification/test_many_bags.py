@@ -121,7 +121,7 @@ def test_without_a_folder_nothing_stays(
 
 def test_test_bags_judge(root: Path, tmp_path: Path) -> None:
     """With bags to judge by, figures are theirs in both ways."""
-    arm = load_arm(root / 'config/two_blade_arm.yaml')
+    arm = settled(root)
     bags = [f'{root}/bags/two_blade_train_{number}' for number in (1, 2)]
     ways = [fit(bags, arm, test=root / 'bags/two_blade_test', streaming=streaming)
             for streaming in (Streaming(Folder(tmp_path / 'sums')), None)]
@@ -178,7 +178,7 @@ def test_broken_bags_and_copies_are_left_out(
 def test_a_killed_fit_goes_on(root: Path, tmp_path: Path) -> None:
     """What was kept before `kill -9` is used, and the model is that of an uninterrupted fit."""
     bag = f'{root}/bags/two_blade_train_1'
-    many = [f'{bag}@{first}-{first + 12}%' for first in range(0, 96, 12)]
+    many = [f'{bag}@{first}-{first + 20}%' for first in range(0, 100, 20)]
     out, sums = tmp_path / 'model', tmp_path / 'model.sums'
     process = subprocess.Popen(
         [sys.executable, '-m', 'tudor_dynamics', 'fit', *many, '--stream', '--jobs', '1', '--arm',
@@ -216,7 +216,7 @@ def test_what_was_kept_is_checked(
 
 def test_payloads(root: Path, tmp_path: Path) -> None:
     """Bags of several payloads become one model of all of them, as in the ordinary fit."""
-    arm = load_arm(root / 'config/two_blade_arm.yaml')
+    arm = settled(root)
     source = read_recording(root / 'bags/two_blade_train_1', arm)
     for number in range(4):
         part = cut(source, BagChoice('', number / 4, (number + 1) / 4))

