@@ -289,9 +289,9 @@ class Damper:
         strain (joints,) [its unit], fresh, saturated (joints,); returns (joints,) [rad/s].
         """
         count = len(self.joints)
-        values = np.broadcast_to(np.asarray(strain, dtype=float), count)
-        new = np.broadcast_to(np.asarray(fresh, dtype=bool), count)
-        limited = np.broadcast_to(np.asarray(saturated, dtype=bool), count)
+        values, new, limited = (
+            x if x.shape == (count,) else np.broadcast_to(x, count)  # which takes 5 us
+            for x in map(np.asarray, (strain, fresh, saturated)))
         return np.array([
             damper_law(self.rows[j], self.state[j], self.past[j], self.dt, float(values[j]),
                        bool(new[j]), bool(limited[j]), moving) for j in range(count)])

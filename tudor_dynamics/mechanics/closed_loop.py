@@ -460,8 +460,9 @@ class ClosedLoop:
         self.plant.taken(self._done, status)
         first = -(-begun // every)
         t = (first + np.arange(rows)) * every * self.dt
-        cuts = np.cumsum([joints, joints, joints, gauges, joints, joints])
-        return LoopRecord(np.asarray(t, dtype=np.float64), *np.split(out, cuts, axis=1))
+        ends = np.cumsum([joints, joints, joints, gauges, joints, joints, joints]).tolist()
+        return LoopRecord(np.asarray(t, dtype=np.float64), *(
+            out[:, a:b] for a, b in zip([0, *ends], ends, strict=False)))
 
 
 def steps_per_message(dt: float, rate: float) -> int:
@@ -562,6 +563,6 @@ class ArmProcess:
         speed = self.speed
         self._age += period
         q_ref = np.zeros((self.steps, len(speed)))  # no position loop: not used
-        signals = self.loop.run(q_ref, np.tile(speed, (self.steps, 1)), every=self.steps)
+        signals = self.loop.run(q_ref, np.full(q_ref.shape, speed), every=self.steps)
         return Sample(t, signals.q[0], signals.dq[0], signals.current[0], signals.strain[0],
                       total)
