@@ -52,7 +52,7 @@ $(STAMP): setup.cfg setup.py package.xml tools/find_python
 	  $$python -m venv --clear $(if $(ROS_SETUP),--system-site-packages) $(VENV); \
 	fi; \
 	echo 'installing from PyPI, one or two minutes ...'; \
-	$(BIN)/python -m pip install --quiet --no-compile --use-pep517 --editable '.$(EXTRAS)'
+	$(BIN)/python -m pip install --quiet --use-pep517 --editable '.$(EXTRAS)'
 	@touch $@
 
 demo: venv
@@ -77,7 +77,7 @@ papers: venv
 # Any warning ends it: a docstring that Sphinx cannot read is one that people cannot read.
 docs: venv
 	@$(BIN)/python -c 'import furo, myst_parser, numpydoc' 2>/dev/null \
-	  || $(BIN)/python -m pip install --quiet --no-compile --use-pep517 --editable '.[docs]'
+	  || $(BIN)/python -m pip install --quiet --use-pep517 --editable '.[docs]'
 	@$(ROS) $(BIN)/python -m sphinx -W --keep-going -j auto -b html docs build/docs
 	@echo "open in a browser: file://$(abspath build/docs)/index.html"
 
