@@ -54,8 +54,8 @@ from tudor_dynamics.online.streams import Gathering
 from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.typing import FloatArray
 
-# Chosen on the simulated arm of config/tudor.yaml, judged on other seeds and on another arm
-# (bench/causes.py).
+# Chosen on the simulated arm of config/tudor.yaml; SHARED, and the order of causes, also on
+# recordings of the two-blade arm. Judged on another arm (bench/causes.py --stiff).
 BEFORE, LONG_BEFORE = 0.1, 10.0
 """Times before an onset that are looked at [s]."""
 BRIEF = 0.15
