@@ -44,8 +44,8 @@ from tudor_dynamics.online.detector import Rates
 from tudor_dynamics.online.monitor import MonitorSettings
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / 'tools'))
-from why import Cause, explain  # noqa: E402
+sys.path.insert(0, str(ROOT))
+from tools.why import Cause, explain  # noqa: E402, I100
 import yaml  # noqa: E402
 
 RATE, SECONDS, AT = 100.0, 24.0, 14.0
@@ -61,14 +61,14 @@ MOVED = {'touch': 'touch', 'touch at rest': 'touch', 'load': 'load',
 
 @dataclass(eq=False)
 class Messages:
-    """What an arm sends: stamps and which messages come, by topic."""
+    """What an arm sends, sample by sample; which of its positions come."""
 
+    stamp: np.ndarray  # [ns]
     q: np.ndarray
     dq: np.ndarray | None
     current: np.ndarray
     strain: np.ndarray
-    stamp: dict[str, np.ndarray]
-    kept: dict[str, np.ndarray]
+    kept: np.ndarray
 
 
 def messages(
@@ -76,9 +76,7 @@ def messages(
     strain: np.ndarray,
 ) -> Messages:
     """Give all of it, as it is."""
-    topics = ('joints', 'effort', 'strain')
-    return Messages(q, dq, current.copy(), strain.copy(), dict.fromkeys(topics, stamp),
-                    {name: np.ones(len(stamp), bool) for name in topics})
+    return Messages(stamp, q, dq, current.copy(), strain.copy(), np.ones(len(stamp), bool))
 
 
 def spoil(sent: Messages, kind: str, seed: int, k: int) -> None:
@@ -90,9 +88,9 @@ def spoil(sent: Messages, kind: str, seed: int, k: int) -> None:
         sent.strain[k:, gauge] = sent.strain[k, gauge]
     elif kind == 'gap':
         random = np.random.default_rng([seed, 7])
-        sent.kept['joints'][k:] = random.uniform(size=len(sent.q) - k) > 0.8
+        sent.kept[k:] = random.uniform(size=len(sent.q) - k) > 0.8
     elif kind == 'breakaway':  # what a joint that has stood needs to begin to move
-        speed = np.gradient(sent.q[:, joint], 1e-9 * sent.stamp['joints'])
+        speed = np.gradient(sent.q[:, joint], 1e-9 * sent.stamp)
         still = np.abs(speed) < 0.02
         for start in np.flatnonzero(still[:-1] & ~still[1:]):
             if start > k and still[start - 30:start].all():
@@ -105,18 +103,16 @@ def spoil(sent: Messages, kind: str, seed: int, k: int) -> None:
 def write(arm: td.Arm, sent: Messages, out: Path, leaps_at: int | None = None) -> None:
     """Write a bag; where stamps of the strain leap, its messages come as always."""
     signals = [
-        td.joint_signals('/joint_states', sent.stamp['joints'], arm.active_joints, sent.q,
-                         sent.dq),
-        td.joint_signals('/motor_currents', sent.stamp['effort'], arm.active_joints,
-                         effort=sent.current),
-        td.joint_signals('/link_strains', sent.stamp['strain'], arm.gauge_names, sent.strain)]
-    kept = [item.at(some) for item, some in zip(signals, sent.kept.values(), strict=True)]
+        td.joint_signals('/joint_states', sent.stamp, arm.active_joints, sent.q,
+                         sent.dq).at(sent.kept),
+        td.joint_signals('/motor_currents', sent.stamp, arm.active_joints, effort=sent.current),
+        td.joint_signals('/link_strains', sent.stamp, arm.gauge_names, sent.strain)]
     if leaps_at is None:
-        td.write_bag(out, kept)
+        td.write_bag(out, signals)
         return
     with TemporaryDirectory() as folder:
-        td.write_bag(Path(folder, 'bag'), kept)
-        raw = list(open_bag(Path(folder, 'bag')).read([item.topic for item in kept]).values())
+        td.write_bag(Path(folder, 'bag'), signals)
+        raw = list(open_bag(Path(folder, 'bag')).read([item.topic for item in signals]).values())
     data = [item if i < leaps_at else item[:4] + struct.pack(
         '<iI', *divmod(time + round(LATE * 1e9), 10**9)) + item[12:]
         for i, (time, item) in enumerate(zip(raw[-1].log_time.tolist(), raw[-1].data,
@@ -127,12 +123,11 @@ def write(arm: td.Arm, sent: Messages, out: Path, leaps_at: int | None = None) -
 def motion(arm: td.Arm, kind: str, seed: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Plan what the arm does: at rest, with stops, fast without damping, or as in the training."""
     limits, random = td.motion_limits(arm), np.random.default_rng(seed)
+    planned = td.stimulus_motion(arm, 'aprbs', SECONDS, seed, dt)
     if kind == 'touch at rest':
-        planned = td.stimulus_motion(arm, 'aprbs', SECONDS, seed, dt)
         q = np.tile(planned.q[len(planned.q) // 2], (len(planned.q), 1))
         return q, np.zeros_like(q)
     if kind in ('breakaway', 'fast'):
-        planned = td.stimulus_motion(arm, 'aprbs', SECONDS, seed, dt)
         low, high = planned.q.min(axis=0), planned.q.max(axis=0)
         times = [np.arange(2.0, SECONDS, 4.0 if kind == 'breakaway' else 1.0)] * len(low)
         if kind == 'fast':
@@ -142,7 +137,6 @@ def motion(arm: td.Arm, kind: str, seed: int, dt: float) -> tuple[np.ndarray, np
         found = td.follow_targets([g[0] for g in goals], times, goals, limits, dt,
                                   round(SECONDS / dt))
         return found.q, found.dq
-    planned = td.stimulus_motion(arm, 'aprbs', SECONDS, seed, dt)
     return planned.q, planned.dq
 
 

@@ -16,12 +16,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
-import sys
-from types import ModuleType
 
-import pytest
+from tools import nodes_reference, returns, size
 
 MODULE = '''# A comment.
 
@@ -50,20 +47,9 @@ class Plan:
 '''
 
 
-def tool(root: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """Load a script of ``tools/``."""
-    spec = importlib.util.spec_from_file_location(name, root / f'tools/{name}.py')
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, name, module)  # for its dataclasses
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_returns_are_moves_to_files_seen_before(
-        root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_returns_are_moves_to_files_seen_before() -> None:
     """Neither the first look into a file nor a call within it counts; the way back does."""
-    walk = tool(root, 'returns', monkeypatch).Walk()
+    walk = returns.Walk()
     walk.call(('a.py', 'f'))
     for _ in range(2):
         walk.call(('b.py', 'g'))
@@ -77,18 +63,16 @@ def test_returns_are_moves_to_files_seen_before(
         '+ a.py:f', '+ b.py:g', 'b.py:h', '< back in a.py', '< b.py:g', 'b.py:h', '< back in a.py']
 
 
-def test_an_arm_is_followed(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_arm_is_followed() -> None:
     """The walk begins where the arm is loaded, and is the same every time."""
-    returns = tool(root, 'returns', monkeypatch)
     first, second = (returns.walk_through('load_arm') for _ in range(2))
     assert first.tree == second.tree and first.tree[0].endswith(':load_arm')
     assert first.returns == sum(first.causes.values()) > 0
     assert f'load_arm: {first.returns} returns' in returns.report('load_arm', first, False)
 
 
-def test_size_of_a_module(tmp_path: Path, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_size_of_a_module(tmp_path: Path) -> None:
     """Every figure of a small module, and what two of the same count together."""
-    size = tool(root, 'size', monkeypatch)
     package = tmp_path / 'tudor_dynamics'
     for room in ('one', 'two'):
         (package / room).mkdir(parents=True)
@@ -109,11 +93,8 @@ def test_size_of_a_module(tmp_path: Path, root: Path, monkeypatch: pytest.Monkey
     assert all(len(line) <= 80 for line in text.splitlines())
 
 
-def test_the_reference_has_all_of_a_node(
-    root: Path, monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_reference_has_all_of_a_node() -> None:
     """Topics, services, parameters with default and range, and diagnostics of each node."""
-    nodes_reference = tool(root, 'nodes_reference', monkeypatch)
     text = nodes_reference.page('monitor')
     assert [line for line in text.splitlines() if line.startswith('#')] == [
         '## Subscribed', '## Published', '## Services', '## Parameters', '## Diagnostics']

@@ -16,39 +16,24 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
-import sys
-from types import ModuleType
 
 import pytest
+from tools import tutorials
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 400.0
 """For the blocks of a page, on a busy machine; idle, they take half a minute [s]."""
 
 
-def load() -> ModuleType:
-    """Load the script that writes the pages."""
-    spec = importlib.util.spec_from_file_location('tutorials', ROOT / 'tools' / 'tutorials.py')
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules['tutorials'] = module  # for its dataclass
-    spec.loader.exec_module(module)
-    return module
-
-
-TOOL = load()
-
-
-@pytest.mark.parametrize('page', TOOL.PAGES, ids=[page.stem for page in TOOL.PAGES])
+@pytest.mark.parametrize('page', tutorials.PAGES, ids=[page.stem for page in tutorials.PAGES])
 def test_a_page_shows_what_comes(page: Path, tmp_path: Path) -> None:
     """Every block ends well, one after the other in a fresh copy, and prints what is shown."""
-    blocks = list(TOOL.blocks(page.read_text(encoding='utf-8')))
+    blocks = list(tutorials.blocks(page.read_text(encoding='utf-8')))
     assert len(blocks) > 4 and sum(block.shown is not None for block in blocks) > 3
-    outputs = TOOL.run([block.commands for block in blocks], tmp_path / 'work', PATIENCE)
+    outputs = tutorials.run([block.commands for block in blocks], tmp_path / 'work', PATIENCE)
     wrong = [f'{block.commands}{line}' for block, output in zip(blocks, outputs, strict=True)
-             if block.shown is not None for line in TOOL.differences(block, output)]
+             if block.shown is not None for line in tutorials.differences(block, output)]
     assert not wrong, '\n'.join([*wrong, 'python tools/tutorials.py writes the pages again'])
 
 
@@ -58,18 +43,19 @@ def test_a_page_shows_what_comes(page: Path, tmp_path: Path) -> None:
     ('...\nc 2\n', 'a 1\nb 2\n', 1), ('a 1\nb 2\n', 'a 1\n', 1), ('a ── 1\n', 'a ──── 1\n', 0)])
 def test_another_output_is_noticed(shown: str, printed: str, found: int) -> None:
     """Words are compared, numbers to a twentieth, and ``...`` stands for any lines."""
-    block = TOOL.Block('', shown, False, (0, 0))
-    assert len(TOOL.differences(block, printed)) == found
+    block = tutorials.Block('', shown, False, (0, 0))
+    assert len(tutorials.differences(block, printed)) == found
 
 
 def test_a_failing_block_is_named(tmp_path: Path) -> None:
     """The first block that fails ends the page, with what it printed."""
     with pytest.raises(RuntimeError, match='exit code 3: echo two; exit 3\ntwo'):
-        TOOL.run(['echo one\n', 'echo two; exit 3\n', 'echo three\n'], tmp_path / 'work', 20.0)
+        tutorials.run(['echo one\n', 'echo two; exit 3\n', 'echo three\n'], tmp_path / 'work',
+                      20.0)
 
 
 def test_pages_are_written_again() -> None:
     """A line keeps its place and gets the numbers of now; what is left out stays so."""
-    block = TOOL.Block('', 'fit 80 %\n...\nuse: strain\n', False, (0, 0))
-    assert TOOL.shown_again(block, 'fit 93 %\nother\nmore\nuse: effort and strain\n') == (
+    block = tutorials.Block('', 'fit 80 %\n...\nuse: strain\n', False, (0, 0))
+    assert tutorials.shown_again(block, 'fit 93 %\nother\nmore\nuse: effort and strain\n') == (
         'fit 93 %\n...\nuse: effort and strain\n')

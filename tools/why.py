@@ -31,20 +31,20 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-import json
 import sys
-import textwrap
 from typing import Any
 
 import numpy as np
 from tudor_dynamics.arm.description import Arm, array_places
 from tudor_dynamics.bags.messages import DATA, JOINT_STATE, load_topics
 from tudor_dynamics.bags.storage import Bag, open_bag
+from tudor_dynamics.cli.console import print_json, say
 from tudor_dynamics.errors import BagError, ModelError, TudorError, UsageError
 from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FREE
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.nodes.common.interfaces import FIELD
 from tudor_dynamics.online.black_box import records_of
 from tudor_dynamics.online.contact import ContactEstimate
 from tudor_dynamics.online.detector import Excess, time_of_day
@@ -59,7 +59,7 @@ from tudor_dynamics.typing import FloatArray
 BEFORE, LONG_BEFORE = 0.1, 10.0
 """Times before an onset that are looked at [s]."""
 BRIEF = 0.15
-"""What is shorter comes by chance, or of a loss [s]."""
+"""Shorter events come by chance, or after a loss [s]."""
 CLOCK_STEP = 1.5
 """Stamps that leap by more while messages come as always [periods]."""
 LOST_BEFORE = 0.5
@@ -77,7 +77,7 @@ UNLIKE = 0.8
 FASTER = 1.1
 """Times the largest speed of the training."""
 USUAL = 6.0
-"""False alarms of a statistic that is reached in free motion all the time [1/h]."""
+"""Where free motion reaches a ratio more often, its threshold is too low [1/h]."""
 JUST_ABOVE = 1.3
 """Ratio to a threshold."""
 LATE_LOAD = 4.0
@@ -107,7 +107,7 @@ def messages_of(bag: Bag, arm: Arm) -> list[Heard]:
     for output, carried in arm.topics.items():
         for topic, names in carried.items():
             wanted.setdefault(topic, []).append(
-                (output, tuple(names), 'position' if output == 'strain' else 'effort'))
+                (output, tuple(names), FIELD[output]))
     places = {topic: name for topic, name in bag.find(dict.fromkeys(wanted, JOINT_STATE)).items()
               if name is not None}
     if own not in places:
@@ -188,15 +188,14 @@ class Scene:
         return [excess for excess in self.replay.excesses.get(method or self.seen.event.method, ())
                 if begin <= (excess.residual.motion.stamp - onset) * 1e-9 <= end]
 
-    def readings(self, output: str, channel: str) -> Callable[[float, float], FloatArray]:
-        """Give what gives readings of a channel between two times since the onset [s]."""
+    def readings(self, output: str, channel: str, begin: float, end: float) -> FloatArray:
+        """Give the readings of a channel between two times since the onset [s]."""
         topic, names = next((topic, names) for topic, names in self.topics[output].items()
                             if channel in names)
-        found = [((message.stamp - self.seen.event.onset) * 1e-9,
-                  float(message.fields[output][names.index(channel)]))
-                 for message in self.messages if message.topic == topic
-                 and output in message.fields]
-        return lambda begin, end: np.array([value for t, value in found if begin <= t <= end])
+        place, onset = names.index(channel), self.seen.event.onset
+        return np.array([message.fields[output][place] for message in self.messages
+                         if message.topic == topic and output in message.fields
+                         and begin <= (message.stamp - onset) * 1e-9 <= end])
 
     def steps(self, before: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         """Give steps of stamps and of arrivals in a time before the event [s], in usual ones."""
@@ -213,9 +212,9 @@ class Scene:
 def _clock(scene: Scene) -> str:
     for topic, stamp, arrival in scene.steps(LONG_BEFORE):
         leap = stamp - arrival
-        last = np.flatnonzero((np.abs(leap) > CLOCK_STEP) & (np.abs(arrival - 1.0) < 1.0))
-        if len(last) and abs(leap[last[0]:].sum()) > CLOCK_STEP:  # and stays
-            return (f'stamps of {topic} leap by {leap[last[0]]:+.1f} periods while its messages '
+        leaps = np.flatnonzero((np.abs(leap) > CLOCK_STEP) & (np.abs(arrival - 1.0) < 1.0))
+        if len(leaps) and abs(leap[leaps[0]:].sum()) > CLOCK_STEP:  # and stays
+            return (f'stamps of {topic} leap by {leap[leaps[0]]:+.1f} periods while its messages '
                     'come as always')
     return ''
 
@@ -233,19 +232,22 @@ def _gap(scene: Scene) -> str:
 def _gauge(scene: Scene) -> str:
     """One channel leaps from a sample to the next, or stands, and no other shows anything."""
     event, channel = scene.seen.event, scene.seen.channel
-    place, output = list(event.ratios).index(channel), SOURCE[event.method]
+    output = SOURCE[event.method]
+    for name in event.ratios:
+        lately, ever = (scene.readings(output, name, -before, 0.0) for before in (BEFORE, np.inf))
+        if len(lately) > 2 and not np.ptp(lately) and np.ptp(ever):
+            return f'{name} stands at {lately[0]:.4g} to the last digit'
+    if event.method == 'momentum':
+        return ''
+    place = list(event.ratios).index(channel)
     rest = max((float(np.max(np.delete(np.abs(item.residual.value / item.threshold), place),
                              initial=0.0)) for item in scene.excesses(-BEFORE, BRIEF)),
                default=0.0)
-    value = scene.readings(output, channel)(-BEFORE, BRIEF)
+    value = scene.readings(output, channel, -BEFORE, BRIEF)
     whole, leap = float(np.ptp(value)), float(np.abs(np.diff(value)).max(initial=0.0))
-    for name in event.ratios:
-        lately, ever = (scene.readings(output, name)(-before, 0.0)
-                        for before in (BEFORE, np.inf))
-        if len(lately) > 2 and not np.ptp(lately) and np.ptp(ever):
-            return f'{name} stands at {lately[0]:.4g} to the last digit'
-    return '' if event.method == 'momentum' or rest > QUIET_CHANNEL or not (
-        leap > LEAP * whole) else (
+    if rest > QUIET_CHANNEL or not leap > LEAP * whole:
+        return ''
+    return (
         f'{channel} leaps by {leap:.3g} from one sample to the next, {leap / whole:.0%} of all it '
         f'does; no other channel is above {rest:.2f} of its threshold')
 
@@ -411,7 +413,7 @@ def explain(
 
 # -- The command
 
-def asked(argv: Sequence[str] | None = None) -> argparse.Namespace:
+def arguments(argv: Sequence[str] | None = None) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -419,7 +421,7 @@ def asked(argv: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--model', metavar='MODEL',
                         help='bundle of tudor fit (that which the bag names)')
     parser.add_argument('--at', default='', metavar='HH:MM:SS',
-                        help='explain the events whose time of day begins like this')
+                        help='explain the events whose date or time of day has this in it')
     parser.add_argument('--payload', type=float, metavar='KG',
                         help='mass at the tip (that which the bag names, or 0)')
     parser.add_argument('--json', action='store_true', help='print the causes as JSON')
@@ -448,17 +450,17 @@ def causes(args: argparse.Namespace) -> list[Cause]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the causes."""
-    args = asked(argv)
+    args = arguments(argv)
     try:
         found = causes(args)
     except TudorError as err:
         print(f'why: {err}', file=sys.stderr)
         return 2
     if args.json:
-        print(json.dumps([{
+        print_json([{
             **cause.event.as_dict(), 'method': cause.event.event.method, 'cause': cause.name,
             'evidence': cause.evidence, 'remedy': cause.remedy, 'same': cause.same}
-            for cause in found], indent=2))
+            for cause in found])
     else:
         report(found)
     return 0 if found and all(cause.evidence for cause in found) else 1
@@ -467,19 +469,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 def report(found: Sequence[Cause]) -> None:
     """Print a paragraph for each event."""
     if not found:
-        print('no such event comes when the messages pass the monitor again')
+        say('no such event comes when the messages pass the monitor again')
     for cause in found:
         seen = cause.event
-        print(f'{time_of_day(seen.event.onset)}: {cause.name}\n'
-              f'  {seen.channel} of {seen.event.link}, by {seen.event.method}: '
-              f'{seen.ratio:.2f} times its threshold, for {1e3 * seen.seconds:.0f} ms')
-        for text in (cause.evidence, cause.remedy):
-            if text:
-                print(textwrap.fill(text, 79, initial_indent='  ', subsequent_indent='    '))
+        say(f'{time_of_day(seen.event.onset)}: {cause.name}',
+            f'  {seen.channel} of {seen.event.link}, by {seen.event.method}: '
+            f'{seen.ratio:.2f} times its threshold, for {1e3 * seen.seconds:.0f} ms',
+            *(f'  {text}' for text in (cause.evidence, cause.remedy) if text))
         if cause.same is not None:
-            print('  the replay gives the event of the node to the last bit' if cause.same else
-                  '  the replay comes near to the event of the node, not to the last bit: the '
-                  'node\n    was older than 30 s, or the model is another')
+            say('  the replay gives the event of the node to the last bit' if cause.same else
+                '  the replay comes near to the event of the node, not to the last bit: the node '
+                'was older than 30 s, or the model is another')
 
 
 if __name__ == '__main__':

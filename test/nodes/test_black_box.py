@@ -16,16 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-import importlib.util
 import json
 from pathlib import Path
-import sys
-from types import ModuleType
 
 import pytest
 from ros_world import feed, World
 from std_msgs.msg import String
+from tools import why
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
@@ -38,17 +35,6 @@ BEGIN, END = 1200, 1800
 """Samples of the bag of pushes that are played: one push, from 15.06 s on."""
 LOST = range(1350, 1353)
 """Readings of strain that never come."""
-
-
-@pytest.fixture(scope='module')
-def why(root: Path) -> Iterator[ModuleType]:
-    """Load the tool that explains events."""
-    spec = importlib.util.spec_from_file_location('why', root / 'tools/why.py')
-    assert spec is not None and spec.loader is not None
-    module = sys.modules['why'] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules['why']
 
 
 @pytest.fixture(scope='module')
@@ -71,7 +57,7 @@ def played(world: World, model: Path, pushes: Recording, folder: Path) -> list[d
 
 
 def test_replayed_to_the_last_bit(
-    world: World, model: Path, pushes: Recording, tmp_path: Path, why: ModuleType,
+    world: World, model: Path, pushes: Recording, tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Lost readings included, the event comes again: onset, method, link and all ratios."""
@@ -83,12 +69,12 @@ def test_replayed_to_the_last_bit(
     assert why.main([str(bag)]) == 0
     said = capsys.readouterr().out
     assert said.count(': touch\n') == said.count('to the last bit\n') == len(records)
-    found = why.causes(why.asked([str(bag)]))
+    found = why.causes(why.arguments([str(bag)]))
     assert [(event.onset, event.stamp, event.method, event.link, event.ratios)
             for event in (cause.event.event for cause in found)] == [
                 tuple(record[key] for key in ('onset', 'stamp', 'method', 'link', 'ratio'))
                 for record in records]
-    assert why.causes(why.asked([str(bag), '--at', records[0]['time'][11:19]])) == found[:1]
+    assert why.causes(why.arguments([str(bag), '--at', records[0]['time'][11:19]])) == found[:1]
     assert why.main([str(bag), '--at', '33:33:33']) == 1
 
 

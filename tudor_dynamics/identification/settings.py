@@ -256,7 +256,7 @@ STEP_SHARE = 1e-3  # part of the variance that it explains
 WAVE, WAVE_ABOVE = 0.5, 0.5  # part of a residual's power in a wave, above [Hz]
 # Seconds and periods that it lasts at least; parts in which it is the same, within a half.
 WAVE_SECONDS, WAVE_CYCLES, WAVE_PARTS, WAVE_EVEN = 16.0, 10, 4, 0.5
-# Steps between two samples, and times its length, that a spectrum has; peaks are below by 2 %.
+# Steps of a spectrum between samples, and its length in records: peaks 3 % low, as sinc^2(1/10).
 WAVE_FINE, WAVE_LONGER = 4, 5
 UNEXPLAINED = 0.6  # relative residual beyond which nothing is explained: a fit below 40 %
 # (doctor/readings.py; chosen with bench/lab_faults)

@@ -89,10 +89,11 @@ class MonitorSettings:
     def of(cls, params: Mapping[str, Any]) -> MonitorSettings:
         """Give what the parameters of a node stand for."""
         return cls(
-            params['kind'], params.get('observer', 'off'), tuple(params['methods']),
-            Rates(params['false_alarms_per_hour'], params['contact_alarms_per_hour']),
-            DetectorSettings(params['debounce'], params['rearm']), params['observer_gain'],
-            params.get('gap', 0.0), params['estimate_contact'])
+            kind=params['kind'], observer=params.get('observer', 'off'),
+            methods=tuple(params['methods']), observer_gain=params['observer_gain'],
+            rates=Rates(params['false_alarms_per_hour'], params['contact_alarms_per_hour']),
+            detector=DetectorSettings(params['debounce'], params['rearm']),
+            gap=params.get('gap', 0.0), contact=params['estimate_contact'])
 
 
 @dataclass(eq=False, slots=True)

@@ -16,9 +16,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from rclpy.publisher import Publisher
@@ -26,6 +24,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 
 from ros_world import node_class, World
+from tools import nodes_reference
 from tudor_dynamics.nodes.common.interfaces import NODES
 
 SHARED = {'Subscribed': ('/parameter_events',),
@@ -35,16 +34,6 @@ ARMS = {'oscillation_damper', 'force_controller', 'reference_generator', 'trajec
 JUDGING = {'joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor'}
 MODELS = {'joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor',
           'feedforward'}
-
-
-@pytest.fixture(scope='module')
-def tool(root: Path) -> ModuleType:
-    """Load the script that writes the tables."""
-    spec = importlib.util.spec_from_file_location('nodes', root / 'tools/nodes_reference.py')
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_each_node_has_its_page(root: Path) -> None:
@@ -60,19 +49,18 @@ def test_each_node_has_its_page(root: Path) -> None:
     assert pages == {*NODES, 'arm_tests'}
 
 
-def section(tool: ModuleType, node: str, part: str) -> list[list[str]]:
+def section(node: str, part: str) -> list[list[str]]:
     """Rows of a table, cell by cell."""
-    table = f'\n{tool.page(node)}'.partition(f'\n## {part}\n')[2].split('\n## ')[0]
+    table = f'\n{nodes_reference.page(node)}'.partition(f'\n## {part}\n')[2].split('\n## ')[0]
     rows = [[cell.strip().strip('`') for cell in line.strip('|').split('|')]
             for line in table.splitlines() if line.startswith('|')]
     return rows[2:]
 
 
 @pytest.mark.parametrize('name', sorted(NODES))
-def test_tables(name: str, world: World, root: Path, model: Path,
-                tool: ModuleType) -> None:
+def test_tables(name: str, world: World, root: Path, model: Path) -> None:
     """Parameters of the code; topics with their types, services and figures of a running node."""
-    rows = section(tool, name, 'Parameters')
+    rows = section(name, 'Parameters')
     assert [row[0] for row in rows] == [param.name for param in NODES[name]]
     values = {}
     if name in ARMS:
@@ -92,16 +80,16 @@ def test_tables(name: str, world: World, root: Path, model: Path,
     # another node of this name
     for part, own in (('Subscribed', node.subscriptions), ('Published', node.publishers)):
         wanted = {'/' + row[0].replace('~', name).lstrip('/'): row[1]
-                  for row in section(tool, name, part)}
+                  for row in section(name, part)}
         has = {item.topic_name: type_of(item) for item in own
                if item.topic_name not in SHARED[part]}
         assert has == wanted, part
     offered = {item.srv_name.replace(f'/{name}', '~') for item in node.services
                if type_of_service(item) == 'std_srvs/Trigger'}
-    listed = {row[0] for row in section(tool, name, 'Services')}
+    listed = {row[0] for row in section(name, 'Services')}
     assert listed - offered <= {'~/expect_payload'} and offered <= listed
     shown = [row[0].rsplit(' ', 1)[0] if row[0].split()[-1].isupper() else row[0]
-             for row in section(tool, name, 'Diagnostics')]
+             for row in section(name, 'Diagnostics')]
     for key in node.status()[2]:
         assert any(key.startswith(item) for item in shown), key
 
