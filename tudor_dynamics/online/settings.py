@@ -110,6 +110,9 @@ PROFILE_FLOOR = 0.1
 """Least size at rest, in medians: without it standstill would make any noise a collision."""
 LEAST_BLOCKS = 8
 """Least free motion to estimate a tail [s]; docs/explanation/thresholds.md."""
+LEAST_SHOWN = 10
+"""Groups that friction does not cover, below which a part of the motion has no profile of its own:
+the two largest of ten lie above `PROFILE_QUANTILE`."""
 LARGEST_SHAPE = 0.5
 """Tails that end more abruptly are an artefact of few peaks; false alarms measured by
 bench/false_alarms.py."""
@@ -130,10 +133,6 @@ LEAST_SCALES = (0.1, 0.1, 0.02)
 """Least scales: of residual and onset as ratios to their profiles, of the sum of onsets [s]."""
 MOST_MOTIONS = 5
 """Groups of motions that are left out in turn; more take as many times as long."""
-MOTIONS_APART = 1.1
-"""Thresholds from motions left out over those from halves, at one alarm an hour, from which on
-they count: less is chance. Chosen among four by two-blade arm, UR10, UR10e and Airbot
-(bench/false_alarms.py --leave-motions-out), so that these are no proof of it."""
 CALIBRATION_SAMPLES = 2_000_000
 """Upper bound of what a calibration keeps: half an hour at 1 kHz."""
 CALIBRATION_STRIDE = 100

@@ -31,7 +31,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.detector import levels
 from tudor_dynamics.online.settings import (
     BLOCK, CALIBRATION_SAMPLES, CALIBRATION_STRIDE, FRICTION_UNCERTAIN, GROUP, LAGS, LARGEST_SHAPE,
-    LARGEST_TAIL_SHARE, LEAST_BLOCKS, LEAST_SCALES, LEVEL_QUANTILE, MOST_MOTIONS, MOTIONS_APART,
+    LARGEST_TAIL_SHARE, LEAST_BLOCKS, LEAST_SCALES, LEAST_SHOWN, LEVEL_QUANTILE, MOST_MOTIONS,
     PROFILE_FLOOR, PROFILE_QUANTILE, PROFILE_ROWS, REVERSAL_SPEED, SHAPE_ERROR, SHAPE_ERRORS, STEP,
     TAIL_PEAKS, TAIL_SHARE, USUAL_SHARE, WINDOW)
 from tudor_dynamics.online.streams import Residual
@@ -186,26 +186,26 @@ def learn_thresholds(
                        f'{LEAST_BLOCKS * BLOCK:g} s without a gap are needed')
     stiction = np.zeros(len(channels)) if stiction is None else stiction
     rows = _Rows(records, step, period, stiction)
+    taps, profile = rows.law()
     halves = [list(part) for part in zip(*(r.halves() for r in records), strict=True)]
     laws, *left_out = [[
         (_Rows(left, step, period, stiction), _Rows(
             [r for other in parts if other is not left for r in other], step, period,
-            stiction).law()) for left in parts] for parts in (halves, _motions(records)) if parts]
+            stiction).law(profile)) for left in parts]
+        for parts in (halves, _motions(records)) if parts]
     # Ratios to a profile that was not learned from them: others are too small. Nor from their
     # motion, where there are several: days and kinds of motion differ by more than halves do.
     ratios, *others = [np.vstack([judged.ratios(*law, block) for judged, law in some])
                        for some in (laws, *left_out)]
     usual = np.quantile(np.vstack([judged.levels(*law) for judged, law in laws]), USUAL_SHARE,
                         axis=0)
-    taps, profile = rows.law()
     n, alive = len(channels), rows.noise() > 0.0
     tails = []
     for place in range(3 * n):
         least = LEAST_SCALES[place // n] if alive[place % n] else 0.0
-        halved, *left = [_tail(item[:, place], least) for item in (ratios, *others)]
-        apart = [tail for tail in left if place < 2 * n  # sums fall back within seconds
-                 and tail.ratio(1.0) > MOTIONS_APART * halved.ratio(1.0)]
-        tails.append(apart[0] if apart else halved)
+        some = (ratios, *others) if place < 2 * n else (ratios,)  # sums fall back within seconds
+        tails.append(max((_tail(item[:, place], least) for item in some),
+                         key=lambda tail: tail.ratio(1.0)))
     return MethodThresholds(channels, step, taps, profile, tuple(tails), seconds,
                             np.asarray(usual), rows.reach(), stiction)
 
@@ -224,31 +224,30 @@ class _Rows:
         self, records: Sequence[FreeMotion], step: float, period: float, stiction: FloatArray,
     ) -> None:
         self._step, self._group = step, max(1, round(GROUP / period))
-        self._skip = int(math.ceil((LAGS + WINDOW) * step / period))
         self._records, n = [], len(stiction)
         for r in records:
             held = (held_friction(stiction, np.abs(r.motion[:, n:2 * n])) if stiction.any()
                     else np.zeros_like(r.residual))
             self._records.append((r.t, r.residual, held, released(r.t, r.residual, held),
-                                  motion_features(r.stamp, r.motion)[self._skip:]))
+                                  motion_features(r.stamp, r.motion)))
 
     def _judged(self, taps: FloatArray) -> Iterator[tuple[FloatArray, ...]]:
-        """Go through the records, pasts complete: dt, residuals, held friction, columns, sizes."""
+        """Go through the records: dt, residuals, held friction, columns, sizes."""
         for t, residual, held, free, columns in self._records:
-            onset = onset_statistic(t, free, taps, self._step)
+            onset = onset_statistic(t, free, taps, self._step)  # 0 until its past is complete
             sizes = np.hstack([np.maximum(np.abs(residual) - held, 0.0), np.abs(onset)])
-            yield (np.diff(t[self._skip - 1:]), residual[self._skip:], held[self._skip:], columns,
-                   sizes[self._skip:])
+            yield np.diff(t, prepend=t[0]), residual, held, columns, sizes
 
-    def law(self) -> tuple[FloatArray, FloatArray]:
-        """Learn taps and profile."""
+    def law(self, otherwise: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Learn taps and profile, which is another one where hardly anything shows."""
         taps = learn_taps([(t, free) for t, _, _, free, _ in self._records], self._step)
         judged = [(_largest(columns, self._group), _largest(sizes, self._group))
                   for _, _, _, columns, sizes in self._judged(taps)]
         columns, peaks = (np.vstack(parts) for parts in zip(*judged, strict=True))
         least = np.concatenate([self.noise(), np.zeros(taps.shape[1])])
-        return taps, np.array([_profile(columns, peaks[:, i], least[i])
-                               for i in range(peaks.shape[1])])
+        return taps, np.array([
+            otherwise[i] if otherwise is not None and np.count_nonzero(peak) < LEAST_SHOWN
+            else _profile(columns, peak, least[i]) for i, peak in enumerate(peaks.T)])
 
     def ratios(self, taps: FloatArray, profile: FloatArray, block: int) -> FloatArray:
         """Give the largest ratio to a profile in each block, and the largest sums of onsets."""
@@ -290,15 +289,17 @@ def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray
     """Fit a quantile of the peaks by non-negative columns, as a linear program."""
     stride = -(-len(peaks) // PROFILE_ROWS)
     columns, peaks = columns[::stride], peaks[::stride]
-    largest = np.maximum(columns.max(axis=0), 1e-12)
-    # friction that holds covers a joint at rest altogether
-    unit = float(np.median(peaks[peaks > 0.0])) if (peaks > 0.0).any() else max(least, 1e-300)
+    largest, shown = np.maximum(columns.max(axis=0), 1e-12), peaks > 0.0
+    unit = float(np.median(peaks[shown])) if shown.any() else max(least, 1e-300)
+    # Friction that holds covers a joint at rest. That counts for no more than what it does not
+    # cover, however long the arm stood: a profile of 0 would leave all of it to the tail.
+    weight = np.where(shown, 1.0, min(1.0, shown.sum() / max(1, (~shown).sum())) or 1.0)
     from scipy import optimize  # slow to import
 
     # the dual has a constraint a column, not one a row: 7 to 9 times as fast
     found = optimize.linprog(
         -peaks / unit, A_ub=(columns / largest).T, b_ub=np.zeros(columns.shape[1]),
-        bounds=(PROFILE_QUANTILE - 1.0, PROFILE_QUANTILE), method='highs')
+        bounds=np.outer(weight, (PROFILE_QUANTILE - 1.0, PROFILE_QUANTILE)), method='highs')
     if not found.success:
         raise FitError(f'no profile of a threshold is found ({found.message}); record more')
     profile = np.maximum(-found.ineqlin.marginals, 0.0) * unit / largest
