@@ -318,7 +318,8 @@ def _single_move(seed: int, seconds: float) -> FreeMotion:
     """Make a move at the very beginning, after which friction covers the joint for long."""
     t = np.arange(1100) / 100.0
     dq = np.where(t < seconds, 2.0 * np.sin(np.pi * t / seconds), 0.0)
-    noise = np.convolve(np.random.default_rng(seed).normal(size=len(t)), np.full(5, 5**-0.5), 'same')
+    white = np.random.default_rng(seed).normal(size=len(t))
+    noise = np.convolve(white, np.full(5, 5**-0.5), 'same')
     residual = 0.5 * (dq == 0.0) + noise * (0.02 + 0.3 * np.abs(dq))
     motion = np.column_stack([np.cumsum(dq) / 100.0, dq, np.gradient(dq, 0.01)])
     return FreeMotion((1e9 * t).round().astype(np.int64), motion, residual[:, None], str(seed))
@@ -345,7 +346,8 @@ def test_a_soft_hit_is_told_by_its_sum() -> None:
             [math.sqrt(1.0 - fade**2)], [1.0, -fade], noise, axis=0))
 
     learned = learn_thresholds([wandering(120, 1), wandering(120, 2)], CHANNELS)
-    before = replace(learned, tails=learned.tails[:4])
+    without_sums = [replace(tail, location=1e9) for tail in learned.tails[4:]]
+    before = replace(learned, tails=(*learned.tails[:4], *without_sums))
     free = wandering(40, 3)
     t = free.t
     soft = np.where((t > 10) & (t < 16), 3.0 * np.sin(np.pi * (t - 10) / 6), 0.0)
@@ -381,13 +383,11 @@ def test_a_force_that_goes_is_no_new_hit() -> None:
     assert any(told[:42]) and not any(told[50:])
 
 
-def test_old_thresholds_have_no_sums(learned: MethodThresholds) -> None:
-    """Bundles from before are read, without friction that holds and without sums."""
+def test_thresholds_that_lack_something_are_refused(learned: MethodThresholds) -> None:
+    """Bundles of before there was a release say what they lack, and nothing is guessed."""
     content = thresholds_to_dict(learned)
-    content['tails'] = content['tails'][:4]
-    old = thresholds_from_dict(content, CHANNELS, 2)
-    assert not old.stiction.any() and np.isinf(old.ratios(1.0)[4:]).all()
-    assert max(x.collision.max() for x in walk(ExcessStage(old, Rates(1.0)),
-                                               ringing(20, 9))) < 1.0
-    with pytest.raises(ModelError, match='stiction.0: .* greater than or equal to 0'):
-        thresholds_from_dict({**content, 'stiction': [-1.0, 0.0]}, CHANNELS, 2)
+    for change, message in (({'tails': content['tails'][:4]}, '4 tails do not fit.* expected 6'),
+                            ({'usual': None}, 'usual'), ({'reach': [1.0]}, 'reach'),
+                            ({'stiction': [-1.0, 0.0]}, 'stiction.0: .* greater than or equal')):
+        with pytest.raises(ModelError, match=message):
+            thresholds_from_dict({**content, **change}, CHANNELS, 2)

@@ -98,6 +98,28 @@ def test_rate_and_settle() -> None:
     assert every.n_kept == 1000
 
 
+@pytest.mark.parametrize('kind', ['causal', 'zero_phase'])
+@pytest.mark.parametrize(('rest', 'kept_rest'), [(0.0, 0.5), (0.15, 0.1), (0.8, 0.5)])
+def test_a_move_right_after_the_start_is_used(kind: str, rest: float, kept_rest: float) -> None:
+    """Where the arm stood first there is nothing to settle from."""
+    rate, move = 250.0, 1.2
+    t = np.arange(round((rest + move + rest) * rate) + round(rate)) / rate - 0.5 - rest
+    place = np.clip(t / move, 0.0, 1.0)
+    q = (place - np.sin(2.0 * np.pi * place) / (2.0 * np.pi))[:, None] * np.array([1.0, -0.5])
+    cut = round(0.5 * rate)
+    spec = PreprocessingSpec(filter=kind, rate=None, cutoff=20.0)
+    alone, = prepare(recording_of(q[cut:-cut], rate, effort=q[cut:-cut]), spec)
+    whole, = prepare(recording_of(q, rate, effort=q), spec.model_copy(update={'settle': 0.0}))
+    kept = alone.decimation.keep
+    assert alone.t[kept[0]] == pytest.approx(kept_rest, abs=0.5 / rate)
+    if kind == 'zero_phase':
+        assert alone.t[-1] - alone.t[kept[-1]] == pytest.approx(kept_rest, abs=1.5 / rate)
+    for name in ('dq', 'ddq'):
+        found, expected = (getattr(item.states, name) for item in (alone, whole))
+        error = np.abs(found[kept] - expected[cut:-cut][kept]).max()
+        assert error < (2e-3 if kept_rest < spec.settle else 2e-2) * np.abs(expected).max()
+
+
 def test_decimation_removes_what_it_cannot_show() -> None:
     """Zero-phase decimation keeps 1 Hz and removes 45 Hz, which would fold down to 5 Hz."""
     t = np.arange(4000) / 200.0

@@ -326,8 +326,7 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
     columns = np.zeros(learned.profile.shape[1])
     columns[0] = 1.0
     rest = learned.profile @ columns * ratios + np.append(learned.stiction, np.zeros(n))
-    columns[1:1 + learned.n_joints] = 0.5 * np.where(
-        np.isfinite(learned.reach), learned.reach, 0.0)
+    columns[1:1 + learned.n_joints] = 0.5 * learned.reach
     levels = np.maximum(rest, learned.profile @ columns * ratios)
     # readings of a step by the residual, and by the onset statistic while its steps come in
     within = max(1, min(len(learned.taps), math.floor(settings.NOTICED / learned.step)))

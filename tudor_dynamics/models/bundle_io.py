@@ -34,7 +34,7 @@ from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import BundlePart, Model, read
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
-from tudor_dynamics.models.estimation import Products, summed
+from tudor_dynamics.models.estimation import Products
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.typing import FloatArray
 import yaml
@@ -178,7 +178,7 @@ def read_facts(path: str | Path) -> dict[str, Any]:
 
 FILE = 'data.npz'
 SUM = 'sum'
-"""What is kept; older bundles have a part for each bag."""
+"""What is kept."""
 
 Models = Mapping[str, Mapping[str, Model]]
 
@@ -206,22 +206,20 @@ def unpack(
         for name, model in _kept(sets, empty=True):
             if name not in names:
                 continue
-            factors = bool(arrays[f'{name}_triangular'][0])
-            parts: list[list[list[Products]]] = [[] for _ in names[name]]
+            factors, data = bool(arrays[f'{name}_triangular'][0]), []
             for number, group in enumerate(model.groups_):
                 size = len(group.base.kept) + 1
                 values = arrays[f'{name}_{number}']
                 counts = arrays[f'{name}_{number}_n']
-                shape = (len(parts), len(group.base.channels), size, size)
+                shape = (1, len(group.base.channels), size, size)
                 if values.shape != shape or counts.shape != shape[:2] or not (
                         np.all(np.isfinite(values)) and np.all(counts >= 0.0)):
                     msg = f'{name}: {values.shape} where finite numbers {shape} were expected'
                     raise ValueError(msg)
-                for part, matrices, n in zip(parts, values, counts, strict=True):
-                    part.append([
-                        Products(matrix.T @ matrix, int(k), matrix) if factors else
-                        Products(matrix, int(k)) for matrix, k in zip(matrices, n, strict=True)])
-            model.data_ = summed(parts)
+                data.append([Products(matrix.T @ matrix, int(k), matrix) if factors else
+                             Products(matrix, int(k))
+                             for matrix, k in zip(values[0], counts[0], strict=True)])
+            model.data_ = data
     except (KeyError, TypeError, ValueError, IndexError) as err:
         raise ModelError(f'the data do not belong to the models ({err})', place=file,
                          remedy=AGAIN) from None

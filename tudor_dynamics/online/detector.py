@@ -83,17 +83,14 @@ def follow(
     dt: float, speeds: FloatArray, ratio: FloatArray, usual: FloatArray, reach: FloatArray,
     level: FloatArray, widening: FloatArray,
 ) -> None:
-    """Compare levels and speeds with those learned, infinite if unknown; widens what follows."""
+    """Compare levels and speeds with those learned; widens what follows."""
     faster = 1.0
     for j in range(len(speeds)):
         faster = max(faster, speeds[j] / reach[j])
     _track(dt, ratio, level)
     for i in range(len(ratio)):
-        if math.isfinite(usual[i]):
-            level[i] = min(max(level[i], LOWEST_LEVEL * usual[i]), WIDEST * usual[i])
-            widening[i] = min(max(level[i] / usual[i], faster), WIDEST)
-        else:
-            widening[i] = min(faster, WIDEST)
+        level[i] = min(max(level[i], LOWEST_LEVEL * usual[i]), WIDEST * usual[i])
+        widening[i] = min(max(level[i] / usual[i], faster), WIDEST)
 
 
 @compiled
@@ -152,8 +149,8 @@ class ExcessStage:
         self.thresholds = thresholds
         n, joints = len(thresholds.channels), thresholds.n_joints
         self._channels: FloatArray = np.zeros((CHANNEL_ROWS, n))
-        self._channels[[USUAL, STICTION]] = thresholds.usual, thresholds.stiction
-        self._channels[LEVEL] = np.where(np.isfinite(thresholds.usual), thresholds.usual, 0.0)
+        self._channels[[USUAL, LEVEL]] = thresholds.usual
+        self._channels[STICTION] = thresholds.stiction
         # factor on the thresholds of each channel, for motion that they were not learned on
         self.widening = self._channels[WIDENING]
         self.widening[:] = 1.0

@@ -57,9 +57,9 @@ class ThresholdsPart(BundlePart):
     taps: tuple[Matrix, ...]
     profile: tuple[tuple[Size, ...], ...]
     tails: tuple[Tail, ...]
-    usual: tuple[Positive, ...] | None = None
-    reach: tuple[Positive, ...] | None = None
-    stiction: tuple[Size, ...] | None = None
+    usual: tuple[Positive, ...]
+    reach: tuple[Positive, ...]
+    stiction: tuple[Size, ...]
 
     @model_validator(mode='after')
     def _fits(self, info: ValidationInfo) -> ThresholdsPart:
@@ -73,14 +73,13 @@ class ThresholdsPart(BundlePart):
                 ('taps', self.taps, (LAGS + WINDOW, n, n)),
                 ('profile', self.profile, (2 * n, 1 + 4 * joints)), ('usual', self.usual, (n,)),
                 ('reach', self.reach, (joints,)), ('stiction', self.stiction, (n,))):
-            if value is not None and np.shape(value) != shape:
+            if np.shape(value) != shape:
                 raise ValueError(f'{name} has the shape {np.shape(value)}; the arm needs {shape}')
-        if len(self.tails) not in (2 * n, 3 * n):
-            raise ValueError(f'{len(self.tails)} tails do not fit the arm; expected two or three '
-                             'for each channel')
+        if len(self.tails) != 3 * n:
+            raise ValueError(f'{len(self.tails)} tails do not fit the arm; expected {3 * n}')
         if any(row[0] == 0.0 for row in self.profile):
             raise ValueError('the profile of a threshold is 0 at rest; expected more')
-        if n != joints and any(self.stiction or ()):
+        if n != joints and any(self.stiction):
             raise ValueError('stiction is given for channels that are no joints')
         return self
 
@@ -95,32 +94,24 @@ def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
 
     return {
         'channels': list(thresholds.channels), 'seconds': round(thresholds.seconds, 3),
-        'step': short(thresholds.step), 'taps': listed(thresholds.taps.tolist()),
-        'profile': listed(thresholds.profile.tolist()),
+        'step': short(thresholds.step),
         'tails': [{key: short(value) for key, value in asdict(tail).items()}
                   for tail in thresholds.tails],
-        # infinite means unknown, and is left out as in bundles that are older
-        **{key: listed(values.tolist()) for key in ('usual', 'reach')
-           if np.isfinite(values := getattr(thresholds, key)).all()},
-        **({'stiction': listed(thresholds.stiction.tolist())} if thresholds.stiction.any()
-           else {})}
+        **{key: listed(getattr(thresholds, key).tolist())
+           for key in ('taps', 'profile', 'usual', 'reach', 'stiction')}}
 
 
 def thresholds_from_dict(
     content: Any, channels: tuple[str, ...], n_joints: int,
 ) -> MethodThresholds:
-    """Read thresholds; older ones without ``usual`` and ``reach`` are never widened."""
+    """Read thresholds of an arm with these channels and so many joints."""
     try:
         part = read(ThresholdsPart, content, {'channels': channels, 'n_joints': n_joints})
     except ModelError as err:
         raise err.at('thresholds of the model') from None
-    n = len(channels)
     return MethodThresholds(
-        channels, part.step, np.array(part.taps), np.array(part.profile),
-        part.tails, part.seconds,
-        np.full(n, np.inf) if part.usual is None else np.array(part.usual),
-        np.full(n_joints, np.inf) if part.reach is None else np.array(part.reach),
-        np.zeros(n) if part.stiction is None else np.array(part.stiction))
+        channels, part.step, np.array(part.taps), np.array(part.profile), part.tails, part.seconds,
+        np.array(part.usual), np.array(part.reach), np.array(part.stiction))
 
 
 def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresholds]:
@@ -177,9 +168,8 @@ def learn_thresholds(
     step = max(STEP, period)
     block = max(1, round(BLOCK / period))
     # each half has a block to be judged by after its past is complete, in time and in samples
-    past = math.ceil((LAGS + WINDOW) * step / period)
-    records = [r for r in records if r.t[-1] > 2.0 * ((LAGS + WINDOW) * step + BLOCK)
-               and len(r.t) // 2 >= past + block]
+    least = 2.0 * ((LAGS + WINDOW) * step + BLOCK)
+    records = [r for r in records if min(r.t[-1], (len(r.t) - 1) * period) > least]
     seconds = float(sum(r.t[-1] for r in records))
     if seconds < LEAST_BLOCKS * BLOCK:
         raise FitError(f'{seconds:.1f} s of free motion are too little for thresholds; at least '

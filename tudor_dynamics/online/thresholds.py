@@ -297,13 +297,11 @@ class MethodThresholds:
     # (2 channels, 1 + 4 joints): typical size of the residuals, then of the onset statistics, in
     # the unit of the output per column of `motion_features`.
     profile: FloatArray
-    # One for each row of `profile`, then of the accumulated onset of each channel, if there are so
-    # many; bundles that are older have none.
+    # One for each row of `profile`, then of the accumulated onset of each channel.
     tails: tuple[Tail, ...]
     seconds: float  # duration of free motion that this was learned from [s]
-    # (channels,): usual level of the onset statistics there, see `follow`; infinite where unknown.
-    usual: FloatArray
-    reach: FloatArray  # (joints,): largest speeds there [rad/s or m/s]; infinite where unknown
+    usual: FloatArray  # usual level of the onset statistics there, see `follow`, (channels,)
+    reach: FloatArray  # largest speeds there, (joints,) [rad/s or m/s]
     # (channels,): friction that may hold each joint while it stands, in the unit of its effort:
     # added to the threshold of the residual there. Zeros for gauges.
     stiction: FloatArray
@@ -320,10 +318,10 @@ class MethodThresholds:
         return float(np.max(self.ratios(per_hour)[:n] / sure.ratios(per_hour)[:n]))
 
     def ratios(self, per_hour: float) -> FloatArray:
-        """Share a false-alarm rate among all statistics: (3 channels,) [s], inf without a tail."""
+        """Share a false-alarm rate among all statistics: (3 channels,) [s]."""
         n = len(self.channels)
-        weights = np.repeat(ALARM_SHARES, n)[:len(self.tails)]
-        found = np.full(3 * n, np.inf)
+        weights = np.repeat(ALARM_SHARES, n)
+        found = np.empty(3 * n)
         for place, (tail, each) in enumerate(zip(
                 self.tails, per_hour * weights / weights.sum(), strict=True)):
             # Alarms rarer than once in what was seen: what was seen must not be one.

@@ -256,16 +256,24 @@ def _filtered(
                        causal_outputs(dt, states.dq, spec.output_cutoff), states.ddq)
 
 
+def _warm_up(settle: float, t: FloatArray, q: FloatArray) -> float:
+    """Say how much of a beginning to leave out [s]: less where the arm stood, and moved soon."""
+    moved = np.abs(q - q[0]).max(axis=1) > settings.STANDSTILL
+    first = abs(t[np.argmax(moved)] - t[0]) if moved.any() else settle
+    return settings.STOOD if settings.STOOD < first < settle else settle
+
+
 def _decimation(
-    spec: PreprocessingSpec, t: FloatArray,
+    spec: PreprocessingSpec, t: FloatArray, q: FloatArray,
 ) -> tuple[Decimation, int]:
     n = len(t)
     dt = float(t[-1] - t[0]) / (n - 1)
     factor = 1 if spec.rate is None else max(1, round(1.0 / (spec.rate * dt)))
-    begin = int(np.searchsorted(t, t[0] + spec.settle - 0.5 * dt))
+    begin = int(np.searchsorted(t, t[0] + _warm_up(spec.settle, t, q) - 0.5 * dt))
     end = n
     if spec.filter == 'zero_phase':
-        end = int(np.searchsorted(t, t[-1] - spec.settle + 0.5 * dt))
+        left = _warm_up(spec.settle, t[::-1], q[::-1])
+        end = int(np.searchsorted(t, t[-1] - left + 0.5 * dt))
     keep = np.arange(begin, end, factor)
     if spec.filter == 'causal' or factor == 1:
         return Decimation(keep), 0
@@ -312,7 +320,7 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
         dt = np.diff(stamp, prepend=stamp[0]) * 1e-9
         dq = None if recording.dq is None else recording.dq[part]
         states = _filtered(spec, t, dt, recording.q[part], dq)
-        decimation, margin = _decimation(spec, t)
+        decimation, margin = _decimation(spec, t, recording.q[part])
         if len(decimation.keep) < 2:
             continue
         cutoff = spec.output_cutoff if spec.filter == 'causal' else None

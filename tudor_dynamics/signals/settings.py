@@ -38,6 +38,9 @@ FEWEST_STAMPS = 200
 # Warm-up in lags of one stage, after which an acceleration is right to 1e-4: the step response of
 # three stages, measured in test/signals/test_smooth_states.py.
 SETTLED = 16.0
+# For so long [s] an arm that stands at an end of a stretch moves no farther [rad or m] than this,
+# as filters assume: 0.02 rad/s, `online.settings.REVERSAL_SPEED`.
+STOOD, STANDSTILL = 0.1, 0.002
 # Samples below which a stretch is left out, as a zero-phase filter needs as many.
 FEWEST = 32
 # Frequencies that count as those of links [Hz]: around the first mode of the reference arm, 1.7 to
