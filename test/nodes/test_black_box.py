@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import json
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.online.black_box import EVENTS
@@ -66,6 +68,8 @@ def test_replayed_to_the_last_bit(
     kept = json.loads(open_bag(bag).custom[EVENTS])
     assert [{key: item[key] for key in records[0]} for item in kept] == records
     assert kept[0]['settings']['model'] == str(model) and kept[0]['state']['arm']
+    bundle = load_bundle(model)
+    assert kept[0]['digest'] == bundle.digest != '' and 'numpy' in kept[0]['made']['libraries']
     assert why.main([str(bag)]) == 0
     said = capsys.readouterr().out
     assert said.count(': touch\n') == said.count('to the last bit\n') == len(records)
@@ -76,6 +80,10 @@ def test_replayed_to_the_last_bit(
                 for record in records]
     assert why.causes(why.arguments([str(bag), '--at', records[0]['time'][11:19]])) == found[:1]
     assert why.main([str(bag), '--at', '33:33:33']) == 1
+    assert not capsys.readouterr().err
+    save_bundle(replace(bundle, facts={**bundle.facts, 'made': {}}), tmp_path / 'again')
+    assert why.main([str(bag), '--model', str(tmp_path / 'again')]) == 0
+    assert 'again is another model than at the event' in capsys.readouterr().err
 
 
 def test_a_folder_that_takes_nothing(

@@ -51,6 +51,8 @@ class ModelBundle:
         thresholds. Plain values only.
     causal : CausalModels or None
         The models for the robot, where ``models`` were fitted with filters that look ahead.
+    digest : str
+        Checksum of the file that they were read from; empty for others.
 
     """
 
@@ -59,6 +61,7 @@ class ModelBundle:
     models: dict[str, dict[str, Model]]
     facts: dict[str, Any] = field(default_factory=dict)
     causal: CausalModels | None = None
+    digest: str = ''
 
     def __repr__(self) -> str:
         """Write the models with their verdict and their fit on unseen bags, one line each."""

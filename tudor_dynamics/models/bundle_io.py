@@ -402,7 +402,8 @@ def load_bundle(
         raise ModelError(err.cause, place=err.place or path, remedy=err.remedy) from None
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as err:
         raise ModelError(str(err), place=path / 'model.yaml', remedy=AGAIN) from None
-    bundle = ModelBundle(own, head.preprocessing, models, head.facts, causal)
+    bundle = ModelBundle(own, head.preprocessing, models, head.facts, causal,
+                         _sha256(_read_file(path, 'model.yaml')))
     if with_data and FILE in content:
         unpack(_sets(bundle), head.data, content[FILE], path / FILE)
     return bundle

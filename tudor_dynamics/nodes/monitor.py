@@ -31,7 +31,6 @@ from trajectory_msgs.msg import JointTrajectory
 from tudor_dynamics.bags.storage import RawMessages
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.nodes.common.base import TudorNode
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
@@ -40,6 +39,7 @@ from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.black_box import MessageRing, write_events
 from tudor_dynamics.online.monitor import Found, Monitor, warm_up, Watch
 from tudor_dynamics.online.settings import RECORDED_AFTER
+from tudor_dynamics.provenance import provenance
 
 
 OFF = 'off'
@@ -48,7 +48,7 @@ OFF = 'off'
 class BlackBox:
     """Keeps messages of a node; writes them in a thread of its own."""
 
-    def __init__(self, node: TudorNode) -> None:
+    def __init__(self, node: DetectNode) -> None:
         self._node, self._ring = node, MessageRing()
         self._pending: list[dict[str, Any]] = []
         self._due = 0
@@ -74,8 +74,10 @@ class BlackBox:
             return
         if not self._pending:
             self._due = self._ring.last + round(RECORDED_AFTER * 1e9)
-        self._pending.append({**record, 'state': self._node.status()[2], 'settings': {
-            name: self._node.value(name) for name in self._node.params}})
+        self._pending.append({
+            **record, 'state': self._node.status()[2],
+            'digest': self._node.bundle.digest if self._node.bundle else '',
+            'settings': {name: self._node.value(name) for name in self._node.params}})
 
     def _look(self) -> None:
         """Write what is due, also where messages have ended."""
@@ -91,7 +93,8 @@ class BlackBox:
         folder = Path(self._node.value('event_bags') or f'{home}/tudor_dynamics/events')
         try:
             path = write_events(
-                folder.expanduser() / self._node.get_namespace().strip('/'), series, records)
+                folder.expanduser() / self._node.get_namespace().strip('/'), series,
+                [{**record, 'made': provenance()} for record in records])
             self._node.get_logger().info(f'the last 30 s are in {path}')
         except BagError as err:
             self._node.get_logger().error(str(err))
