@@ -257,7 +257,7 @@ def _check(text: str | bytes) -> None:
         for found, most, what in ((len(begun), MAX_DEPTH, 'levels'),
                                   (values, MAX_VALUES, 'values')):
             if found > most:
-                raise _refused(f'more than {most} {what}', event)
+                raise _refused(f'the file has more than {most} {what}', event)
 
 
 def _refused(problem: str, event: yaml.Event) -> yaml.YAMLError:
@@ -295,8 +295,8 @@ class Unpacker:
         """Count what was unpacked; Damaged where it becomes too much."""
         self._left -= size
         if self._left < 0:
-            raise Damaged(f'it unpacks to more than {MAX_RATIO} times its size, or '
-                          f'{FREE_BYTES >> 20} MB')
+            raise Damaged(f'it unpacks to more than {MAX_RATIO} times its size and more than '
+                          f'{FREE_BYTES >> 20} MB, as no recording does')
 
     def unpack(self, data: bytes, compression: str, size: int | None = None) -> bytes:
         """Unpack a piece; compression: not at all if empty."""
@@ -309,7 +309,7 @@ class Unpacker:
         if size is None:
             self.take(len(raw))
         elif len(raw) != size:
-            raise Damaged(f'a piece of {size} bytes unpacks to {len(raw)} or more')
+            raise Damaged(f'a piece that announces {size} bytes unpacks to {len(raw)} or more')
         return raw
 
 
@@ -337,15 +337,15 @@ def _unpack(data: bytes, compression: str, most: int) -> bytes:
         try:
             part = bytes(frame.decompress(data, max_length=most + 1 - length))
         except (EOFError, MemoryError, RuntimeError, ValueError) as err:
-            raise Damaged(f'{compression}: {err}') from None
+            raise Damaged(f'{compression} data cannot be unpacked: {err}') from None
         except Exception as err:
             if type(err).__name__ == 'ZstdError':  # derives from Exception alone
-                raise Damaged(f'{compression}: {err}') from None
+                raise Damaged(f'{compression} data cannot be unpacked: {err}') from None
             raise
         parts.append(part)
         length += len(part)
         if length <= most and not frame.eof:
-            raise Damaged(f'{compression}: cut short')
+            raise Damaged(f'{compression} data are cut short')
         data = frame.unused_data or b''
     return b''.join(parts)
 

@@ -73,7 +73,7 @@ def _thresholds(channels):
     n = len(channels)
     return thresholds_to_dict(MethodThresholds(
         channels, 0.01, np.zeros((LAGS + WINDOW, n, n)), np.ones((2 * n, 1 + 4 * len(JOINTS))),
-        tuple(Tail(1.0, 0.1, 0.1, 0.1, 2.0, 100) for _ in range(2 * n)), 60.0,
+        tuple(Tail(1.0, 0.1, 0.1, 0.1, 2.0, 100) for _ in range(3 * n)), 60.0,
         np.ones(n), np.ones(len(JOINTS)), np.zeros(n)))
 
 

@@ -52,7 +52,7 @@ def test_pieces_are_bounded(compression: str) -> None:
     assert Unpacker(10).unpack(packed, compression, 6) == b'abcdef'
     assert Unpacker(10).unpack(packed, compression) == b'abcdef'
     for wrong in (5, 7):
-        with pytest.raises(Damaged, match=f'a piece of {wrong} bytes unpacks to'):
+        with pytest.raises(Damaged, match=f'announces {wrong} bytes unpacks to'):
             Unpacker(10).unpack(packed, compression, wrong)
     with pytest.raises(Damaged, match='cut short'):
         Unpacker(10).unpack(packed[:-2], compression, 6)
@@ -67,7 +67,7 @@ def test_the_sum_is_bounded() -> None:
     unpacker = Unpacker(len(FRAME))
     for _ in range(FREE_BYTES >> 24):
         assert len(unpacker.unpack(FRAME, 'zstd')) == 1 << 24
-    with pytest.raises(Damaged, match='more than 64 times its size, or 64 MB'):
+    with pytest.raises(Damaged, match='more than 64 times its size and more than 64 MB'):
         unpacker.unpack(FRAME, 'zstd')
     larger = Unpacker(10_000_000)
     for _ in range(3):
@@ -165,7 +165,7 @@ def test_databases_that_are_no_bags(
 def test_names_without_end(tmp_path: Path) -> None:
     """A topic has the name that ROS allows, no novel."""
     file = database(tmp_path, PLAIN, f"UPDATE topics SET name = '/{'y' * 5000}'")
-    with pytest.raises(BagError, match='impossible topic entry') as caught:
+    with pytest.raises(BagError, match='type of a topic cannot be right') as caught:
         describe(file)
     assert len(str(caught.value)) < 600
 

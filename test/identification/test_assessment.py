@@ -131,7 +131,7 @@ def test_detection_by_the_force_that_is_noticed(
     profile = np.zeros((2 * n, 1 + 4 * n))
     profile[:n, 0], profile[n:, 0] = size, 1e9
     learned = MethodThresholds(
-        ('j1', 'j2'), 0.01, np.zeros((20, n, n)), profile, (tail,) * 4, 3600.0, np.ones(n),
+        ('j1', 'j2'), 0.01, np.zeros((20, n, n)), profile, (tail,) * 6, 3600.0, np.ones(n),
         np.ones(n), np.array([0.0, 1.0]))
     use = next(use for use in uses_of(result.fitted[0], ARM, {'effort': learned}, {})
                if use.name == 'collision detection (effort)')

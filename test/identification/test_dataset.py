@@ -155,7 +155,9 @@ def test_standstill_at_the_ends(before: float, behind: float, note: str) -> None
     stretch, = bag.stretches
     kept = stretch.t[stretch.decimation.keep]
     assert kept[0] >= begin and kept[-1] <= end and len(stretch.t) == len(q)
-    assert bag.samples == pytest.approx(100 * (end - max(begin, 0.5)), abs=3)
+    # filters settle for 0.5 s, or not at all where the arm stood and moves before that
+    settled = 0.1 if before == 0.4 else 0.5
+    assert bag.samples == pytest.approx(100 * (end - max(begin, settled)), abs=3)
 
 
 def test_no_motion_at_all() -> None:

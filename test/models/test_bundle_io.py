@@ -278,7 +278,7 @@ def test_weights_that_would_overflow(model: Path, saved: dict[str, bytes]) -> No
 def test_no_archive(model: Path, data: bytes) -> None:
     """What is no archive of numbers is said to be none."""
     _replace_file(model, 'elm.npz', data)
-    with pytest.raises(ModelError, match='elm.npz: no archive of numbers'):
+    with pytest.raises(ModelError, match='elm.npz: no npz archive of numbers'):
         load_bundle(model)
 
 
@@ -291,7 +291,7 @@ def test_archive_that_lies_about_its_size(model: Path) -> None:
     with zipfile.ZipFile(buffer, 'w') as archive:
         archive.writestr('effort_elm_biases.npy', header.getvalue() + bytes(80))
     _replace_file(model, 'elm.npz', buffer.getvalue())
-    with pytest.raises(ModelError, match='no archive of numbers'):
+    with pytest.raises(ModelError, match='no npz archive of numbers'):
         load_bundle(model)
 
 

@@ -84,9 +84,10 @@ def bundle(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
     taps[0] = np.eye(n)
     profile = np.zeros((2 * n, 1 + 4 * len(arm.active_joints)))
     profile[:, 0] = 6.0
+    tail, never = (Tail(location, 0.5, 0.0, 0.2, 6.0, 50.0) for location in (3.0, 1e9))
     thresholds = MethodThresholds(
-        arm.gauge_names, 0.01, taps, profile, (Tail(3.0, 0.5, 0.0, 0.2, 6.0, 50.0),) * (2 * n),
-        120.0, np.full(n, 1.0), np.full(2, 1.8), np.zeros(n))
+        arm.gauge_names, 0.01, taps, profile, (tail,) * (2 * n) + (never,) * n, 120.0,
+        np.full(n, 1.0), np.full(2, 1.8), np.zeros(n))
     out = tmp_path_factory.mktemp('elastic') / 'model'
     save_bundle(ModelBundle(arm, arm.spec.preprocessing, {'strain': {'elastic': model}}, {
         'thresholds': {'strain': {'elastic': thresholds_to_dict(thresholds)}}}), out)

@@ -65,8 +65,9 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     taps[0] = np.eye(2)
     profile = np.zeros((4, 9))
     profile[:, 0] = 6.0
+    tail, never = (Tail(location, 0.5, 0.0, 0.2, 6.0, 50.0) for location in (3.0, 1e9))
     thresholds = MethodThresholds(
-        arm.gauge_names, 0.01, taps, profile, (Tail(3.0, 0.5, 0.0, 0.2, 6.0, 50.0),) * 4, 120.0,
+        arm.gauge_names, 0.01, taps, profile, (tail,) * 4 + (never,) * 2, 120.0,
         np.full(2, 1.0), np.full(2, 1.8), np.zeros(2))
     facts = {'validation': {'strain': {'analytical': {'training': {'channels': {
         'g1': {'rmse': 5.0}, 'g2': {'rmse': 3.0}}}}}},

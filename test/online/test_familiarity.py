@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 from hypothesis import given, settings, strategies as st
@@ -48,9 +49,7 @@ def test_larger_residuals_widen_in_place_of_alarms(learned: MethodThresholds) ->
     alarms = np.array([x.collision.max() > 1.0 for x in walk(stage, record)])[known]
     assert (stage.widening > 1.6).all() and (stage.widening < 3.5).all()
     assert alarms.sum() <= 2  # of 3500 samples; it takes two in a row for an event
-    without = ExcessStage(thresholds_from_dict(
-        {key: value for key, value in thresholds_to_dict(learned).items()
-         if key not in ('usual', 'reach')}, CHANNELS, 2), RATES)
+    without = ExcessStage(replace(learned, usual=np.full(2, 1e9), reach=np.full(2, 1e9)), RATES)
     blind = np.array([x.collision.max() > 1.0 for x in walk(without, record)])[known]
     assert blind.sum() > 50
     assert (without.widening == 1.0).all()
@@ -105,16 +104,13 @@ def test_the_level_is_a_quantile() -> None:
     assert np.mean(ratio < found) == pytest.approx(0.8, abs=0.03)
 
 
-def test_round_trip_and_older_bundles(learned: MethodThresholds) -> None:
-    """What is known survives, what older bundles lack is unknown, what cannot be is refused."""
+def test_round_trip(learned: MethodThresholds) -> None:
+    """What is known survives, what cannot be is refused."""
     content = thresholds_to_dict(learned)
     again = thresholds_from_dict(content, CHANNELS, 2)
     assert np.allclose(again.usual, learned.usual, rtol=1e-9)
     assert np.allclose(again.reach, learned.reach, rtol=1e-9)
-    old = {key: value for key, value in content.items() if key not in ('usual', 'reach')}
-    older = thresholds_from_dict(old, CHANNELS, 2)
-    assert np.isinf(older.usual).all() and np.isinf(older.reach).all()
-    assert thresholds_to_dict(older) == old
+    assert thresholds_to_dict(again) == content
     for bad in ({'usual': [1.0]}, {'usual': [1.0, -1.0]}, {'reach': [math.nan, 1.0]},
                 {'reach': 'no'}, {'usual': [[1.0, 1.0]]}):
         with pytest.raises(ModelError, match='fit the model again'):

@@ -184,7 +184,7 @@ def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
     vector = np.asarray(axis, dtype=float)
     norm = float(np.linalg.norm(vector))
     if norm < 1e-12:
-        raise ArmError(f'the axis {list(axis)} has no length: give x, y, z or a vector')
+        raise ArmError(f'the axis {list(axis)} is zero: give x, y, z or another vector')
     return np.asarray(vector / norm)
 
 

@@ -270,7 +270,7 @@ def _check_joint(
                        'give it a direction, such as "0 0 1"')
     for key in ('effort', 'velocity'):
         if limit is not None and float(limit.get(key, '0')) < 0.0:
-            raise _refused(path, name, f'has a negative limit of {key}', 'write its size')
+            raise _refused(path, name, f'has a negative limit of {key}', 'leave the minus out')
     if limit is not None and float(limit.get('lower', '0')) > float(limit.get('upper', '0')):
         raise _refused(path, name, f'has limits from {limit.get("lower", "0")} to '
                        f'{limit.get("upper", "0")}', 'write the smaller one as lower')

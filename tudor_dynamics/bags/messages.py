@@ -97,7 +97,7 @@ class Cursor:
         """Skip numbers; return where they begin."""
         start = self.position + (HEADER - self.position) % alignment
         if start + size > len(self.buffer):
-            raise CdrError(f'ends within byte {start} + {size}, has {len(self.buffer)} bytes')
+            raise CdrError(f'ends too early: {len(self.buffer)} bytes, {start + size} are needed')
         self.position = start + size
         return start
 
@@ -129,8 +129,8 @@ class Cursor:
         """Read a sequence of strings."""
         count = self.count()
         if count > min(len(self.buffer) // 5, MAX_NAMES):  # a string takes five bytes at least
-            raise CdrError(f'announces {count} names in {len(self.buffer)} bytes; at most '
-                           f'{MAX_NAMES} are read')
+            raise CdrError(f'announces {count} names in {len(self.buffer)} bytes (at most '
+                           f'{MAX_NAMES} are read): damaged, or of another type')
         return tuple(self.text() for _ in range(count))
 
     def doubles(self) -> tuple[int, int]:

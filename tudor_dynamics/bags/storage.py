@@ -346,7 +346,7 @@ def _topics(file: Path, compression: str | None, unfinished: set[Path]) -> list[
         for item in found:
             for text in (item.name, item.msgtype):
                 if not (isinstance(text, str) and text.isprintable() and len(text) <= MAX_NAME):
-                    raise Damaged(f'impossible topic entry {item}')
+                    raise Damaged(f'name or type of a topic cannot be right: {item}')
     return found
 
 

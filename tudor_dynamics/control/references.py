@@ -432,7 +432,7 @@ class ReferenceSource:
             self._asked = now
             raise UsageError(
                 'a collision is still reported', remedy='look at the arm and reset the monitor; '
-                f'or, where it may move all the same, ask again within {settings.RESET_AGAIN:g} s')
+                f'to move it all the same, call ~/reset again within {settings.RESET_AGAIN:g} s')
         self._asked = -math.inf
         self.clear()
 

@@ -104,10 +104,10 @@ def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
         raise
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, MemoryError, RuntimeError,
             TypeError, ValueError) as err:
-        raise ModelError(f'no archive of numbers ({err})', place=file, remedy=AGAIN) from None
+        raise ModelError(f'no npz archive of numbers ({err})', place=file, remedy=AGAIN) from None
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray) or array.dtype.kind not in 'fiu':
-            raise ModelError(f'no archive of numbers ({name[:100]!r} holds others)', place=file,
+            raise ModelError(f'no npz archive of numbers ({name[:100]!r} has others)', place=file,
                              remedy=AGAIN)
     return {name: array.astype(float) for name, array in arrays.items()}
 

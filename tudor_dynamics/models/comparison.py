@@ -192,7 +192,7 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
-            'there is no analytical model of efforts for one payload in the bundle',
+            'the bundle has no analytical model of efforts that was fitted to one payload',
             remedy='fit one, from bags with efforts (tudor fit BAG --arm ARM.yaml --out MODEL)')
     if not model.data_:
         raise ModelError('the bundle lacks the sums over its bags',

@@ -423,8 +423,8 @@ class TorqueEstimator:
         self._gain = torque_scale(arm)
         usual = validation_rmse(bundle, 'effort', 'analytical')
         if usual is None:
-            raise ModelError('the model has no residuals of efforts in free motion: fit it with '
-                             'test bags, or with several bags')
+            raise ModelError('nobody knows how far the model errs in free motion, which contacts '
+                             'by efforts need: fit it to several bags, or with --test')
         if not np.isfinite(self._gain).any():
             raise ModelError(f'{arm.name}: no torque constant is known; give motors: with '
                              'torque_constant and gear_ratio to have contacts in N m')

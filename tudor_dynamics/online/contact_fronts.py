@@ -484,8 +484,8 @@ class ElasticFront:
             self._flexible = np.linalg.inv(self._small[2]) - (
                 self._basis / self._squares) @ self._basis.T
         except np.linalg.LinAlgError as err:
-            raise SimulationError(f'the elastic model has no modes at this pose ({err}): its '
-                                  'links bend too far; fit it again') from None
+            raise SimulationError('the elastic model has no modes at this pose: its links bend '
+                                  f'too far ({err}); fit it to bags with such poses') from None
         return moment
 
     def residual(

@@ -497,8 +497,8 @@ class Feedforward:
             if off.max() > HELD_WITHIN:
                 msg = (f'the model was fitted with {name!r} at {self._held[name]:g}, and point '
                        f'{int(off.argmax()) + 1} has it at {column[off.argmax()]:g}')
-                raise SignalError(msg, remedy='hold it there, or fit a model with it among '
-                                              'active_joints')
+                raise SignalError(msg, remedy=f'hold {name} at {self._held[name]:g}, or fit a '
+                                              'model with it among active_joints')
 
 
 def _put(

@@ -247,8 +247,8 @@ class Watch:
         """Choose the method whose samples the load goes by."""
         own = [name for name in self.methods if SOURCE[name] == payload.output]
         if not own and isinstance(payload, PayloadStage):
-            raise ModelError(f'the load is estimated from {payload.output}, which none of the '
-                             f'methods {list(self.methods)} listens to: add it to methods')
+            raise ModelError(f'the load is estimated from {payload.output}, which none of '
+                             f'{list(self.methods)} uses: add a method that does to methods')
         return min(own or self.methods, key=lambda name: name != payload.output)
 
     def use_thresholds(

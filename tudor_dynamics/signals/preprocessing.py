@@ -258,9 +258,9 @@ def _filtered(
 
 def _warm_up(settle: float, t: FloatArray, q: FloatArray) -> float:
     """Say how much of a beginning to leave out [s]: less where the arm stood, and moved soon."""
-    moved = np.abs(q - q[0]).max(axis=1) > settings.STANDSTILL
-    first = abs(t[np.argmax(moved)] - t[0]) if moved.any() else settle
-    return settings.STOOD if settings.STOOD < first < settle else settle
+    moved = np.abs(q - q[0]).max(axis=1)
+    early, later = (moved[np.abs(t - t[0]) <= span].max() for span in (settings.STOOD, settle))
+    return settings.STOOD if early <= settings.STANDSTILL < 0.1 * later else settle
 
 
 def _decimation(

@@ -346,7 +346,7 @@ class ElasticModel(Model):
         known = driven_arm(arm, model.values).parameters  # refuses unknown names and values
         for parameter in part.physical:
             if parameter.name in known and parameter.unit != physical_unit(arm, parameter.name):
-                raise ModelError(f'parameter {parameter.name} in {parameter.unit!r}; expected '
+                raise ModelError(f'{parameter.name} has the unit {parameter.unit!r}; expected '
                                  f'{physical_unit(arm, parameter.name)!r}')
         channels = tuple(item.channel for item in part.channels)
         columns = tuple(tuple(row.column for row in item.coefficients) for item in part.channels)
@@ -446,6 +446,6 @@ class LiveElastic:
         if strain is not None and self._moment is not None and self._since > 0.0:
             measured = (strain - self._gauges[:, 1]) / self._gauges[:, 0]
             if not self._driven.correct(measured - self._moment, self._since):
-                raise SimulationError('the elastic model diverged; fit it again')
+                raise SimulationError('the elastic model diverged; fit it again, to more bags')
             self._since = 0.0
         self._since += dt
