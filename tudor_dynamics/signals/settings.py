@@ -39,8 +39,7 @@ FEWEST_STAMPS = 200
 # three stages, measured in test/signals/test_smooth_states.py.
 SETTLED = 16.0
 # An arm that stays within this [rad or m] for so long [s] stands, as filters assume; it moves soon
-# where it goes ten times as far before they settle. With 2 mrad the doctor found couplings that do
-# not exist (test/identification/doctor/test_trials.py).
+# where it goes ten times as far before they settle. 2 mrad give false couplings: test_trials.py.
 STOOD, STANDSTILL = 0.1, 2e-4
 # Samples below which a stretch is left out, as a zero-phase filter needs as many.
 FEWEST = 32
