@@ -76,11 +76,10 @@ def test_a_goal_is_driven(client: Client) -> None:
     """Accepted, executed, with feedback on the way, and a result when the arm is there."""
     goal = client.send(*WAY)
     client.arm.run(25)
-    assert client.world.spin(lambda: bool(client.feedback))
-    client.world.rest(0.15)
+    assert client.world.spin(lambda: bool(client.feedback) and np.allclose(
+        client.feedback[-1].feedback.desired.positions, [0.9, 0.1], atol=1e-6))
     last = client.feedback[-1].feedback
     assert list(last.joint_names) == JOINTS
-    np.testing.assert_allclose(last.desired.positions, [0.9, 0.1], atol=1e-6)
     np.testing.assert_allclose(
         last.error.positions, np.subtract(last.desired.positions, last.actual.positions))
     assert goal.status == GoalStatus.STATUS_EXECUTING
