@@ -447,7 +447,8 @@ def causes(args: argparse.Namespace) -> list[Cause]:
     bundle = load_bundle(model)
     if records and records[0].get('digest', bundle.digest) != bundle.digest:
         print(f'why: {model} is another model than at the event ({bundle.digest[:12]}, then '
-              f'{records[0]["digest"][:12]}): other events and causes may come', file=sys.stderr)
+              f'{str(records[0]["digest"])[:12]}): other events and causes may come',
+              file=sys.stderr)
     found = explain(bag, bundle, settings, source, payload, records)
     return [cause for cause in found if args.at in time_of_day(cause.event.event.onset)]
 

@@ -138,6 +138,7 @@ class HeadPart(ModelsPart):
     """The head itself; `facts` are read by those who know of them."""
 
     arm: ArmPart
+    digest: str  # of the text itself, and so of all files
     files: dict[str, str]
     causal: ModelsPart | None = None
     data: dict[str, tuple[str, ...]] = {}
@@ -162,7 +163,7 @@ def _read_head(path: Path) -> HeadPart:
         raise ModelError(f'bundle version {head.get("version")!r}; this program reads version '
                          f'{VERSION}: update tudor_dynamics, or fit the model again', place=file)
     try:
-        return read(HeadPart, head)
+        return read(HeadPart, {**head, 'digest': checksum.strip()})
     except ModelError as err:
         raise err.at(file) from None
 
@@ -402,8 +403,7 @@ def load_bundle(
         raise ModelError(err.cause, place=err.place or path, remedy=err.remedy) from None
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as err:
         raise ModelError(str(err), place=path / 'model.yaml', remedy=AGAIN) from None
-    bundle = ModelBundle(own, head.preprocessing, models, head.facts, causal,
-                         _sha256(_read_file(path, 'model.yaml')))
+    bundle = ModelBundle(own, head.preprocessing, models, head.facts, causal, head.digest)
     if with_data and FILE in content:
         unpack(_sets(bundle), head.data, content[FILE], path / FILE)
     return bundle

@@ -89,12 +89,12 @@ class BlackBox:
             self._writer.start()
 
     def _write(self, series: list[RawMessages], records: list[dict[str, Any]]) -> None:
-        home = os.environ.get('ROS_HOME') or '~/.ros'
+        home, made = os.environ.get('ROS_HOME') or '~/.ros', {'made': provenance()}
         folder = Path(self._node.value('event_bags') or f'{home}/tudor_dynamics/events')
         try:
             path = write_events(
                 folder.expanduser() / self._node.get_namespace().strip('/'), series,
-                [{**record, 'made': provenance()} for record in records])
+                [record | made for record in records])
             self._node.get_logger().info(f'the last 30 s are in {path}')
         except BagError as err:
             self._node.get_logger().error(str(err))

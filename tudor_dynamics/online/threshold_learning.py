@@ -228,15 +228,15 @@ class _Rows:
             sizes = np.hstack([np.maximum(np.abs(residual) - held, 0.0), np.abs(onset)])
             yield np.diff(t, prepend=t[0]), residual, held, columns, sizes
 
-    def law(self, otherwise: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Learn taps and profile, which is another one where hardly anything shows."""
+    def law(self, fallback: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Learn taps and profile; rows in which friction covers nearly all are the fallback's."""
         taps = learn_taps([(t, free) for t, _, _, free, _ in self._records], self._step)
         judged = [(_largest(columns, self._group), _largest(sizes, self._group))
                   for _, _, _, columns, sizes in self._judged(taps)]
         columns, peaks = (np.vstack(parts) for parts in zip(*judged, strict=True))
         least = np.concatenate([self.noise(), np.zeros(taps.shape[1])])
         return taps, np.array([
-            otherwise[i] if otherwise is not None and np.count_nonzero(peak) < LEAST_SHOWN
+            fallback[i] if fallback is not None and np.count_nonzero(peak) < LEAST_SHOWN
             else _profile(columns, peak, least[i]) for i, peak in enumerate(peaks.T)])
 
     def ratios(self, taps: FloatArray, profile: FloatArray, block: int) -> FloatArray:
@@ -281,8 +281,8 @@ def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray
     columns, peaks = columns[::stride], peaks[::stride]
     largest, shown = np.maximum(columns.max(axis=0), 1e-12), peaks > 0.0
     unit = float(np.median(peaks[shown])) if shown.any() else max(least, 1e-300)
-    # Friction that holds covers a joint at rest. That counts for no more than what it does not
-    # cover, however long the arm stood: a profile of 0 would leave all of it to the tail.
+    # Friction that holds covers a joint at rest. However long the arm stood, what it covers weighs
+    # no more than all others: otherwise the profile is 0, and the tail has to do it all.
     weight = np.where(shown, 1.0, min(1.0, shown.sum() / max(1, (~shown).sum())) or 1.0)
     from scipy import optimize  # slow to import
 
