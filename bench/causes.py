@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Which cause tools/why.py names, where it is known.
+Which cause `tudor why` names, where it is known.
 
     python bench/causes.py --work DIR [--first 0 --seeds 3] [--stiff] [--only touch load]
     python bench/causes.py --work DIR --recorded
@@ -21,7 +21,7 @@ Which cause tools/why.py names, where it is known.
 Arms in simulation are touched, loaded, moved faster than in the training; their messages are
 spoiled. With --stiff the blades are half as thick again, drives have twice the friction. With
 --recorded the messages of the real two-blade arm are spoiled, and its pushes are explained. What
-is chosen in tools/why.py was chosen on seeds 0 to 2 of the arm as it is, the order of causes and
+is chosen in identification/causes.py was chosen on seeds 0 to 2 of the arm as it is, the order of causes and
 what gauges and drives share also on the recordings: only --stiff is a proof.
 """
 
@@ -40,13 +40,12 @@ import numpy as np
 from tables import show
 import tudor_dynamics as td
 from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.identification.causes import Cause, explain
 from tudor_dynamics.online.detector import Rates
 from tudor_dynamics.online.monitor import MonitorSettings
+import yaml
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
-from tools.why import Cause, explain  # noqa: E402, I100
-import yaml  # noqa: E402
 
 RATE, SECONDS, AT = 100.0, 24.0, 14.0
 """Samples a second, length of a recording, and when something happens [s]."""

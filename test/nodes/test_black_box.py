@@ -23,11 +23,12 @@ from pathlib import Path
 import pytest
 from ros_world import feed, World
 from std_msgs.msg import String
-from tools import why
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.cli.main import build_parser, main
+from tudor_dynamics.cli.why import causes
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.monitor import MonitorNode
@@ -70,19 +71,22 @@ def test_replayed_to_the_last_bit(
     assert kept[0]['settings']['model'] == str(model) and kept[0]['state']['arm']
     bundle = load_bundle(model)
     assert kept[0]['digest'] == bundle.digest != '' and 'numpy' in kept[0]['made']['libraries']
-    assert why.main([str(bag)]) == 0
+    assert main(['why', str(bag)]) == 0
     said = capsys.readouterr().out
     assert said.count(': touch\n') == said.count('to the last bit\n') == len(records)
-    found = why.causes(why.arguments([str(bag)]))
+    parser = build_parser('why')
+    found = causes(parser.parse_args(['why', str(bag)]))
     assert [(event.onset, event.stamp, event.method, event.link, event.ratios)
             for event in (cause.event.event for cause in found)] == [
                 tuple(record[key] for key in ('onset', 'stamp', 'method', 'link', 'ratio'))
                 for record in records]
-    assert why.causes(why.arguments([str(bag), '--at', records[0]['time'][11:19]])) == found[:1]
-    assert why.main([str(bag), '--at', '33:33:33']) == 1
+    at = causes(parser.parse_args(['why', str(bag), '--at', records[0]['time'][11:19]]))
+    assert [(item.event.event.onset, item.name, item.evidence) for item in at] == [
+        (item.event.event.onset, item.name, item.evidence) for item in found[:1]]
+    assert main(['why', str(bag), '--at', '33:33:33']) == 1
     assert not capsys.readouterr().err
     save_bundle(replace(bundle, facts={**bundle.facts, 'made': {}}), tmp_path / 'again')
-    assert why.main([str(bag), '--model', str(tmp_path / 'again')]) == 0
+    assert main(['why', str(bag), '--model', str(tmp_path / 'again')]) == 0
     assert 'again is another model than at the event' in capsys.readouterr().err
 
 

@@ -300,3 +300,22 @@ RING_LOUD = 4.0  # amplitude over what is left, of the clearest joint
 RING_DAMPED = 0.08  # damping ratio from which on it is no tool's
 RING_OFTEN = 0.4  # share of rests that show it
 RING_RATE = 80.0  # samples a second that are looked at [Hz]
+
+# -- Causes of alarms (causes.py); chosen on the simulated arm of config/tudor.yaml, SHARED_TOUCH
+# and the order of causes also on recordings of the two-blade arm; judged on an arm with stiffer
+# links (bench/causes.py --stiff)
+JUST_BEFORE, LONG_BEFORE = 0.1, 10.0  # times before an onset that are looked at [s]
+BRIEF = 0.15  # shorter events come by chance, or after a loss [s]
+CLOCK_STEP = 1.5  # stamps that leap by more while messages come as always [periods]
+LOST_BEFORE = 0.5  # time before an event within which losses may be its cause [s]
+LEAP, QUIET_CHANNEL = 0.7, 0.5  # part of a change in one sample; other channels in thresholds
+STARTED, STOOD_BEFORE = 0.4, 0.3  # a joint has begun to move so lately, and stood so long [s]
+FELT = 0.5  # share of the samples of an event at which a contact is felt
+# A force lasts so long [s]; or the other sensor shows so much, in its threshold.
+LEAST_TOUCH, SHARED_TOUCH = 0.06, 0.8
+UNLIKE = 0.8  # of a threshold, reached before an event
+FASTER = 1.1  # times the largest speed of the training
+USUAL = 6.0  # where free motion reaches a ratio more often, its threshold is too low [1/h]
+JUST_ABOVE = 1.3  # ratio to a threshold
+LATE_LOAD = 4.0  # time after an onset until which a load is found [s]
+SAME_ONSET = 0.05  # onsets of one event differ by less [s]

@@ -24,12 +24,12 @@ from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
-from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, MotionReader, NamedReader, PointSample)
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import WAITING
-from tudor_dynamics.online.monitor import warm_up, Watch
+from tudor_dynamics.online.monitor import FIELD, warm_up, Watch
 from tudor_dynamics.online.streams import Motion
 
 

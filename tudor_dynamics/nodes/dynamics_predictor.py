@@ -24,12 +24,12 @@ from sensor_msgs.msg import JointState
 from tudor_dynamics.load.live import CarriedLoad
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import Figure
-from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublishers, MotionReader, NamedReader, PointSample)
 from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.online.monitor import MonitorSettings, warm_up
+from tudor_dynamics.online.monitor import FIELD, MonitorSettings, warm_up
 from tudor_dynamics.online.streams import Gathering, Predictor
 
 

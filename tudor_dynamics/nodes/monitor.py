@@ -32,12 +32,12 @@ from tudor_dynamics.bags.storage import RawMessages
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
-from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, MotionEncoder, NamedReader)
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.black_box import MessageRing, write_events
-from tudor_dynamics.online.monitor import Found, Monitor, warm_up, Watch
+from tudor_dynamics.online.monitor import FIELD, Found, Monitor, warm_up, Watch
 from tudor_dynamics.online.settings import RECORDED_AFTER
 from tudor_dynamics.provenance import provenance
 

@@ -47,6 +47,8 @@ from tudor_dynamics.typing import FloatArray
 METHODS = ('strain', 'effort', 'momentum')
 SOURCE = {'strain': 'strain', 'effort': 'effort', 'momentum': 'effort'}
 """Output that each method needs."""
+FIELD = {'effort': 'effort', 'momentum': 'effort', 'strain': 'position'}
+"""Field of a JointState that carries each signal."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, COLLISION_RECORD, CONTACT, CONTACT_MARKER,
-    CONTACT_POINT, CONTACT_WRENCH, FIELD, RATIOS, RESET, RESIDUALS, THRESHOLDS)
+    CONTACT_POINT, CONTACT_WRENCH, RATIOS, RESET, RESIDUALS, THRESHOLDS)
 from tudor_dynamics.nodes.common.messages import (
     force_marker, JointSample, JointStateEncoder, ListenedPublishers, NamedReader, set_vector,
     time_message, wrench_stamped)
@@ -44,7 +44,7 @@ from tudor_dynamics.online.black_box import record_of
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.coverage import Coverage, CoverageLevel, SensorHealth
 from tudor_dynamics.online.detector import CollisionEvent, Level
-from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
+from tudor_dynamics.online.monitor import FIELD, Found, METHODS, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.online.settings import SENSOR_SPEED
 from tudor_dynamics.online.streams import Gathering, Residual
 from tudor_dynamics.online.threshold_learning import Calibration

@@ -58,9 +58,6 @@ RESET, CALIBRATE, RELOAD, RETREAT = '~/reset', '~/calibrate', '~/reload', '~/ret
 EXPECT_PAYLOAD, JOINTS_TESTED = '~/expect_payload', '~/joints_tested'
 STATE, FOLLOW = '~/state', '~/follow_joint_trajectory'
 
-FIELD = {'effort': 'effort', 'momentum': 'effort', 'strain': 'position'}
-"""Field of a JointState that carries each signal."""
-
 Value = bool | int | float | str | tuple[str, ...]
 
 

@@ -1,0 +1,108 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor why``: why a monitor alarmed, by its messages past the same objects again."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import warnings
+
+from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.cli.console import print_json, say
+from tudor_dynamics.errors import TudorWarning, UsageError
+from tudor_dynamics.identification.causes import Cause, explain
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.online.black_box import records_of
+from tudor_dynamics.online.detector import time_of_day
+from tudor_dynamics.online.monitor import MonitorSettings
+
+EXAMPLES = """\
+examples:
+  tudor why ~/.ros/tudor_dynamics/events/event_20260314_140315_401236
+  tudor why run4 --model model --at 14:03:12
+
+The bag of an event holds the settings of the monitor, and names its model. In a bag without events
+that were recorded, all that come are explained. Causes: clock, gauge, gap, load, friction after
+standstill, touch, motion unlike training, threshold too low; otherwise the event is unexplained.
+exit codes: 0 each event has a cause; 1 one has none, or none came; 2 wrong input.
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor why``."""
+    parser.add_argument('bag', metavar='BAG', help='bag of events, or any other recording')
+    parser.add_argument('--model', metavar='MODEL',
+                        help='bundle of tudor fit (that which the bag names)')
+    parser.add_argument('--at', default='', metavar='HH:MM:SS',
+                        help='explain the events whose date or time of day has this in it')
+    parser.add_argument('--payload', type=float, metavar='KG',
+                        help='mass at the tip (that which the bag names, or 0)')
+    parser.add_argument('--json', action='store_true', help='print the causes as JSON')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay, explain, print."""
+    found = causes(args)
+    if args.json:
+        print_json([{
+            **cause.event.as_dict(), 'method': cause.event.event.method, 'cause': cause.name,
+            'evidence': cause.evidence, 'remedy': cause.remedy, 'same': cause.same}
+            for cause in found])
+    else:
+        _print(found)
+    return 0 if found and all(cause.evidence for cause in found) else 1
+
+
+def causes(args: argparse.Namespace) -> list[Cause]:
+    """Explain the events of a bag with the settings that it holds, or with the usual ones."""
+    bag = open_bag(args.bag)
+    records = records_of(bag)
+    params = records[0]['settings'] if records else {}
+    model = args.model or params.get('model')
+    if not model:
+        raise UsageError('names no model', place=args.bag, remedy='give --model MODEL')
+    try:
+        settings = MonitorSettings.of({**params, 'estimate_contact': True}) if params else (
+            MonitorSettings(methods=(), contact=True))
+        payload = float(params.get('payload', 0.0) if args.payload is None else args.payload)
+    except (KeyError, TypeError, ValueError) as err:
+        raise UsageError(f'its settings are not those of a monitor ({err})', place=args.bag,
+                         remedy='give a bag of this version') from None
+    bundle = load_bundle(model)
+    digest = records[0].get('digest', bundle.digest) if records else bundle.digest
+    if digest != bundle.digest:
+        warnings.warn(f'{model} is another model than at the event ({bundle.digest[:12]}, then '
+                      f'{str(digest)[:12]}): other events and causes may come', TudorWarning,
+                      stacklevel=2)
+    found = explain(bag, bundle, settings, str(params.get('payload_source', 'parameter')), payload,
+                    records)
+    return [cause for cause in found if args.at in time_of_day(cause.event.event.onset)]
+
+
+def _print(found: Sequence[Cause]) -> None:
+    """Print a paragraph for each event."""
+    if not found:
+        say('no such event comes when the messages pass the monitor again')
+    for cause in found:
+        seen = cause.event
+        say(f'{time_of_day(seen.event.onset)}: {cause.name}',
+            f'  {seen.channel} of {seen.event.link}, by {seen.event.method}: '
+            f'{seen.ratio:.2f} times its threshold, for {1e3 * seen.seconds:.0f} ms',
+            *(f'  {text}' for text in (cause.evidence, cause.remedy) if text))
+        if cause.same is not None:
+            say('  the replay gives the event of the node to the last bit' if cause.same else
+                '  the replay comes near to the event of the node, not to the last bit: the node '
+                'was older than 30 s, or the model is another')
