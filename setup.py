@@ -20,7 +20,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'tudor_dynamics'
 NODES = ('joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor',
-         'monitors', 'payload_estimator', 'feedforward',
+         'monitors', 'watch', 'payload_estimator', 'feedforward',
          'oscillation_damper', 'force_controller',
          'reference_generator', 'trajectory_relay', 'arm_simulator', 'bag_player',
          'bag_recorder')

@@ -20,9 +20,9 @@ Which cause `tudor why` names, where it is known.
 
 Arms in simulation are touched, loaded, moved faster than in the training; their messages are
 spoiled. With --stiff the blades are half as thick again, drives have twice the friction. With
---recorded the messages of the real two-blade arm are spoiled, and its pushes are explained. What
-is chosen in identification/causes.py was chosen on seeds 0 to 2 of the arm as it is, the order of causes and
-what gauges and drives share also on the recordings: only --stiff is a proof.
+--recorded the messages of the real two-blade arm are spoiled, and its pushes are explained. Bounds
+were chosen on seeds 0 to 2 of the arm as it is, the order of causes and what gauges and drives
+share also on the recordings: only --stiff is a proof.
 """
 
 from __future__ import annotations

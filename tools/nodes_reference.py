@@ -111,6 +111,8 @@ TOPICS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     'collision_detector': (('joint_motion', *PREDICTED, *MEASURED[1:]), JUDGED),
     'monitor': (MEASURED, ('joint_motion', *PREDICTED, *JUDGED)),
     'monitors': ((), ()),
+    'watch': ((*(topic for topic in JUDGED if topic.endswith('ratios')), 'collision', 'contact',
+               'collision_record', 'payload', '/diagnostics'), ()),
     'payload_estimator': (MEASURED, ('payload',)),
     'feedforward': (('wanted_trajectory', 'wanted_states'),
                     ('trajectory_with_effort', 'states_with_effort')),

@@ -56,6 +56,7 @@ GROUPS = {
     },
     'use it': {
         'evaluate': 'compare a model with bags it has not seen',
+        'watch': 'show what a monitor sees, from a bag or from the topics of one that runs',
         'why': 'say why a monitor alarmed, from the bag that it wrote',
         'payload': 'say what the arm of a bag carries: mass, centre, inertia',
         'compare': 'put two models, or a model and a description, side by side',

@@ -265,6 +265,8 @@ NODES: dict[str, tuple[Param, ...]] = {
     'collision_detector': (*PREDICT, PAYLOAD_SOURCE, *GRIPPER, *DETECT, *COMMON),
     'monitor': (*PREDICT, PAYLOAD_SOURCE, *GRIPPER, OBSERVER, GAP, *DETECT, EVENT_BAGS, *COMMON),
     'monitors': (*MANY, ROBOT),
+    'watch': (Param('web', 0, 'port on which a page is served to this machine, 0 for none', '', 0,
+                    65535), ROBOT),
     'payload_estimator': (*PREDICT, *GRIPPER, OBSERVER, GAP, *DETECT, EVENT_BAGS, *COMMON),
     'feedforward': (*PREDICT, LOAD_FROM, *AHEAD, ROBOT),
     'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),

@@ -1,0 +1,93 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor watch`` as a user calls it, and its refusals."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+import sys
+
+import pytest
+import tudor_dynamics as td
+from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.cli import watch
+from tudor_dynamics.cli.main import main
+from tudor_dynamics.identification.causes import explain
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.online.detector import time_of_day
+from tudor_dynamics.online.monitor import MonitorSettings
+
+
+@pytest.fixture(scope='module')
+def model(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Fit the sample bags."""
+    out = tmp_path_factory.mktemp('watch') / 'model'
+    td.fit([root / f'bags/two_blade_train_{k}' for k in (1, 2)],
+           td.load_arm(root / 'config/two_blade_arm.yaml'), out=out,
+           settings=td.FitSettings(kinds=('analytical',)))
+    return out
+
+
+def test_a_bag(
+    root: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Events are those that `tudor why` explains: as lines, as JSON, and in the picture."""
+    bag = root / 'bags/two_blade_pushes'
+    found = explain(open_bag(bag), load_bundle(model), MonitorSettings(methods=()), 'parameter',
+                    0.0, [])
+    assert len(found) >= 2
+    onsets = [cause.event.event.onset for cause in found]
+    command = ['watch', str(bag), '--model', str(model)]
+    assert main([*command, '--picture', str(tmp_path / 'view.svg')]) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert [line[:23] for line in lines] == [time_of_day(onset) for onset in onsets]
+    assert last == f'{len(found)} events'
+    picture = (tmp_path / 'view.svg').read_text()
+    assert picture.startswith('<svg') and 'threshold' in picture and time_of_day(
+        onsets[-1])[11:] in picture
+    assert main([*command, '--json']) == 0
+    assert [item['onset'] for item in json.loads(capsys.readouterr().out)['events']] == onsets
+
+
+@pytest.mark.parametrize('options, said', [
+    (['run'], 'give --model'),
+    (['run', '--model', 'm', '--speed', '-1'], '--speed -1'),
+    (['run', '--model', 'm', '--speed', 'nan'], '--speed nan'),
+    (['run', '--model', 'm', '--false-alarms', '0'], 'above 0'),
+    (['--web', '0'], 'port of 1 to 65535')])
+def test_refusals(options: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line each."""
+    assert main(['watch', *options]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_topics(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without a bag the command becomes the node, in the namespace of the monitor."""
+    called: list[list[str]] = []
+
+    def become(path: str, words: list[str]) -> None:
+        called.append(words)
+        raise SystemExit(0)
+    monkeypatch.setattr(os, 'execv', become)
+    with pytest.raises(SystemExit):
+        main(['watch', '--namespace', 'left', '--web', '8081'])
+    words = called[0]
+    assert words[:4] == [sys.executable, '-m', 'tudor_dynamics.nodes', 'watch']
+    assert '__ns:=/left' in words and 'web:=8081' in words
+    monkeypatch.setattr(watch, 'find_spec', lambda name: None)
+    assert main(['watch']) == 2
+    assert 'source its setup.bash' in capsys.readouterr().err

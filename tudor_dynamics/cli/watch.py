@@ -1,0 +1,143 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor watch``: residuals against thresholds, events and load, from a bag or from topics."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import suppress
+from importlib.util import find_spec
+import os
+import sys
+import time
+
+from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.cli.console import print_json, say
+from tudor_dynamics.cli.evaluate import write
+from tudor_dynamics.errors import ModelError, UsageError
+from tudor_dynamics.load.live import carried_load, PayloadStage
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.online.detector import Rates
+from tudor_dynamics.online.monitor import Found, Monitor, MonitorSettings
+from tudor_dynamics.online.replay import messages_of, replayed
+from tudor_dynamics.show.live import DRAWN, LiveView, picture_of, shown
+
+EXAMPLES = """\
+examples:
+  tudor watch run4 --model model
+  tudor watch run4 --model model --speed 10 --web 8080
+  tudor watch run4 --model model --picture watch.svg
+  tudor watch --namespace left
+
+With a bag, the messages pass a monitor at the speed at which they were recorded; without, the
+topics of a monitor that runs are shown (ROS 2 is needed). Where no terminal watches, a bag passes
+at once, and each event is a line. --web serves the same view to browsers of this machine.
+exit codes: 0 shown; 2 wrong input.
+"""
+LAST_PORT = 65535
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor watch``."""
+    parser.add_argument('bag', nargs='?', metavar='BAG', help='recording (live topics)')
+    parser.add_argument('--model', metavar='MODEL', help='bundle of tudor fit, for a bag')
+    parser.add_argument('--payload', type=float, default=0.0, metavar='KG',
+                        help='mass at the tip at the beginning; it is followed (0)')
+    parser.add_argument('--false-alarms', type=float, default=1.0, metavar='N',
+                        help='false alarms per hour that are allowed (1)')
+    parser.add_argument('--speed', type=float, default=1.0, metavar='TIMES',
+                        help='speed of the replay, 0 for as fast as it goes (1)')
+    parser.add_argument('--picture', metavar='FILE.svg', help='write the last view')
+    parser.add_argument('--web', type=int, metavar='PORT', help='serve a page on 127.0.0.1')
+    parser.add_argument('--namespace', default='', metavar='NS',
+                        help='that of the monitor, for live topics')
+    parser.add_argument('--json', action='store_true', help='print the events as JSON')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Watch a bag, or become the node that watches topics."""
+    if args.web is not None and not 0 < args.web <= LAST_PORT:
+        raise UsageError(f'--web {args.web}: expected a port of 1 to {LAST_PORT}')
+    if args.bag is None:
+        return _topics(args)
+    if not args.model:
+        raise UsageError('a bag needs a model', remedy='give --model MODEL')
+    if not args.speed >= 0.0 or not args.false_alarms > 0.0:
+        raise UsageError(f'--speed {args.speed:g} --false-alarms {args.false_alarms:g}: expected '
+                         'a speed of 0 or more and a rate above 0 per hour')
+    return _bag(args)
+
+
+def _topics(args: argparse.Namespace) -> int:
+    if find_spec('rclpy') is None:
+        raise UsageError('live topics need ROS 2', remedy='source its setup.bash, or give a BAG')
+    command = ['-m', 'tudor_dynamics.nodes', 'watch', '--ros-args', '--log-level', 'error',
+               '-p', f'web:={args.web or 0}']
+    if args.namespace:
+        command += ['-r', f'__ns:=/{args.namespace.strip("/")}']
+    os.execv(sys.executable, [sys.executable, *command])
+
+
+def _bag(args: argparse.Namespace) -> int:
+    """Let the messages of a bag pass a monitor that is looked at."""
+    bundle = load_bundle(args.model).beside_robot()
+    load = None
+    with suppress(ModelError):  # not every model knows a load
+        load = carried_load('estimate', bundle, args.payload)
+    monitor = Monitor(bundle.at(args.payload), MonitorSettings(
+        methods=(), rates=Rates(args.false_alarms, 60.0 * args.false_alarms)), payload=load)
+    messages = messages_of(open_bag(args.bag), bundle.arm)
+    terminal = sys.stdout.isatty() and not args.json
+    speed = args.speed if terminal or args.web else 0.0
+    view, events = LiveView(f'{bundle.arm.spec.name}: {args.bag}'), []
+    begun, drawn = time.monotonic(), 0.0
+    with shown(view, args.web, terminal=terminal) as draw:
+        for message, found in replayed(messages, bundle.arm, monitor):
+            for event in found.events:
+                line = view.event(event.onset, event.method, event.link, event.ratios)
+                events.append({'onset': event.onset, 'method': event.method, 'link': event.link,
+                               'ratio': event.ratios})
+                if not terminal and not args.json:
+                    say(line)
+            _look(view, monitor, found)
+            now = time.monotonic()
+            if now > drawn + DRAWN:
+                drawn = now
+                draw()
+            if speed:
+                due = begun + (message.time - messages[0].time) * 1e-9 / speed
+                time.sleep(max(0.0, due - now))
+        draw()
+    if args.picture:
+        write(args.picture, '--picture', picture_of(view).encode())
+    if args.json:
+        print_json({'model': args.model, 'bag': args.bag, 'events': events})
+    elif not terminal:
+        say(f'{len(events)} events')
+    return 0
+
+
+def _look(view: LiveView, monitor: Monitor, found: Found) -> None:
+    """Take what a message has changed into the view."""
+    watch = monitor.watch
+    for method, excess in found.excesses:
+        view.ratios(excess.residual.motion.stamp, method, watch.stages[method].thresholds.channels,
+                    excess.collision)
+    view.level = watch.level.name.lower()
+    if isinstance(monitor.payload, PayloadStage):
+        view.load = f'load {monitor.payload.mass:.3f} +- {monitor.payload.std:.3f} kg'
+    count = sum(counter.total() for counter in watch.counts.values())
+    judged = sum(counter['judged'] for counter in watch.counts.values())
+    view.state = watch.outside_training or f'{100.0 * judged / max(count, 1):.0f} % judged'

@@ -1,0 +1,92 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node watch: a live view of what a monitor publishes, for ``tudor watch``."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from functools import partial
+import json
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import InertiaStamped
+import numpy as np
+from std_msgs.msg import Bool, String
+
+from tudor_dynamics.nodes.common.base import latched, TudorNode
+from tudor_dynamics.nodes.common.interfaces import (
+    COLLISION, COLLISION_RECORD, CONTACT, DIAGNOSTICS, PAYLOAD_TOPIC, RATIOS)
+from tudor_dynamics.nodes.common.messages import JointSample
+from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.online.detector import Level
+from tudor_dynamics.online.monitor import FIELD
+from tudor_dynamics.show.live import DRAWN, LiveView, shown
+
+
+class WatchNode(TudorNode):
+    """Node of the live view; ``**kwargs`` go to rclpy's Node."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('watch', **kwargs)
+        self.view = LiveView(f'monitor in {self.get_namespace()}')
+        self._levels = {Level.FREE}
+        for method, topic in RATIOS.items():
+            self.hear_joint_states(topic, partial(self._on_ratios, method))
+        for level, topic in ((Level.CONTACT, CONTACT), (Level.COLLISION, COLLISION)):
+            self.subscribe(Bool, topic, partial(self._on_level, level), qos=latched())
+        self.subscribe(String, COLLISION_RECORD, self._on_event, qos=latched())
+        self.subscribe(InertiaStamped, PAYLOAD_TOPIC, self._on_load, qos=latched())
+        self.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 10)
+        self._open = ExitStack()
+        self._draw = self.every(DRAWN, self._open.enter_context(
+            shown(self.view, self.value('web') or None, terminal=sys.stdout.isatty())))
+
+    def _on_ratios(self, method: str, message: JointSample) -> None:
+        begun = self.meter.begin()
+        values = np.asarray(getattr(message, FIELD[method]), dtype=float)
+        if len(values) and len(values) == len(message.name):
+            self.view.ratios(message.stamp, method, message.name, values)
+        self.meter.end(begun)
+
+    def _on_level(self, level: Level, message: Bool) -> None:
+        (self._levels.add if message.data else self._levels.discard)(level)
+        self.view.level = max(self._levels).name.lower()
+
+    def _on_event(self, message: String) -> None:
+        try:
+            record = json.loads(message.data)
+            self.view.event(int(record['onset']), str(record['method']), str(record['link']),
+                            {str(name): float(value) for name, value in record['ratio'].items()})
+        except (AttributeError, KeyError, TypeError, ValueError):
+            self.drops['unknown_record'] += 1
+
+    def _on_load(self, message: InertiaStamped) -> None:
+        self.view.load = f'load {message.inertia.m:.3f} kg'
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            name, _, namespace = status.name.partition(': ')
+            if name in ('monitor', 'collision_detector') and namespace == self.get_namespace():
+                self.view.state = f'{name}: {status.message}'
+
+    def close(self) -> None:
+        """Leave the terminal as it was."""
+        super().close()
+        self._open.close()
+
+
+main = partial(run, WatchNode)

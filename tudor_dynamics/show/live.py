@@ -1,0 +1,199 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A live view of a monitor: ratios to thresholds, events, load; on a terminal and as a page."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, ExitStack
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+import io
+from threading import Thread
+
+import numpy as np
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.online.detector import time_of_day
+from tudor_dynamics.typing import FloatArray
+
+DRAWN = 0.1
+"""Time between two pictures [s]."""
+HISTORY, EVENTS = 30, 6
+"""Seconds and events that are shown."""
+BAR = 12
+"""Characters of a ratio of 2."""
+STEPS = '\u2581\u2582\u2583\u2584\u2585\u2586\u2587'
+ABOVE = '\u2588'
+COLOURS = {'free': 'green', 'contact': 'yellow', 'collision': 'bold red'}
+WIDTH = 80
+PAGE = """<!DOCTYPE html>
+<html><head><meta charset="UTF-8"><meta http-equiv="refresh" content="1"><title>tudor watch</title>
+<meta name="viewport" content="width=device-width">
+<style>:root {{ color-scheme: light dark }} {stylesheet}
+pre {{ font: min(14px, 1.9vw)/1.4 monospace }}</style></head>
+<body><pre>{code}</pre></body></html>
+"""
+
+
+@dataclass(slots=True)
+class Trace:
+    """Ratios of one method over the last seconds."""
+
+    channel: str = ''  # that of the newest ratio
+    ratio: float = 0.0
+    peaks: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=HISTORY))
+
+    def add(self, stamp: int, channel: str, ratio: float) -> None:
+        """Take a ratio at a stamp [ns]."""
+        self.channel, self.ratio = channel, ratio
+        second = stamp // 10**9
+        if self.peaks and self.peaks[-1][0] == second:
+            ratio = max(ratio, self.peaks.pop()[1])
+        self.peaks.append((second, ratio))
+
+    def history(self, now: int) -> Text:
+        """Draw the largest ratio of each second, full at a collision, blank without samples."""
+        peaks, text = dict(self.peaks), Text()
+        for second in range(now // 10**9 - HISTORY + 1, now // 10**9 + 1):
+            peak = peaks.get(second)
+            if peak is None:
+                text.append(' ')
+            elif peak >= 1.0:
+                text.append(ABOVE, COLOURS['collision'])
+            else:
+                text.append(STEPS[int(peak * len(STEPS))], COLOURS['free'])
+        return text
+
+    def bar(self) -> Text:
+        """Draw the ratio as a bar with a mark at the threshold."""
+        full = min(BAR, round(0.5 * BAR * self.ratio))
+        text = Text('\u2501' * full + ' ' * (BAR - full),
+                    COLOURS['collision' if self.ratio >= 1.0 else 'free'])
+        return text[:BAR // 2] + Text('\u2502') + text[BAR // 2:]
+
+
+class LiveView:
+    """What a monitor sees; draws itself where rich prints it."""
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self.level, self.load, self.state = 'free', '', ''
+        self.stamp = 0
+        self.traces: dict[str, Trace] = {}
+        self.events: deque[str] = deque(maxlen=EVENTS)
+
+    def ratios(
+        self, stamp: int, method: str, channels: Sequence[str], ratio: FloatArray,
+    ) -> None:
+        """Take the ratios of a method to its thresholds, (channels,), at a stamp [ns]."""
+        self.stamp = max(self.stamp, stamp)
+        place = int(np.argmax(ratio))
+        self.traces.setdefault(method, Trace()).add(stamp, channels[place], float(ratio[place]))
+
+    def event(self, onset: int, method: str, link: str, ratios: dict[str, float]) -> str:
+        """Take an event: its onset [ns], and its ratios by channel; gives it as a line."""
+        channel = max(ratios, key=lambda name: ratios[name])
+        self.events.append(f'{time_of_day(onset)}  {link} by {method}: {channel} '
+                           f'{ratios[channel]:.2f} times its threshold')
+        return self.events[-1]
+
+    def __rich__(self) -> Group:
+        """Draw it."""
+        head = Table.grid(expand=True)
+        head.add_column()
+        head.add_column(justify='right', no_wrap=True)
+        head.add_row(Text(self.title, 'bold'),
+                     time_of_day(self.stamp) if self.stamp else 'no samples yet')
+        head.add_row(Text(self.level, COLOURS[self.level]), Text(self.state))
+        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+        for name, justify in (('method', 'left'), ('channel', 'left'), ('ratio', 'right'),
+                              ('0     1     2', 'left'),
+                              (f'largest of each second, {HISTORY} s', 'left')):
+            table.add_column(name, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+        for method, trace in self.traces.items():
+            table.add_row(method, trace.channel, f'{trace.ratio:.2f}', trace.bar(),
+                          trace.history(self.stamp))
+        lines = [Text(line) for line in (self.load, *(self.events or ('no events',))) if line]
+        return Group(head, table, *lines)
+
+
+def console() -> Console:
+    """Give a console that draws into memory, for pages and pictures."""
+    return Console(record=True, file=io.StringIO(), width=WIDTH)
+
+
+def page_of(view: LiveView) -> str:
+    """Give a page that asks for the next one after a second."""
+    drawn = console()
+    drawn.print(view)
+    return drawn.export_html(code_format=PAGE, inline_styles=True)
+
+
+def picture_of(view: LiveView) -> str:
+    """Give a picture, as SVG."""
+    drawn = console()
+    drawn.print(view)
+    return drawn.export_svg(title='tudor watch')
+
+
+@contextmanager
+def served(view: LiveView, port: int) -> Iterator[Callable[[], None]]:
+    """Serve a view to this machine alone; gives what takes its present state into the page."""
+    pages = [page_of(view).encode()]
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:  # noqa: N802
+            self.send_response(200)
+            self.send_header('Content-Type', 'text/html; charset=utf-8')
+            self.end_headers()
+            self.wfile.write(pages[0])
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    def draw() -> None:
+        pages[0] = page_of(view).encode()
+    try:
+        server = ThreadingHTTPServer(('127.0.0.1', port), Handler)
+    except (OSError, OverflowError) as err:
+        raise UsageError(f'port {port} cannot be served: {err}', remedy='choose another') from None
+    with server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield draw
+        finally:
+            server.shutdown()
+
+
+@contextmanager
+def shown(view: LiveView, port: int | None, *, terminal: bool) -> Iterator[Callable[[], None]]:
+    """Show a view on the terminal, and where a port is given as a page; gives what draws it."""
+    with ExitStack() as stack:
+        draws: list[Callable[[], object]] = []
+        if port is not None:
+            draws.append(stack.enter_context(served(view, port)))
+        if terminal:
+            draws.append(stack.enter_context(Live(view, auto_refresh=False)).refresh)
+
+        def draw() -> None:
+            for item in draws:
+                item()
+        yield draw
