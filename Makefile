@@ -64,6 +64,9 @@ demo: venv
 # At the rate of the monitor's contact level, which warns and does not act.
 	@$(ROS) $(BIN)/tudor evaluate --model $(DEMO_OUT)/model bags/two_blade_pushes --collisions \
 	  --false-alarms 60 --plot $(DEMO_OUT)/collisions.png
+	@$(ROS) $(BIN)/tudor watch --model $(DEMO_OUT)/model bags/two_blade_pushes --false-alarms 60 \
+	  --picture $(DEMO_OUT)/watch.svg
+	@echo "open the live view in a browser: file://$(abspath $(DEMO_OUT))/watch.svg"
 	@echo "open the report in a browser: file://$(abspath $(DEMO_OUT))/model/report.html"
 
 test: venv

@@ -54,7 +54,7 @@ LATE = 0.25
 SPOILED = {'clock': 'clock', 'gauge leaps': 'gauge', 'gauge stuck': 'gauge', 'gap': 'gap',
            'breakaway': 'friction after standstill'}
 MOVED = {'touch': 'touch', 'touch at rest': 'touch', 'load': 'load',
-         'fast': 'motion unlike training', 'low': 'threshold too low'}
+         'fast': 'motion outside training', 'low': 'threshold too low'}
 """What is done, and the cause that is to be named."""
 
 

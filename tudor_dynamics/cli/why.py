@@ -36,7 +36,7 @@ examples:
 
 The bag of an event holds the settings of the monitor, and names its model. In a bag without events
 that were recorded, all that come are explained. Causes: clock, gauge, gap, load, friction after
-standstill, touch, motion unlike training, threshold too low; otherwise the event is unexplained.
+standstill, touch, motion outside training, threshold too low; otherwise the event is unexplained.
 exit codes: 0 each event has a cause; 1 one has none, or none came; 2 wrong input.
 """
 

@@ -247,7 +247,7 @@ def _low(scene: Scene) -> str:
         f'motion does that once in {1.0 / _often(scene):.2g} h')
 
 
-TRAINING = 'motion unlike training', ('fit with such motion, or learn the thresholds from it '
+TRAINING = 'motion outside training', ('fit with such motion, or learn the thresholds from it '
                                       '(~/calibrate)')
 LOW = 'threshold too low', 'allow fewer false_alarms_per_hour, or fit with more free motion'
 CAUSES: tuple[tuple[Callable[[Scene], str], str, str], ...] = (

@@ -1,0 +1,92 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor doctor``: each thing that is missing is named, and what to do."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import shutil
+import time
+from types import SimpleNamespace
+
+import pytest
+from tudor_dynamics.cli import doctor
+from tudor_dynamics.cli.main import main
+
+
+@pytest.fixture(autouse=True)
+def sound(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Let the machine have all that is needed."""
+    for name in ('ROS_DISTRO', 'ROS_DOMAIN_ID', 'ROS_LOCALHOST_ONLY'):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'new' / 'ros'))
+    monkeypatch.setattr('os.getloadavg', lambda: (0.1, 0.1, 0.1))
+    monkeypatch.setattr(doctor, 'find_spec', lambda name: object())
+    monkeypatch.setattr(doctor.subprocess, 'run', lambda *_, **__: SimpleNamespace(stdout='yes'))
+    return tmp_path
+
+
+def test_a_sound_machine(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing to do is the first line; folders that will be made need not be there."""
+    assert main(['doctor']) == 0
+    said = capsys.readouterr().out
+    assert said.startswith('nothing to do\n') and 'synchronised' in said
+    assert max(map(len, said.splitlines())) <= 80 and not (sound / 'new').exists()
+    assert main(['doctor', '--json']) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content['made']['version'] and all(not item['remedy'] for item in content['checks'])
+
+
+@pytest.mark.parametrize('name, value, said', [
+    ('ROS_DISTRO', 'humble', 'only jazzy'),
+    ('ROS_DOMAIN_ID', '102', 'ROS_DOMAIN_ID'),
+    ('ROS_DOMAIN_ID', '-1', 'ROS_DOMAIN_ID'),
+    ('ROS_LOCALHOST_ONLY', '1', 'unset ROS_LOCALHOST_ONLY')])
+def test_surroundings(
+    name: str, value: str, said: str, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Variables that keep nodes apart, or of another ROS."""
+    monkeypatch.setenv(name, value)
+    assert main(['doctor']) == 1
+    first, line, *_ = capsys.readouterr().out.splitlines()
+    assert first == 'to do:' and said in line
+
+
+def remedies(capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
+    """Give what is to be done, by what was looked at."""
+    assert main(['doctor', '--json']) == 1
+    return {item['name']: item['remedy'] for item in json.loads(capsys.readouterr().out)['checks']
+            if item['remedy']}
+
+
+def test_what_the_machine_lacks(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """ROS, a clock that is set and synchronised, idle cores, rights, space."""
+    monkeypatch.setattr(doctor, 'find_spec', lambda name: None)
+    assert list(remedies(capsys)) == ['ROS 2']
+    monkeypatch.setattr(doctor, 'find_spec', lambda name: object())
+    monkeypatch.setattr(doctor.subprocess, 'run', lambda *_, **__: SimpleNamespace(stdout='no'))
+    assert 'chrony' in remedies(capsys)['clock']
+    monkeypatch.setattr(doctor.time, 'localtime', lambda: time.gmtime(0))
+    assert 'set the clock' in remedies(capsys)['clock']
+    monkeypatch.setattr('os.getloadavg', lambda: (999.0, 0.1, 0.1))
+    assert 'late' in remedies(capsys)['processor']
+    monkeypatch.setattr('os.access', lambda path, mode: False)
+    assert {'compiled loops', 'bags of events', 'temporary files'} <= set(remedies(capsys))
+    monkeypatch.setattr(shutil, 'disk_usage', lambda path: SimpleNamespace(free=10**9))
+    assert '1.3 GB' in remedies(capsys)['space for them']

@@ -1,0 +1,152 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor doctor``: whether this machine can run the package as it is meant to run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+import os
+from pathlib import Path
+import resource
+import shutil
+import subprocess
+import tempfile
+import time
+
+from tudor_dynamics.cli.console import new_table, print_json, print_table, say
+from tudor_dynamics.compiled import DIRECTORY
+from tudor_dynamics.online.settings import RECORDED, RING_BYTES
+from tudor_dynamics.provenance import installed, provenance
+
+EXAMPLES = """\
+examples:
+  tudor doctor
+  tudor doctor --json > doctor.json
+
+It looks at versions, ROS 2, clock, processor, rights and space, and says what to do where one
+is missing. A report of a bug should have its output.
+exit codes: 0 nothing to do; 1 something to do.
+"""
+LAST_DOMAIN = 101
+"""The ports of larger ones are among those that Linux gives to any program."""
+FIRST_YEAR = 2024
+"""A clock that is set is not before it."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What was looked at, what was found, and what to do; empty for nothing."""
+
+    name: str
+    found: str
+    remedy: str = ''
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor doctor``."""
+    parser.add_argument('--json', action='store_true', help='print what was found as JSON')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Look at everything, and print it."""
+    made, found = provenance(), list(checks())
+    remedies = [check for check in found if check.remedy]
+    if args.json:
+        print_json({'made': made, 'checks': [asdict(check) for check in found]})
+    else:
+        say('to do:' if remedies else 'nothing to do',
+            *(f'  {check.name}: {check.remedy}' for check in remedies))
+        table = new_table('', ('check', 'found'), ())
+        for name, text in made.items():
+            table.add_row(name, text)
+        for check in found:
+            table.add_row(check.name, check.found)
+        print_table(table)
+    return 1 if remedies else 0
+
+
+def checks() -> Iterator[Check]:
+    """Look at one thing after the other."""
+    yield from _ros()
+    yield _clock()
+    yield from _processor()
+    yield _writable('compiled loops', DIRECTORY, 'set NUMBA_CACHE_DIR to a folder that can be '
+                    'written: each process compiles for a minute otherwise')
+    home = Path(os.environ.get('ROS_HOME') or '~/.ros').expanduser()
+    events = home / 'tudor_dynamics' / 'events'
+    yield _writable('bags of events', events, 'set ROS_HOME, or event_bags of the monitor')
+    yield _space('space for them', events, RECORDED * RING_BYTES)
+    yield _writable('temporary files', Path(tempfile.gettempdir()), 'set TMPDIR')
+
+
+def _ros() -> Iterator[Check]:
+    if find_spec('rclpy') is None:
+        yield Check('ROS 2', 'no rclpy', 'source /opt/ros/jazzy/setup.bash for nodes; bags, fits '
+                    'and simulation need none')
+        return
+    distribution = os.environ.get('ROS_DISTRO', '')
+    yield Check('ROS 2', f'{distribution or "wheels"}, rclpy {installed("rclpy") or "there"}',
+                '' if distribution in ('', 'jazzy') else 'only jazzy is tested: source its '
+                'setup.bash')
+    yield Check('middleware', os.environ.get('RMW_IMPLEMENTATION') or 'the default')
+    domain = os.environ.get('ROS_DOMAIN_ID', '')
+    known = not domain or (domain.isdecimal() and int(domain) <= LAST_DOMAIN)
+    yield Check('domain', domain or '0, the default',
+                '' if known else f'set ROS_DOMAIN_ID to 0 to {LAST_DOMAIN}')
+    yield Check('discovery', os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') or 'SUBNET, the '
+                'default', 'unset ROS_LOCALHOST_ONLY, which overrides the discovery range of jazzy'
+                if os.environ.get('ROS_LOCALHOST_ONLY') == '1' else '')
+
+
+def _clock() -> Check:
+    now = time.strftime('%Y-%m-%d %H:%M:%S %Z')
+    if time.localtime().tm_year < FIRST_YEAR:
+        return Check('clock', now, 'set the clock: stamps of drivers are compared with it')
+    try:
+        said = subprocess.run(['timedatectl', 'show', '-p', 'NTPSynchronized', '--value'],
+                              capture_output=True, text=True, timeout=5.0, check=True).stdout
+    except (OSError, subprocess.SubprocessError):
+        return Check('clock', f'{now}, not known whether synchronised')
+    return Check('clock', f'{now}, synchronised') if said.strip() == 'yes' else Check(
+        'clock', f'{now}, not synchronised', 'synchronise it (chrony, ntp) where drivers run on '
+        'another computer')
+
+
+def _processor() -> Iterator[Check]:
+    cores, busy = len(os.sched_getaffinity(0)), os.getloadavg()[0]
+    yield Check('processor', f'{cores} cores, load {busy:.1f}', '' if busy < cores else (
+        'other programs use all cores: nodes will be late, and samples not judged'))
+    _, limit = resource.getrlimit(resource.RLIMIT_RTPRIO)
+    yield Check('real-time priority', f'up to {limit}' if limit > 0 else 'not permitted; only '
+                'needed beside a loop that uses it')
+
+
+def _existing(path: Path) -> Path:
+    """Give a folder, or the one above that is there."""
+    return next(folder for folder in (path, *path.parents) if folder.exists())
+
+
+def _writable(name: str, path: Path, remedy: str) -> Check:
+    good = os.access(_existing(path), os.W_OK | os.X_OK)
+    return Check(name, str(path), '' if good else f'{path} cannot be written: {remedy}')
+
+
+def _space(name: str, path: Path, wanted: int) -> Check:
+    free = shutil.disk_usage(_existing(path)).free
+    return Check(name, f'{free / 1e9:.1f} GB', '' if free > wanted else (
+        f'events need up to {wanted / 1e9:.1f} GB there'))
