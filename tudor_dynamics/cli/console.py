@@ -41,6 +41,7 @@ from rich.text import Text
 
 from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, Trajectory
 from tudor_dynamics.errors import printable, TudorError, UsageError
+from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.uses import Use
 from tudor_dynamics.identification.validation import Grade, Score
@@ -103,6 +104,15 @@ def say_command(command: str) -> None:
             lines.append('')
         lines[-1] += f' {word}' if lines[-1] else word
     print('   ' + ' \\\n     '.join(lines))
+
+
+def write(path: str | Path, option: str, content: bytes) -> None:
+    """Write a file that was asked for, whole or not at all."""
+    try:
+        write_whole(Path(path), content)
+    except OSError as err:
+        msg = f'{option} {path}: cannot be written ({err.strerror}); give another file'
+        raise UsageError(msg) from None
 
 
 def print_json(content: Any) -> None:

@@ -31,9 +31,8 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import plan_from_arm
 from tudor_dynamics.cli.console import (
     add_bags_and_model, new_table, print_findings, print_json, print_table, say, say_command,
-    score_table, steps)
+    score_table, steps, write)
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
     evaluate_collisions, find_truth, FREE, MethodResult, Truth, truth_of_file,
@@ -436,15 +435,6 @@ def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     write(path, '--save', buffer.getvalue())
-
-
-def write(path: str | Path, option: str, content: bytes) -> None:
-    """Write a file that was asked for, whole or not at all."""
-    try:
-        write_whole(Path(path), content)
-    except OSError as err:
-        msg = f'{option} {path}: cannot be written ({err.strerror}); give another file'
-        raise UsageError(msg) from None
 
 
 def _figures(item: Validation) -> dict[str, Any]:

@@ -24,8 +24,7 @@ import sys
 import time
 
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.cli.console import print_json, say
-from tudor_dynamics.cli.evaluate import write
+from tudor_dynamics.cli.console import print_json, say, write
 from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.load.live import carried_load, PayloadStage
 from tudor_dynamics.models.bundle_io import load_bundle
