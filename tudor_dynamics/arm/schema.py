@@ -736,7 +736,7 @@ class ArmSpec(Spec):
     motors: Annotated[tuple[MotorSpec, ...], read_by('ESRDG')] = ()
     """Motors and gears, one entry a joint that is simulated or damped."""
     sensors: Annotated[tuple[SensorSpec, ...], read_by('R')] = ()
-    """What the simulated gauges read; of those without an entry, ideal strain."""
+    """Gains of gauges: newtons from them, and what simulated ones read (else ideal strain)."""
     damper: Annotated[DamperSpec | None, read_by('RD')] = None
     """Gains of joint cascade and strain feedback."""
     links: Annotated[tuple[LinkSpec, ...], read_by('ESR')] = ()
