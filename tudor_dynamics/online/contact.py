@@ -472,4 +472,4 @@ def contact_estimator(bundle: ModelBundle, kind: str, methods: Collection[str]) 
                 return make()
             except ModelError as err:
                 why.append(str(err))
-    raise ModelError('; '.join(why) or 'contacts need the methods strain or momentum')
+    raise ModelError('; '.join(why) or 'only the methods strain and momentum estimate contacts')

@@ -71,7 +71,8 @@ MEANING = {
     'unknown_names': 'the names are not those of the arm',
     'short_array': 'arrays are shorter than their names',
     'no_measurement': 'nothing was measured at the time of the motion',
-    'no_neighbour': 'no measurements stand close before and after the motion',
+    'no_neighbour': 'no effort or strain comes shortly before and after a joint state: check '
+                    'rate and clock of their driver',
     'no_prediction': 'predictions do not come, or the model diverged',
     'no_thresholds': 'fit the model with more free motion, or call ~/calibrate while the arm '
                      'moves freely'}

@@ -339,7 +339,8 @@ class DetectNode(ModelNode):
         self._calibration = Calibration(
             {method: self.bundle.arm.channels[SOURCE[method]] for method in self.watch.methods},
             seconds, self.watch.stiction)
-        self._note = f'learning thresholds from {seconds:g} s: nothing may touch the arm'
+        self._note = (f'learning thresholds from the next {seconds:g} s: move the arm, and let '
+                      'nothing touch it')
         return self._note
 
     def _collect(self, method: str, residual: Residual) -> None:
