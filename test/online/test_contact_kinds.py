@@ -94,7 +94,7 @@ def test_a_residual_that_settles_ends_a_contact() -> None:
 def test_why_there_is_no_estimate_is_said() -> None:
     """By each method that was asked for."""
     bare = ModelBundle(planar_arm(), PreprocessingSpec(), {})
-    with pytest.raises(ModelError, match='methods strain or momentum'):
+    with pytest.raises(ModelError, match='methods strain and momentum'):
         contact_estimator(bare, 'analytical', ('effort',))
     with pytest.raises(ModelError, match='model of the strain.*; .*fit it to several bags'):
         contact_estimator(bare, 'analytical', ('strain', 'momentum'))

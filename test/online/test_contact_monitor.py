@@ -116,4 +116,4 @@ def test_without_scale_the_watch_says_why(bundle: ModelBundle) -> None:
     """An arm whose gauges have no gain: the monitor works, and says what it cannot."""
     rigid = MonitorSettings(kind='elastic', methods=('effort',), contact=True)
     watch = Monitor(ModelBundle(bundle.arm, bundle.preprocessing, bundle.models), rigid).watch
-    assert watch.contact is None and 'strain or momentum' in watch.no_contact
+    assert watch.contact is None and 'strain and momentum' in watch.no_contact
