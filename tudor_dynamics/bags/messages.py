@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field as dataclass_field, replace
+from functools import partial
 import re
 import struct
 from typing import Any
@@ -172,28 +173,19 @@ def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     return cursor.finish(frame_id, names, fields, spare)
 
 
-def wrench_layout(buffer: bytes) -> Layout:
-    """Parse the structure of a WrenchStamped: ``force`` [N] and ``torque`` [N m]."""
+FIXED: Mapping[str, tuple[tuple[str, int], ...]] = {
+    WRENCH_STAMPED: (('force', 3), ('torque', 3)),
+    IMU: (('orientation', 4), ('', 9), ('angular_velocity', 3), ('', 9),
+          ('linear_acceleration', 3), ('', 9))}
+"""What follows the header of messages without arrays; covariances have no name, and no place."""
+
+
+def fixed_layout(buffer: bytes, parts: Sequence[tuple[str, int]]) -> Layout:
+    """Parse the structure of a message of some fields and their sizes."""
     cursor = Cursor(buffer)
     frame_id = cursor.header()
-    fields = {field: (cursor.skip(24, 8), 3) for field in ('force', 'torque')}
-    return cursor.finish(frame_id, (), fields)
-
-
-def imu_layout(buffer: bytes) -> Layout:
-    """
-    Parse the structure of an Imu.
-
-    Returns places of ``orientation`` (x, y, z, w), ``angular_velocity`` [rad/s] and
-    ``linear_acceleration`` [m/s^2]; of their covariances, which lie between, none.
-    """
-    cursor = Cursor(buffer)
-    frame_id = cursor.header()
-    fields = {}
-    for field, size in (('orientation', 4), ('angular_velocity', 3), ('linear_acceleration', 3)):
-        fields[field] = cursor.skip(8 * size, 8), size
-        cursor.skip(8 * 9, 8)
-    return cursor.finish(frame_id, (), fields)
+    places = [(field, (cursor.skip(8 * size, 8), size)) for field, size in parts]
+    return cursor.finish(frame_id, (), {field: place for field, place in places if field})
 
 
 def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
@@ -392,7 +384,8 @@ NAMED = (JOINT_STATE, FLOAT64_MULTI_ARRAY, DYNAMIC_JOINT_STATE)
 """Types of messages with named values."""
 LAYOUTS: Mapping[str, Callable[[bytes], Layout]] = {
     JOINT_STATE: joint_state_layout, FLOAT64_MULTI_ARRAY: array_layout,
-    DYNAMIC_JOINT_STATE: dynamic_layout, WRENCH_STAMPED: wrench_layout, IMU: imu_layout}
+    DYNAMIC_JOINT_STATE: dynamic_layout,
+    **{msgtype: partial(fixed_layout, parts=parts) for msgtype, parts in FIXED.items()}}
 
 
 @dataclass(frozen=True, eq=False)
