@@ -63,13 +63,12 @@ class CdrError(ValueError):
 class Layout:
     """Where everything stands in messages of one shape."""
 
-    length: int  # bytes of a message
     order: str  # byte order of the numbers
     frame_id: str  # of the header
     names: tuple[str, ...]  # of a JointState; empty for other types
     fields: dict[str, tuple[int, int]]  # offset and number of float64 values of each array
     dtype: np.dtype[Any]  # structured type: `sec`, `nanosec` and the fields that are not empty
-    significant: NDArray[np.uint8]  # (length,): 255 where a byte is structure, 0 for numbers
+    significant: NDArray[np.uint8]  # (bytes,): 255 where a byte is structure, 0 for numbers
     stamped: bool = True  # whether the messages have a header with a stamp
     # Of fields whose values stand apart: for each name the part of the structured type and the
     # place in it; None where the name lacks the field.
@@ -160,8 +159,8 @@ class Cursor:
             'offsets': [start for _, _, start in parts], 'itemsize': len(self.buffer)})
         if scattered is not None:
             fields = {name: (HEADER, len(names)) for name in scattered}
-        return Layout(len(self.buffer), self.order, frame_id, names, fields, dtype,
-                      self.significant, stamped, scattered or {})
+        return Layout(self.order, frame_id, names, fields, dtype, self.significant, stamped,
+                      scattered or {})
 
 
 def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
@@ -287,15 +286,10 @@ class MessageBatch:
 
 def _same_layout(rows: NDArray[np.uint8], layout: Layout) -> NDArray[np.bool_]:
     """Say which rows agree with the first one in every structural byte."""
-    word: Any = np.uint32 if layout.length % 4 == 0 else np.uint8
-    words = rows.view(word)
-    mask = layout.significant.view(word)
-    same = np.ones(len(rows), dtype=bool)
+    word: Any = np.uint32 if rows.shape[1] % 4 == 0 else np.uint8
+    words, mask = rows.view(word), layout.significant.view(word)
     places = np.flatnonzero(mask)
-    for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
-        part = slice(int(run[0]), int(run[-1]) + 1)
-        same &= ~np.any((words[:, part] ^ words[0, part]) & mask[part], axis=1)
-    return same
+    return ~np.any((words[:, places] ^ words[0, places]) & mask[places], axis=1)
 
 
 def decode(

@@ -253,13 +253,12 @@ class Assembly:
         stream, index = self.select(states, self.plan.joints, 'velocity')
         if not len(index):
             return None
-        place = np.searchsorted(index, rows)
-        present = (place < len(index)) & (index[np.minimum(place, len(index) - 1)] == rows)
+        present = np.isin(rows, index)
         if not present.all():
             self.notes.add(f'velocity in {states.topic} is there in {int(present.sum())} of '
                            f'{len(rows)} messages only; not used')
             return None
-        stream = stream.at(place)
+        stream = stream.at(np.searchsorted(index, rows))
         empty = [not column.any() for column in np.isfinite(stream.values['velocity']).T]
         if any(empty):
             # joint_state_broadcaster fills the fields of interfaces that are not there with NaN
@@ -345,8 +344,7 @@ class Assembly:
                 finite &= np.isfinite(values).all(axis=1) | ~inside
         for cause, number in (('no_neighbour', int(np.sum(~found & finite))),
                               ('not_finite', int(np.sum(~finite)))):
-            if number:
-                self.dropped[cause] += number
+            self.dropped[cause] += number
         if self.dropped['no_neighbour']:
             self.notes.add(f'{self.dropped["no_neighbour"]} of {len(found)} joint states have no '
                            'effort or strain close before and after; left out')
