@@ -158,17 +158,16 @@ REMEDIES = {
 class Assembly:
     """The steps from decoded topics to a recording; holds what they share."""
 
-    def __init__(
-        self, bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources,
-        names: Mapping[str, str | None],
-    ) -> None:
-        self.bag, self.topics, self.plan, self.notes = bag, topics, plan, bag.notes
-        self.names, self.path = names, str(bag.path)
+    def __init__(self, bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources) -> None:
+        self.bag, self.plan, self.notes, self.path = bag, plan, bag.notes, str(bag.path)
+        self.names = bag.find(plan.topics)
+        self.topics = {name: topics[name] for name in sorted(topics)
+                       if name in self.names.values()}
         self.dropped: Counter[str] = Counter()
         self.cuts: list[int] = []
         self.set_backs: list[SetBack] = []
         self.others: dict[str, float] = {}
-        self.clock = choose_clock(topics, self.notes, self.path)
+        self.clock = choose_clock(self.topics, self.notes, self.path)
 
     def states(self, name: str, channel: ChannelSource | None = None) -> DecodedTopic:
         """Give a topic of the bag, which must be of the type wanted; positions by default."""
@@ -378,14 +377,13 @@ def assemble(
     bag: Bag,
     topics: Mapping[str, DecodedTopic],
     plan: Sources,
-    names: Mapping[str, str | None],
     *,
     need_output: bool = False,
     need_motion: bool = False,
     checksum: bool = True,
 ) -> Recording:
-    """Make a recording of decoded topics; names: of topics in the bag, by those of the plan."""
-    work = Assembly(bag, topics, plan, names)
+    """Make a recording of decoded topics, those of the plan and perhaps more."""
+    work = Assembly(bag, topics, plan)
     motion = work.motion()
     effort = work.output(motion, plan.joints, plan.efforts)
     strain = work.output(motion, plan.gauges, plan.strains)
@@ -460,9 +458,9 @@ def read_planned(
 ) -> Recording:
     """Read what a plan names from a bag, as `read_recording` does; quiet: without warnings."""
     bag = open_bag(path, quiet=quiet)
-    names = bag.find(plan.topics)
-    topics = load_topics(bag, sorted({name for name in names.values() if name is not None}))
-    return assemble(bag, topics, plan, names, need_output=need_output, need_motion=need_motion)
+    there = {name for name in bag.find(plan.topics).values() if name is not None}
+    return assemble(bag, load_topics(bag, sorted(there)), plan, need_output=need_output,
+                    need_motion=need_motion)
 
 
 BOOL = 'std_msgs/msg/Bool'
