@@ -269,14 +269,9 @@ class _Decoder(Generic[Sample]):
         names = list(layout.names)
         if names != self._names:
             self._names = names
-        # places and sizes of what changes; a time takes as much as a number
-        places: list[tuple[int, int]] = [(HEADER, 1)] if layout.stamped else []
-        places += [(start, 1 if field == ELAPSED else size)
-                   for field, (start, size) in layout.fields.items() if size or field == ELAPSED]
-        edges = [0, *(edge for start, size in sorted(places)
-                      for edge in (start, start + 8 * size)), len(data)]
-        spans = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-        self._fixed = [(span, data[span]) for span in spans]
+        edges = np.flatnonzero(np.diff(layout.significant, prepend=0, append=0)).tolist()
+        self._fixed = [(slice(a, b), data[a:b])
+                       for a, b in zip(edges[::2], edges[1::2], strict=True)]
         self._time = struct.Struct(layout.order + 'iI')
         kind = np.dtype(layout.order + 'f8')  # once: to make it takes as long as to read
         self._numbers = {name: (kind, size, start)
@@ -409,18 +404,14 @@ class ListenedPublisher:
     """A publisher of encoded messages, which are made only where somebody listens."""
 
     def __init__(self, publisher: Publisher) -> None:
-        self._publisher = publisher
+        self.publisher = publisher
         self.encoder: Any = None
         self.wanted = False
-
-    def look(self) -> None:
-        """Count the subscriptions."""
-        self.wanted = self._publisher.get_subscription_count() > 0
 
     def publish(self, *values: Any) -> None:
         """Publish what the encoder makes of values, where it is wanted."""
         if self.wanted:
-            self._publisher.publish(self.encoder.encode(*values))
+            self.publisher.publish(self.encoder.encode(*values))
 
 
 class ListenedPublishers:
@@ -440,6 +431,6 @@ class ListenedPublishers:
         if now - self._looked < SUBSCRIPTIONS_LOOK:
             return False
         self._looked = now
-        for publisher in self._all:
-            publisher.look()
+        for item in self._all:
+            item.wanted = item.publisher.get_subscription_count() > 0
         return True
