@@ -79,7 +79,7 @@ def write(piece: tuple[str, Sequence[tuple[int, str]]], count: Count) -> None:
     arm = load_arm(ARM)
     recording = read_recording(source, arm)
     for seed, path in bags:
-        write_bag(path, recording_series(noisy(recording, seed), arm, namespace='/'),
+        write_bag(path, recording_series(noisy(recording, seed), arm),
                   custom={'payload': '0.2'})
         count(1)
 

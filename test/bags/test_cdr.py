@@ -21,7 +21,7 @@ import pytest
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.bags.messages import (
-    decode, FIELDS, IMU, JOINT_STATE, joint_state_layout, Signals, wrench_layout, WRENCH_STAMPED)
+    decode, FIELDS, IMU, JOINT_STATE, joint_state_layout, LAYOUTS, Signals, WRENCH_STAMPED)
 from tudor_dynamics.bags.writer import encode
 from tudor_dynamics.errors import BagError
 
@@ -83,7 +83,7 @@ def test_wrenches_decode_as_with_rosbags(values, frame, little):
         force=vector(*values[:3]), torque=vector(*values[3:]))
     raw = serialize(STORE.types[WRENCH_STAMPED](header=header(3, 4, frame), wrench=wrench),
                     WRENCH_STAMPED, little)
-    block, = decode([raw, raw], wrench_layout, '/w')
+    block, = decode([raw, raw], LAYOUTS[WRENCH_STAMPED], '/w')
     np.testing.assert_array_equal(block.values('force'), [values[:3]] * 2)
     np.testing.assert_array_equal(block.values('torque'), [values[3:]] * 2)
     assert block.layout.frame_id == frame
@@ -144,7 +144,7 @@ def test_wrenches_decode_to_themselves():
     force, torque = np.arange(6.0).reshape(2, 3), -np.arange(6.0).reshape(2, 3)
     raw = encode(Signals('/w', stamp, {'force': force, 'torque': torque}, frame='tip',
                          msgtype=WRENCH_STAMPED)).data
-    block, = decode(raw, wrench_layout, '/w')
+    block, = decode(raw, LAYOUTS[WRENCH_STAMPED], '/w')
     np.testing.assert_array_equal(block.stamp, stamp)
     np.testing.assert_array_equal(block.values('force'), force)
     np.testing.assert_array_equal(block.values('torque'), torque)

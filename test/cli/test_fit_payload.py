@@ -34,7 +34,7 @@ def bag(path: Path, payload: float, seed: int, *, stated: str | None = None) -> 
     motion = multisine(np.arange(2000) * 0.01, 2, seed)
     outputs = true_outputs(two_gauge_arm(), motion, payload)
     recording = replace(recording_of(motion[:, :2], 100.0), **outputs)
-    write_bag(path, recording_series(recording, two_gauge_arm(), namespace='/'),
+    write_bag(path, recording_series(recording, two_gauge_arm()),
               custom=None if stated is None else {'payload': stated})
     return str(path)
 

@@ -46,7 +46,7 @@ def several(root: Path, tmp_path_factory: pytest.TempPathFactory, recording) -> 
     content['gauges'][1]['topic'] = 'link3_strains'
     (out / 'arm.yaml').write_text(yaml.safe_dump(content))
     arm = load_arm(out / 'arm.yaml')
-    write_bag(out / 'bag', recording_series(recording, arm, namespace='/'))
+    write_bag(out / 'bag', recording_series(recording, arm))
     assert main(['fit', str(out / 'bag'), '--arm', str(out / 'arm.yaml'), '--models',
                  'analytical', '--out', str(out / 'model'), '--force']) == 0
     assert main(['evaluate', '--model', str(out / 'model'), str(out / 'bag'), '--causal', '--rate',

@@ -173,14 +173,14 @@ def _channels(
     return reports
 
 
-def _topic_report(name: str, msgtype: str, states: DecodedTopic) -> TopicReport:
+def _topic_report(states: DecodedTopic) -> TopicReport:
     names = list(dict.fromkeys(one for block in states.blocks for one in block.layout.names))
     fields = list(dict.fromkeys(what for block in states.blocks for what in block.layout.fields
                                 if block.layout.size(what)))
     unset = not states.stamp.any()
     times = _times(states.log_time if unset else states.stamp, 'log' if unset else 'stamp')
-    return TopicReport(name, msgtype, len(states.stamp), names=names, fields=fields,
-                       channels=_channels(states, names, fields), **times)
+    return TopicReport(states.topic, states.msgtype, len(states.stamp), names=names,
+                       fields=fields, channels=_channels(states, names, fields), **times)
 
 
 def _verdict(
@@ -190,10 +190,7 @@ def _verdict(
     if plan is None:
         return nothing | {'verdict': 'nothing: no joint positions in it'}
     try:
-        names = bag.find(plan.topics)
-        present = {name for name in names.values() if name is not None} & topics.keys()
-        found = assemble(bag, {name: topics[name] for name in sorted(present)}, plan, names,
-                         need_output=True, need_motion=True, checksum=False)
+        found = assemble(bag, topics, plan, need_output=True, need_motion=True, checksum=False)
     except BagError as err:
         return nothing | {'verdict': f'nothing: {err.advice}'}
     models = [name for name, values in (('effort', found.effort), ('strain', found.strain))
@@ -229,7 +226,7 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
     reports, edges = [], []
     for name, info in sorted(bag.topics.items()):
         if name in topics:
-            reports.append(_topic_report(name, info.msgtype, topics[name]))
+            reports.append(_topic_report(topics[name]))
             log_time = topics[name].log_time
         else:
             log_time = others[name].log_time

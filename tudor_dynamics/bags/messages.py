@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field as dataclass_field, replace
+from functools import partial
 import re
 import struct
 from typing import Any
@@ -62,13 +63,12 @@ class CdrError(ValueError):
 class Layout:
     """Where everything stands in messages of one shape."""
 
-    length: int  # bytes of a message
     order: str  # byte order of the numbers
     frame_id: str  # of the header
     names: tuple[str, ...]  # of a JointState; empty for other types
     fields: dict[str, tuple[int, int]]  # offset and number of float64 values of each array
     dtype: np.dtype[Any]  # structured type: `sec`, `nanosec` and the fields that are not empty
-    significant: NDArray[np.uint8]  # (length,): 255 where a byte is structure, 0 for numbers
+    significant: NDArray[np.uint8]  # (bytes,): 255 where a byte is structure, 0 for numbers
     stamped: bool = True  # whether the messages have a header with a stamp
     # Of fields whose values stand apart: for each name the part of the structured type and the
     # place in it; None where the name lacks the field.
@@ -159,8 +159,8 @@ class Cursor:
             'offsets': [start for _, _, start in parts], 'itemsize': len(self.buffer)})
         if scattered is not None:
             fields = {name: (HEADER, len(names)) for name in scattered}
-        return Layout(len(self.buffer), self.order, frame_id, names, fields, dtype,
-                      self.significant, stamped, scattered or {})
+        return Layout(self.order, frame_id, names, fields, dtype, self.significant, stamped,
+                      scattered or {})
 
 
 def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
@@ -172,28 +172,19 @@ def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     return cursor.finish(frame_id, names, fields, spare)
 
 
-def wrench_layout(buffer: bytes) -> Layout:
-    """Parse the structure of a WrenchStamped: ``force`` [N] and ``torque`` [N m]."""
+FIXED: Mapping[str, tuple[tuple[str, int], ...]] = {
+    WRENCH_STAMPED: (('force', 3), ('torque', 3)),
+    IMU: (('orientation', 4), ('', 9), ('angular_velocity', 3), ('', 9),
+          ('linear_acceleration', 3), ('', 9))}
+"""What follows the header of messages without arrays; covariances have no name, and no place."""
+
+
+def fixed_layout(buffer: bytes, parts: Sequence[tuple[str, int]]) -> Layout:
+    """Parse the structure of a message of some fields and their sizes."""
     cursor = Cursor(buffer)
     frame_id = cursor.header()
-    fields = {field: (cursor.skip(24, 8), 3) for field in ('force', 'torque')}
-    return cursor.finish(frame_id, (), fields)
-
-
-def imu_layout(buffer: bytes) -> Layout:
-    """
-    Parse the structure of an Imu.
-
-    Returns places of ``orientation`` (x, y, z, w), ``angular_velocity`` [rad/s] and
-    ``linear_acceleration`` [m/s^2]; of their covariances, which lie between, none.
-    """
-    cursor = Cursor(buffer)
-    frame_id = cursor.header()
-    fields = {}
-    for field, size in (('orientation', 4), ('angular_velocity', 3), ('linear_acceleration', 3)):
-        fields[field] = cursor.skip(8 * size, 8), size
-        cursor.skip(8 * 9, 8)
-    return cursor.finish(frame_id, (), fields)
+    places = [(field, (cursor.skip(8 * size, 8), size)) for field, size in parts]
+    return cursor.finish(frame_id, (), {field: place for field, place in places if field})
 
 
 def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
@@ -295,15 +286,10 @@ class MessageBatch:
 
 def _same_layout(rows: NDArray[np.uint8], layout: Layout) -> NDArray[np.bool_]:
     """Say which rows agree with the first one in every structural byte."""
-    word: Any = np.uint32 if layout.length % 4 == 0 else np.uint8
-    words = rows.view(word)
-    mask = layout.significant.view(word)
-    same = np.ones(len(rows), dtype=bool)
+    word: Any = np.uint32 if rows.shape[1] % 4 == 0 else np.uint8
+    words, mask = rows.view(word), layout.significant.view(word)
     places = np.flatnonzero(mask)
-    for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
-        part = slice(int(run[0]), int(run[-1]) + 1)
-        same &= ~np.any((words[:, part] ^ words[0, part]) & mask[part], axis=1)
-    return same
+    return ~np.any((words[:, places] ^ words[0, places]) & mask[places], axis=1)
 
 
 def decode(
@@ -392,7 +378,8 @@ NAMED = (JOINT_STATE, FLOAT64_MULTI_ARRAY, DYNAMIC_JOINT_STATE)
 """Types of messages with named values."""
 LAYOUTS: Mapping[str, Callable[[bytes], Layout]] = {
     JOINT_STATE: joint_state_layout, FLOAT64_MULTI_ARRAY: array_layout,
-    DYNAMIC_JOINT_STATE: dynamic_layout, WRENCH_STAMPED: wrench_layout, IMU: imu_layout}
+    DYNAMIC_JOINT_STATE: dynamic_layout,
+    **{msgtype: partial(fixed_layout, parts=parts) for msgtype, parts in FIXED.items()}}
 
 
 @dataclass(frozen=True, eq=False)

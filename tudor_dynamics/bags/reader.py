@@ -158,17 +158,16 @@ REMEDIES = {
 class Assembly:
     """The steps from decoded topics to a recording; holds what they share."""
 
-    def __init__(
-        self, bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources,
-        names: Mapping[str, str | None],
-    ) -> None:
-        self.bag, self.topics, self.plan, self.notes = bag, topics, plan, bag.notes
-        self.names, self.path = names, str(bag.path)
+    def __init__(self, bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources) -> None:
+        self.bag, self.plan, self.notes, self.path = bag, plan, bag.notes, str(bag.path)
+        self.names = bag.find(plan.topics)
+        self.topics = {name: topics[name] for name in sorted(topics)
+                       if name in self.names.values()}
         self.dropped: Counter[str] = Counter()
         self.cuts: list[int] = []
         self.set_backs: list[SetBack] = []
         self.others: dict[str, float] = {}
-        self.clock = choose_clock(topics, self.notes, self.path)
+        self.clock = choose_clock(self.topics, self.notes, self.path)
 
     def states(self, name: str, channel: ChannelSource | None = None) -> DecodedTopic:
         """Give a topic of the bag, which must be of the type wanted; positions by default."""
@@ -253,13 +252,12 @@ class Assembly:
         stream, index = self.select(states, self.plan.joints, 'velocity')
         if not len(index):
             return None
-        place = np.searchsorted(index, rows)
-        present = (place < len(index)) & (index[np.minimum(place, len(index) - 1)] == rows)
+        present = np.isin(rows, index)
         if not present.all():
             self.notes.add(f'velocity in {states.topic} is there in {int(present.sum())} of '
                            f'{len(rows)} messages only; not used')
             return None
-        stream = stream.at(place)
+        stream = stream.at(np.searchsorted(index, rows))
         empty = [not column.any() for column in np.isfinite(stream.values['velocity']).T]
         if any(empty):
             # joint_state_broadcaster fills the fields of interfaces that are not there with NaN
@@ -345,8 +343,7 @@ class Assembly:
                 finite &= np.isfinite(values).all(axis=1) | ~inside
         for cause, number in (('no_neighbour', int(np.sum(~found & finite))),
                               ('not_finite', int(np.sum(~finite)))):
-            if number:
-                self.dropped[cause] += number
+            self.dropped[cause] += number
         if self.dropped['no_neighbour']:
             self.notes.add(f'{self.dropped["no_neighbour"]} of {len(found)} joint states have no '
                            'effort or strain close before and after; left out')
@@ -380,14 +377,13 @@ def assemble(
     bag: Bag,
     topics: Mapping[str, DecodedTopic],
     plan: Sources,
-    names: Mapping[str, str | None],
     *,
     need_output: bool = False,
     need_motion: bool = False,
     checksum: bool = True,
 ) -> Recording:
-    """Make a recording of decoded topics; names: of topics in the bag, by those of the plan."""
-    work = Assembly(bag, topics, plan, names)
+    """Make a recording of decoded topics, those of the plan and perhaps more."""
+    work = Assembly(bag, topics, plan)
     motion = work.motion()
     effort = work.output(motion, plan.joints, plan.efforts)
     strain = work.output(motion, plan.gauges, plan.strains)
@@ -462,9 +458,9 @@ def read_planned(
 ) -> Recording:
     """Read what a plan names from a bag, as `read_recording` does; quiet: without warnings."""
     bag = open_bag(path, quiet=quiet)
-    names = bag.find(plan.topics)
-    topics = load_topics(bag, sorted({name for name in names.values() if name is not None}))
-    return assemble(bag, topics, plan, names, need_output=need_output, need_motion=need_motion)
+    there = {name for name in bag.find(plan.topics).values() if name is not None}
+    return assemble(bag, load_topics(bag, sorted(there)), plan, need_output=need_output,
+                    need_motion=need_motion)
 
 
 BOOL = 'std_msgs/msg/Bool'

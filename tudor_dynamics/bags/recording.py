@@ -318,13 +318,6 @@ def check_plausible(
     """Check units and use of a recording; velocities that nobody measures are left out."""
     recording = without_zero_velocities(recording, plan, notes)
     check_units(recording, plan, notes)
-    _check_use(recording, plan, notes, need_output, need_motion)
-    return replace(recording, warnings=tuple(notes.texts))
-
-
-def _check_use(
-    recording: Recording, plan: Sources, notes: Notes, need_output: bool, need_motion: bool,
-) -> None:
     moving = moving_joints(recording, plan.prismatic)
     if not any(moving):
         text = f'no joint moves ({", ".join(plan.joints)} keep their positions)'
@@ -340,3 +333,4 @@ def _check_use(
         raise BagError(f'neither efforts nor strains ({reasons or "none described"}); nothing can '
                        'be learned: correct effort.topic or gauges[].topic in the arm '
                        'description, or record them', place=recording.path)
+    return replace(recording, warnings=tuple(notes.texts))

@@ -42,7 +42,8 @@ METADATA = 'metadata.yaml'
 MAX_METADATA_BYTES = 10_000_000
 MAX_VERSION = 9
 """Of Jazzy."""
-STORAGES = ('mcap', 'sqlite3')
+STORAGES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
+"""Suffixes of storage files, and what their format is called."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,9 @@ def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     version = information['version']
     if not isinstance(version, int) or version > MAX_VERSION:
         raise ValueError(f'version {version!r}; at most {MAX_VERSION} is known')
-    if information['storage_identifier'] not in STORAGES:
-        msg = f'storage {information["storage_identifier"]!r}; known are {", ".join(STORAGES)}'
+    if information['storage_identifier'] not in STORAGES.values():
+        msg = (f'storage {information["storage_identifier"]!r}; known are '
+               f'{", ".join(STORAGES.values())}')
         raise ValueError(msg)
     compression = str(information.get('compression_mode') or '').lower().replace('none', '')
     if compression not in ('', 'file', 'message', 'storage'):
@@ -109,8 +111,6 @@ def _counts(information: dict[str, Any]) -> dict[str, int]:
     return counts
 
 
-SUFFIXES = ('.db3', '.mcap')
-"""Of storage files."""
 DEEPEST = 4
 """Folders within folders that are looked into."""
 
@@ -134,7 +134,7 @@ def bags_below(path: Path, deepest: int = DEEPEST) -> list[Path]:
 
 def _is_bag(path: Path) -> bool:
     return (path / METADATA).exists() or any(
-        item.suffix in SUFFIXES and item.is_file() for item in path.iterdir())
+        item.suffix in STORAGES and item.is_file() for item in path.iterdir())
 
 
 class Notes:
@@ -363,9 +363,8 @@ def _merge(found: Collection[TopicInfo]) -> dict[str, TopicInfo]:
 
 
 def _storage_name(files: Collection[Path]) -> str:
-    names = {'.db3': 'sqlite3', '.mcap': 'mcap'}
     suffixes = {Path(file.stem if file.suffix == '.zstd' else file.name).suffix for file in files}
-    return ', '.join(sorted(names.get(suffix, suffix) for suffix in suffixes))
+    return ', '.join(sorted(STORAGES.get(suffix, suffix) for suffix in suffixes))
 
 
 def _open_files(path: Path, notes: Notes, metadata: Metadata) -> Bag:
@@ -402,7 +401,7 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
 
 def _open_directory(path: Path, notes: Notes) -> Bag:
     files = tuple(sorted((item for item in path.iterdir()
-                          if item.suffix in SUFFIXES and item.is_file()), key=natural))
+                          if item.suffix in STORAGES and item.is_file()), key=natural))
     metadata, cause = Metadata(files), f'no {METADATA}'
     if (path / METADATA).exists():
         try:
@@ -433,7 +432,7 @@ def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
             path = path.parent
         if path.is_dir():
             return _open_directory(path, notes)
-        if path.is_file() and path.suffix in SUFFIXES:
+        if path.is_file() and path.suffix in STORAGES:
             return _open_files(path, notes, Metadata((path,)))
         exists = path.exists()
     except BagError:

@@ -240,9 +240,7 @@ def _write(
             writer.write(connection, time, data)
 
 
-def recording_series(
-    recording: Recording, arm: Arm, *, namespace: str = '',
-) -> list[Signals]:
+def recording_series(recording: Recording, arm: Arm) -> list[Signals]:
     """Lay a recording out on the topics of its arm: joint states, efforts, strains."""
     refuse_interfaces(arm, 'a bag that is written here')
     stamp, joints = recording.stamp, arm.active_joints
@@ -255,20 +253,18 @@ def recording_series(
                 own[:, chosen] = efforts[:, chosen]
             else:
                 elsewhere.append(joint_signals(
-                    _full(namespace, topic), stamp, [joints[i] for i in chosen],
-                    effort=efforts[:, chosen]))
-    result = [joint_signals(_full(namespace, arm.spec.joint_topic), stamp, joints,
-                            recording.q, recording.dq, own), *elsewhere]
+                    _full(topic), stamp, [joints[i] for i in chosen], effort=efforts[:, chosen]))
+    result = [joint_signals(_full(arm.spec.joint_topic), stamp, joints, recording.q, recording.dq,
+                            own), *elsewhere]
     if recording.strain is not None:
         for topic, chosen in by_topic(arm.gauges).items():
-            result.append(joint_signals(_full(namespace, topic), stamp,
-                                        [arm.gauge_names[i] for i in chosen],
+            result.append(joint_signals(_full(topic), stamp, [arm.gauge_names[i] for i in chosen],
                                         recording.strain[:, chosen]))
     return result
 
 
-def _full(namespace: str, topic: str) -> str:
-    return topic if topic.startswith('/') else f'{namespace.rstrip("/")}/{topic}'
+def _full(topic: str) -> str:
+    return topic if topic.startswith('/') else f'/{topic}'
 
 
 RESERVE, RESERVED = 'reserve', 1 << 20

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 import sys
 import warnings
@@ -112,15 +111,6 @@ def print_modes(plant: Plant, count: int, free: list[str], *, as_json: bool) -> 
     print_table(table)
 
 
-def run_with_bar(
-    steps: int, work: Callable[[Callable[[int], None]], PlantRecord],
-) -> PlantRecord:
-    """Show a progress bar on a terminal while a run goes on."""
-    with bar(steps, 'simulating', BarColumn(), '{task.percentage:.0f} %',
-             TimeRemainingColumn()) as advance:
-        return work(lambda done: advance(advance=done))
-
-
 def _runs(args: argparse.Namespace) -> bool:
     return bool(args.torque or args.force or args.motion is not None)
 
@@ -163,14 +153,18 @@ def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tupl
         plant.reset(start, rate, external_force=None if force is None else force[0])
     torque = torque_signal(args.torque, t, mechanism.joints, active)
     plant.start_torque(torque[0])
-    if args.integrator != 'generalised-alpha':
+    with bar(steps, 'simulating', BarColumn(), '{task.percentage:.0f} %',
+             TimeRemainingColumn()) as advance:
+        def progress(done: int) -> None:
+            advance(advance=done)
+        if args.integrator == 'generalised-alpha':
+            return run_plant(plant, probe, torque, every=every, motion=motion, force=force,
+                             progress=progress)
         if motion is not None or force is not None:
             raise UsageError(f'--integrator {args.integrator} takes torques only; leave --motion '
                              'and --force out')
-        return run_with_bar(steps, lambda bar: simulate_with_scipy(
-            plant, probe, torque, every=every, method=args.integrator, progress=bar))
-    return run_with_bar(steps, lambda bar: run_plant(
-        plant, probe, torque, every=every, motion=motion, force=force, progress=bar))
+        return simulate_with_scipy(plant, probe, torque, every=every, method=args.integrator,
+                                   progress=progress)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -308,7 +308,7 @@ def record_stimulus(
     signals = LoopRecord.joined(parts)
     stamp = FIRST_STAMP + np.round(signals.t * 1e9).astype(np.int64)
     series = [
-        *recording_series(_recording(arm, signals, stamp), arm, namespace='/'),
+        *recording_series(_recording(arm, signals, stamp), arm),
         joint_signals('/joint_reference', stamp, arm.active_joints, signals.q_ref,
                       signals.dq_ref)]
     if spec.loads:

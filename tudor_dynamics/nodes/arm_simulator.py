@@ -28,6 +28,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from tudor_dynamics.arm.description import Arm, by_topic
 from tudor_dynamics.arm.kinematics import base_frame
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.mechanics.closed_loop import ArmProcess
@@ -72,7 +73,7 @@ class ArmSimulatorNode(TudorNode):
         self.apply()
         self._run_beside(self._live)
 
-    def _connect(self, arm: Any) -> None:
+    def _connect(self, arm: Arm) -> None:
         self._names = list(arm.active_joints)
         # with the held ones robot_state_publisher has the whole arm
         self._all = list(arm.movable_joints)
@@ -81,10 +82,8 @@ class ArmSimulatorNode(TudorNode):
         self._held = np.array([self.arm.held.get(name, 0.0) for name in self._all])
         self._gauges, self._base = list(arm.gauge_names), base_frame(arm.full_model)
         self._joints = self.publish_on(JointState, arm.spec.joint_topic)
-        efforts, strains = (
-            {topic: [names.index(name) for name in of]
-             for topic, of in arm.topics[output].items()} for output, names in (
-                ('effort', self._names), ('strain', self._gauges)))
+        efforts = by_topic(joint.effort for joint in arm.joints)
+        strains = by_topic(arm.gauges)
         # what comes with the positions: others have no effort there
         self._own_efforts = efforts.pop(arm.spec.joint_topic, [])
         self._own_strains = strains.pop(arm.spec.joint_topic, [])

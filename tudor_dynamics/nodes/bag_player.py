@@ -103,9 +103,8 @@ class BagPlayerNode(TudorNode):
                 return
         if wanted and closing.wait(0.3):  # a reader that is matched is not yet one that hears
             return
-        times = track.time.tolist()
         while not closing.is_set():
-            self._pass(times, self._first)
+            self._pass()
             if not self.value('loop'):
                 break
         self.finished = True
@@ -114,27 +113,24 @@ class BagPlayerNode(TudorNode):
                 publisher.wait_for_all_acked(DELIVERY)
             self.exit_code = 0
 
-    def _pass(self, times: list[int], first: int) -> None:
+    def _pass(self) -> None:
         """Publish all messages once, each when it is due."""
-        track, closing = self.track, self._closing
+        track, first = self.track, self._first
         assert track is not None
-        due = time.perf_counter()
-        before = times[first]
-        for i in range(first, len(times)):
-            due += (times[i] - before) * 1e-9 / float(self.value('rate'))
-            before = times[i]
-            wait = due - time.perf_counter()
-            if wait > 0 and closing.wait(wait):
+        due, before = time.perf_counter(), int(track.time[first])
+        for now, topic, data in zip(
+                track.time[first:].tolist(), track.topic[first:], track.data[first:], strict=True):
+            due += (now - before) * 1e-9 / float(self.value('rate'))
+            before = now
+            if self._closing.wait(max(due - time.perf_counter(), 0.0)):
                 return
-            if closing.is_set():
-                return
-            publisher = self._outputs.get(track.topic[i])
+            publisher = self._outputs.get(topic)
             if publisher is None:
                 continue
             begun = self.meter.begin()
             if self._clock_output is not None:
-                self._clock_output.publish(Clock(clock=time_message(times[i])))
-            publisher.publish(track.data[i])
+                self._clock_output.publish(Clock(clock=time_message(now)))
+            publisher.publish(data)
             self.meter.end(begun)
 
     def verdict(self) -> tuple[bytes, str]:

@@ -70,13 +70,12 @@ class SignTester(Trial):
         """Record the strain of a gauge; with ``watch`` the damper goes off where it grows."""
         self._strain[gauge].clear()
         end = self.steady() + seconds
-        watching = watch
         while self.steady() < end:
             self.spin_until(lambda: False, 0.1)
             response = self._response(gauge)
-            if watching and response is not None and grows(response.strain, response.dt):
+            if watch and response is not None and grows(response.strain, response.dt):
                 self.set_damping(0.0)
-                watching = False
+                watch = False
         response = self._response(gauge)
         if response is None:
             raise TudorError(f'no strain of {self.arm.gauge_names[gauge]}; start its driver')

@@ -75,7 +75,10 @@ class ForceControllerNode(MovingNode):
                  'largest', 'lost')
         self.controller = ForceController(
             arm, ForceSettings(**{name: float(self.value(name)) for name in names}), (x, y, z))
-        self.static = self._load_static(arm, (x, y, z))
+        models = {} if not self.value('model') else load_bundle(
+            self.value('model'), arm=arm).beside_robot().models.get('strain', {})
+        self.static = StaticStrain(
+            arm, models.get('elastic') or next(iter(models.values()), None), (x, y, z))
         self._base = base_frame(arm.full_model)
         return arm, arm.gauge_names
 
@@ -87,13 +90,6 @@ class ForceControllerNode(MovingNode):
         """Give no more references: who commands the joints brakes and holds them."""
         if self.controller is not None:
             self.controller.stop('deactivated')
-
-    def _load_static(self, arm: Arm, normal: tuple[float, float, float]) -> StaticStrain:
-        if not self.value('model'):
-            return StaticStrain(arm, None, normal)
-        models = load_bundle(self.value('model'), arm=arm).beside_robot().models.get('strain', {})
-        return StaticStrain(arm, models.get('elastic') or next(iter(models.values()), None),
-                            normal)
 
     def _reset(self) -> str:
         if self.controller is None:

@@ -16,26 +16,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from functools import partial
 from threading import Thread
 import time
+import traceback
 from typing import Any
 
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.expand_topic_name import expand_topic_name
-from rclpy.parameter import Parameter
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from rclpy.validate_namespace import validate_namespace
 
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.nodes.common.base import ERROR, Figure, GuardedNode, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.settings import ARMS_LOOK
 
 
-class GuardedMonitorNode(GuardedNode, MonitorNode):
-    """A monitor whose faults do not end those of other arms."""
+class GuardedMonitorNode(MonitorNode):
+    """
+    A monitor whose faults do not end those of other arms.
+
+    An executor passes on what a callback raises, and so ends every node that it serves. Here the
+    node alone falls silent, until whoever looks after it makes another one.
+    """
+
+    failure = ''  # what a callback raised, with its traceback; empty while nothing has
+
+    def _call(self, callback: Callable[..., Any], *args: Any) -> Any:
+        if self.failure:
+            return None
+        try:
+            return callback(*args)
+        except Exception:  # whatever it is, the other nodes go on
+            self.failure = traceback.format_exc()
+            return None
+
+    def create_subscription(  # type: ignore[override]
+        self, kind: Any, topic: str, callback: Callable[[Any], None], *args: Any, **options: Any,
+    ) -> Subscription:
+        """Subscribe as rclpy does."""
+        return super().create_subscription(
+            kind, topic, lambda message: self._call(callback, message), *args, **options)
+
+    def create_timer(  # type: ignore[override]
+        self, period: float, callback: Callable[[], None], *args: Any, **options: Any,
+    ) -> Timer:
+        """Make a timer as rclpy does."""
+        return super().create_timer(period, lambda: self._call(callback), *args, **options)
+
+    def create_service(  # type: ignore[override]
+        self, kind: Any, name: str, callback: Callable[[Any, Any], Any], *args: Any,
+        **options: Any,
+    ) -> Service:
+        """Offer a service as rclpy does; a node that has failed answers with nothing done."""
+        return super().create_service(kind, name, lambda request, response: (
+            self._call(callback, request, response) or response), *args, **options)
 
 
 class WatchedArm:
@@ -110,12 +150,9 @@ class MonitorsNode(TudorNode):
         Figure('failures ARM', lambda node: {
             arm.namespace: arm.failures for arm in node.arms if arm.failures}))
 
-    def __init__(
-        self, *, parameter_overrides: Sequence[Parameter] | None = None, **kwargs: Any,
-    ) -> None:
-        super().__init__('monitors', parameter_overrides=parameter_overrides, **kwargs)
-        options = {**kwargs, 'parameter_overrides': parameter_overrides}
-        self.arms = tuple(WatchedArm(namespace, options) for namespace in self._namespaces())
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('monitors', **kwargs)
+        self.arms = tuple(WatchedArm(namespace, kwargs) for namespace in self._namespaces())
         for arm in self.arms:
             arm.make()
         if not self.arms:

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from functools import partial
 import time
 from typing import Any
@@ -45,10 +45,6 @@ from tudor_dynamics.nodes.settings import BRAKING, LONGEST_GAP, PUBLISHERS_LOOK
 from tudor_dynamics.typing import FloatArray
 
 
-def _delay_text(delay: float | None) -> str:
-    return 'unknown before motion' if delay is None else f'{1e3 * delay:.1f}'
-
-
 def _since(now: Counter[str], before: Counter[str]) -> dict[str, str]:
     """Give what has been counted since the last diagnosis, which then is this one."""
     since = now - before
@@ -68,8 +64,9 @@ class OscillationDamperNode(MovingNode):
     FIGURES: tuple[Figure, ...] = (
         Figure('state', lambda controller: controller.state.name.lower(), 'controller'),
         Figure('cause', lambda controller: controller.cause, 'controller'),
-        Figure('loop delay [ms]', lambda controller: _delay_text(controller.gains.delay.delay),
-               'controller'),
+        Figure('loop delay [ms]', lambda controller: 'unknown before motion' if (
+            delay := controller.gains.delay.delay) is None else f'{1e3 * delay:.1f}',
+            'controller'),
         Figure('age of stamps [ms]', lambda node: node.controller and node.clocks.text()),
         Figure('damping in use', lambda controller: '{:.2f}'.format(
             controller.gains.share * controller.gains.allowed_share), 'controller'),
@@ -92,14 +89,12 @@ class OscillationDamperNode(MovingNode):
         super().__init__('oscillation_damper', LONGEST_GAP, **kwargs)
         self.controller: MotionController | None = None
         self.clocks = ClockWatch()
-        self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)
         self._faults: dict[int, Status] = {}
         self.reported_cuts: Counter[str] = Counter()
         self.reported_refusals: Counter[str] = Counter()
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
         self.serve(RESET, self._reset)
         self.serve(JOINTS_TESTED, self._tested)
-        self.crowded: tuple[bytes, str] | None = None
         self._watchdog = self.every(WATCH_PERIOD, self._watch)
         self._look_timer = self.every(PUBLISHERS_LOOK, self._look)
         self.autostart()
@@ -211,23 +206,15 @@ class OscillationDamperNode(MovingNode):
             time.sleep(WATCH_PERIOD)
 
     def verdict(self) -> tuple[bytes, str]:
-        """Say what matters most of what the arm does."""
-        level, message = super().verdict()
-        if self.controller is None or not self.active:
-            return level, message
-        return self._worst(self.controller) or (level, message)
-
-    def _look(self) -> None:
-        """Count who commands the arm, and who says where it is: of each there may be one."""
-        self.crowded = self.crowd(self._output, 'command the joints',
-                                  '' if self.controller is None else self._own)
-
-    def _worst(self, controller: MotionController) -> tuple[bytes, str] | None:
         """
-        Give the level and the words of what matters most; None where all is well.
+        Say what matters most of what the arm does.
 
         docs/explanation/safety.md has the causes: what to do, and the test that shows each.
         """
+        level, message = super().verdict()
+        controller = self.controller
+        if controller is None or not self.active:
+            return level, message
         if controller.state is State.FAULT:
             return ERROR, f'{controller.cause}; the joints stand, ~/reset takes them up again'
         clock = self.clocks.fault()
@@ -269,7 +256,12 @@ class OscillationDamperNode(MovingNode):
             return WARN, note
         if controller.limits.missing:
             return WARN, f'not bounded, {"; ".join(controller.limits.missing)}'
-        return None
+        return level, message
+
+    def _look(self) -> None:
+        """Count who commands the arm, and who says where it is: of each there may be one."""
+        self.crowded = self.crowd(self._output, 'command the joints',
+                                  '' if self.controller is None else self._own)
 
     def _gauge_faults(self, controller: MotionController) -> list[str]:
         """Name the gauges that are not trusted, and why; forget those that are again."""

@@ -78,7 +78,6 @@ class ReferenceGeneratorNode(MovingNode):
         self._heard: dict[str, tuple[float, bool]] = {}
         self.monitors: list[str] = []
         self._unwatched = ''
-        self.crowded: tuple[bytes, str] | None = None
         self._speed: FloatArray | None = None
         self._output = self.publish_on(JointState, JOINT_REFERENCE)
         self._states = self.publish_on(JointTrajectory, STATE)
@@ -253,17 +252,11 @@ class ReferenceGeneratorNode(MovingNode):
             return
         gain = float(self.value('comply_gain'))
         motion.yielding[:] = 0.0
-        for joint, index, scale in self._feedback():
-            motion.yielding[joint] = yielding_speed(float(values[index]), scale, gain)
-
-    def _feedback(self) -> list[tuple[int, int, float]]:
-        """Give for each joint the first gauge after it, with its unit per m/m."""
-        found: dict[int, tuple[int, int, float]] = {}
-        for index, gauge in enumerate(self._arm.gauges):
+        # backwards: of several gauges after a joint the first one counts
+        for gauge, value in zip(self._arm.gauges[::-1], values[::-1].tolist(), strict=True):
             if gauge.joint in self._names and gauge.unit in STRAIN_SCALE:
-                joint = self._names.index(gauge.joint)
-                found.setdefault(joint, (joint, index, STRAIN_SCALE[gauge.unit]))
-        return list(found.values())
+                motion.yielding[self._names.index(gauge.joint)] = yielding_speed(
+                    value, STRAIN_SCALE[gauge.unit], gain)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -70,7 +70,6 @@ class TrajectoryRelayNode(TudorNode):
         self.collision = self.held = False
         self._q: FloatArray | None = None
         self._at, self._stepped = -math.inf, self.steady()
-        self._crowded: tuple[bytes, str] | None = None
         self._payload = float(self.value('payload'))
         self._goal: Any = None  # what the controller drives of ours: its handle, once it has one
         controller = self.value('controller')
@@ -202,12 +201,22 @@ class TrajectoryRelayNode(TudorNode):
         given = trajectory_of(message)
         held = state.q if follower.path is None else follower.path.target
         whole = of_all(given, self._names, held, self.value('allow_partial_joints_goal'))
-        efforts = self._with_efforts(whole)
+        efforts = None
+        if self.ahead is not None:
+            if self.value('payload') != self._payload:
+                self.ahead.carry(self.value('payload'))
+                self._payload = self.value('payload')
+            efforts = self.ahead.along(whole)
         if since >= 0.0 and whole.t[0] <= since < whole.t[-1]:
             # controllers do not lead from where the arm is to points that are due: they jump
             curve = spline(whole)
             own = MotionState(*(curve(since, order) for order in range(3)))
-            self._near(own.q, state.q)
+            off = np.abs(own.q - state.q)
+            if off.max() > self.value('start_tolerance'):
+                k = int(off.argmax())
+                raise SignalError(
+                    f'the first point is due at once, and {self._names[k]} is {off[k]:.3g} away',
+                    remedy='begin where the arm is, or give the first point a later time')
             why = Path(own, whole, since).beyond(follower.bounds)
             if not why:
                 follower.leave()
@@ -219,23 +228,6 @@ class TrajectoryRelayNode(TudorNode):
             raise SignalError(why)
         if efforts is not None:
             self._fill(message, efforts)
-
-    def _near(self, begin: FloatArray, place: FloatArray) -> None:
-        off = np.abs(begin - place)
-        if off.max() > self.value('start_tolerance'):
-            k = int(off.argmax())
-            raise SignalError(
-                f'the first point is due at once, and {self._names[k]} is {off[k]:.3g} away',
-                remedy='begin where the arm is, or give the first point a later time')
-
-    def _with_efforts(self, whole: Trajectory) -> Trajectory | None:
-        if self.ahead is None:
-            return None
-        payload = self.value('payload')
-        if payload != self._payload:
-            self.ahead.carry(payload)
-            self._payload = payload
-        return self.ahead.along(whole)
 
     def _fill(self, message: JointTrajectory, found: Trajectory) -> None:
         """Write efforts into all points, for all joints; and the motors where they are led."""
@@ -287,15 +279,15 @@ class TrajectoryRelayNode(TudorNode):
 
     def _look(self) -> None:
         """See who else leads the controller."""
-        self._crowded = self.crowd(self._output, 'lead the controller', '')
+        self.crowded = self.crowd(self._output, 'lead the controller', '')
 
     def verdict(self) -> tuple[bytes, str]:
         """Say what was refused, and who else leads the controller."""
         level, message = super().verdict()
         if self.follower is None:
             return level, message
-        if self._crowded is not None:
-            return self._crowded
+        if self.crowded is not None:
+            return self.crowded
         if level != OK:
             return level, message
         if self.held or self.collision:

@@ -22,7 +22,6 @@ from dataclasses import dataclass
 import re
 from threading import Event, Thread
 import time
-import traceback
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -35,7 +34,6 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
@@ -51,40 +49,9 @@ from tudor_dynamics.nodes.settings import (
     AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, STANDS, TOO_MANY)
 
 
-NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
-         DiagnosticStatus.ERROR: 'ERROR', DiagnosticStatus.STALE: 'STALE'}
-FAULTS = (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
-
-
-class LevelLog:
-    """
-    Logs changes of the level, and from time to time another fault of the same level.
-
-    steady: clock that never stops [s].
-    """
-
-    def __init__(self, logger: Any, steady: Callable[[], float]) -> None:
-        self._logger, self._steady = logger, steady
-        self._level: bytes | None = None
-        self._text = ''
-        self._at = 0.0
-
-    def take(self, level: bytes, message: str) -> None:
-        """Take a diagnosis."""
-        now, text = self._steady(), re.sub(r'[\d.]+', '', message)  # figures change all the time
-        before = self._level
-        if level == before and (
-                level not in FAULTS or text == self._text or now - self._at < REPEAT):
-            return
-        self._level, self._text, self._at = level, text, now
-        line = f'{"start" if before is None else NAMES[before]} -> {NAMES[level]}: {message}'
-        # rclpy keeps one severity for each place of the source
-        if level == DiagnosticStatus.OK:
-            self._logger.info(line)
-        elif level == DiagnosticStatus.ERROR:
-            self._logger.error(line)
-        else:
-            self._logger.warning(line)
+OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
+                          DiagnosticStatus.STALE)
+NAMES = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR', STALE: 'STALE'}
 
 
 class Meter:
@@ -131,9 +98,7 @@ class Meter:
             ordered = np.partition(self._latencies[:known], places)
             for name, place in zip(('p50', 'p99'), places, strict=True):
                 values[f'latency {name} [ms]'] = f'{1e3 * ordered[place]:.3f}'
-        total: Counter[str] = Counter()
-        for item in drops:
-            total.update(item)
+        total = sum(drops, Counter[str]())
         values['dropped'] = str(sum(total.values()))
         values.update({f'dropped: {cause}': str(n) for cause, n in sorted(total.items()) if n})
         return values
@@ -179,49 +144,6 @@ class ClockWatch:
                 'and this machine differ, or one of the two uses simulated time')
 
 
-class GuardedNode(Node):
-    """
-    Mix-in for a node beside others in one process; before the class of the node.
-
-    An executor passes on what a callback raises, and so ends every node that it serves. Here the
-    node alone falls silent, until whoever looks after it makes another one.
-    """
-
-    failure = ''  # what a callback raised, with its traceback; empty while nothing has
-
-    def _call(self, callback: Callable[..., Any], *args: Any) -> Any:
-        if self.failure:
-            return None
-        try:
-            return callback(*args)
-        except Exception:  # whatever it is, the other nodes go on
-            self.failure = traceback.format_exc()
-            return None
-
-    def create_subscription(  # type: ignore[override]
-        self, kind: Any, topic: str, callback: Callable[[Any], None], *args: Any, **options: Any,
-    ) -> Subscription:
-        """Subscribe as rclpy does."""
-        return super().create_subscription(
-            kind, topic, lambda message: self._call(callback, message), *args, **options)
-
-    def create_timer(  # type: ignore[override]
-        self, period: float, callback: Callable[[], None], *args: Any, **options: Any,
-    ) -> Timer:
-        """Make a timer as rclpy does."""
-        return super().create_timer(period, lambda: self._call(callback), *args, **options)
-
-    def create_service(  # type: ignore[override]
-        self, kind: Any, name: str, callback: Callable[[Any, Any], Any], *args: Any,
-        **options: Any,
-    ) -> Service:
-        """Offer a service as rclpy does; a node that has failed answers with nothing done."""
-        def answer(request: Any, response: Any) -> Any:
-            done = self._call(callback, request, response)
-            return response if done is None else done
-        return super().create_service(kind, name, answer, *args, **options)
-
-
 UNUSABLE = {
     'unknown_names': 'the names in it are not those of the arm',
     'short_array': 'its arrays are shorter than its names',
@@ -231,8 +153,6 @@ UNUSABLE = {
     'duplicate_stamp': 'its stamps are repeated',
     'backward_stamp': 'its stamps go backwards'}
 """Drops that are the fault of who sends, and what they mean."""
-OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
-                          DiagnosticStatus.STALE)
 OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)
 """Topics that every node has."""
 
@@ -333,12 +253,14 @@ class TudorNode(Node):
     """
     Base of the nodes.
 
-    steady: clock by which the node takes ages, which never stops, see `SimulatedClock` [s]; fault:
-    empty for nothing; ended: empty while it may; robot: name of the arm, once known.
+    steady: clock by which the node takes ages, which never stops, see `SimulatedClock` [s];
+    ros_time: stands for stamps that are not there [ns]; fault: empty for nothing; ended: empty
+    while it may; robot: name of the arm, once known; crowded: what `crowd` found last.
     """
 
     depth = DEPTH  # of its queues
     robot = ''
+    crowded: tuple[bytes, str] | None = None
     exit_code: int | None = None  # of the process, once a node ends by itself; set by any thread
     FIGURES: tuple[Figure, ...] = ()
 
@@ -347,13 +269,14 @@ class TudorNode(Node):
     ) -> None:
         super().__init__(name, **kwargs)
         self.steady = steady_clock(self) if steady is time.monotonic else steady
+        self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.meter = Meter(lambda: self.steady())
         self.drops: Counter[str] = Counter()
         self.fault = self.ended = self._unknown = ''
         self._closing = Event()  # for what runs beside the executor
         self._beside: Thread | None = None
-        self._level_log = LevelLog(self.get_logger(), lambda: self.steady())
+        self._logged: tuple[bytes | None, str, float] = None, '', 0.0  # level, text, when [s]
         self._before: Counter[str] = Counter()
         self.params = {param.name: param for param in NODES[name]}
         for param in NODES[name]:
@@ -562,7 +485,24 @@ class TudorNode(Node):
         array = DiagnosticArray(status=[status] if extra is None else [status, extra])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
-        self._level_log.take(level, message)
+        self._log(level, message)
+
+    def _log(self, level: bytes, message: str) -> None:
+        """Log changes of the level, and from time to time another fault of the same level."""
+        now, text = self.steady(), re.sub(r'[\d.]+', '', message)  # figures change all the time
+        before, last, at = self._logged
+        if level == before and (
+                level not in (WARN, ERROR) or text == last or now - at < REPEAT):
+            return
+        self._logged = level, text, now
+        line = f'{"start" if before is None else NAMES[before]} -> {NAMES[level]}: {message}'
+        # rclpy keeps one severity for each place of the source
+        if level == OK:
+            self.get_logger().info(line)
+        elif level == ERROR:
+            self.get_logger().error(line)
+        else:
+            self.get_logger().warning(line)
 
     def _run_beside(self, work: Callable[[], None]) -> None:
         """Work beside the executor, in a thread that ends by itself or once the node stops."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 import struct
@@ -269,14 +269,9 @@ class _Decoder(Generic[Sample]):
         names = list(layout.names)
         if names != self._names:
             self._names = names
-        # places and sizes of what changes; a time takes as much as a number
-        places: list[tuple[int, int]] = [(HEADER, 1)] if layout.stamped else []
-        places += [(start, 1 if field == ELAPSED else size)
-                   for field, (start, size) in layout.fields.items() if size or field == ELAPSED]
-        edges = [0, *(edge for start, size in sorted(places)
-                      for edge in (start, start + 8 * size)), len(data)]
-        spans = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-        self._fixed = [(span, data[span]) for span in spans]
+        edges = np.flatnonzero(np.diff(layout.significant, prepend=0, append=0)).tolist()
+        self._fixed = [(slice(a, b), data[a:b])
+                       for a, b in zip(edges[::2], edges[1::2], strict=True)]
         self._time = struct.Struct(layout.order + 'iI')
         kind = np.dtype(layout.order + 'f8')  # once: to make it takes as long as to read
         self._numbers = {name: (kind, size, start)
@@ -350,24 +345,26 @@ class MotionDecoder(_Decoder[PointSample]):
 class _Encoder:
     """Bytes of messages that differ in numbers alone, by a first one that rclpy has made."""
 
-    def __init__(self, template: Any, parse: Callable[[bytes, int], Layout]) -> None:
+    def __init__(
+        self, template: Any, parse: Callable[[bytes, int], Layout], order: Sequence[str],
+    ) -> None:
         data = serialize_message(template)
         layout = parse(data, len(data))  # rclpy appends what it had estimated too much
-        self._fields = layout.fields
+        self._fields, self._order = layout.fields, tuple(order)
         end = max(start + 8 * (1 if field == ELAPSED else size)
                   for field, (start, size) in self._fields.items())
         self._buffer = bytearray(data[:end])
         self._time = struct.Struct(layout.order + 'iI')
         self._kind = np.dtype(layout.order + 'f8')
 
-    def _put(self, field: str, values: FloatArray) -> None:
-        start, size = self._fields[field]
-        if len(values) != size:
-            raise ValueError(f'{len(values)} values for {field}; expected {size}')
-        self._buffer[start:start + 8 * size] = values.astype(self._kind, copy=False).tobytes()
-
-    def _put_time(self, place: int, time: int) -> None:
-        self._time.pack_into(self._buffer, place, *divmod(time, SECOND))
+    def _encode(self, stamp: int, values: Iterable[FloatArray]) -> bytes:
+        self._time.pack_into(self._buffer, HEADER, *divmod(stamp, SECOND))
+        for field, x in zip(self._order, values, strict=True):
+            start, size = self._fields[field]
+            if len(x) != size:
+                raise ValueError(f'{len(x)} values for {field}; expected {size}')
+            self._buffer[start:start + 8 * size] = x.astype(self._kind, copy=False).tobytes()
+        return bytes(self._buffer)
 
 
 class JointStateEncoder(_Encoder):
@@ -377,15 +374,11 @@ class JointStateEncoder(_Encoder):
         template = JointState(header=Header(frame_id=frame), name=list(names))
         for field in fields:
             setattr(template, field, [0.0] * len(names))
-        super().__init__(template, joint_state_layout)
-        self._order = tuple(fields)
+        super().__init__(template, joint_state_layout, fields)
 
     def encode(self, stamp: int, *values: FloatArray) -> bytes:
         """Encode a message of a stamp [ns] and the values of each field, in their order."""
-        self._put_time(HEADER, stamp)
-        for field, x in zip(self._order, values, strict=True):
-            self._put(field, x)
-        return bytes(self._buffer)
+        return self._encode(stamp, values)
 
 
 class MotionEncoder(_Encoder):
@@ -397,36 +390,28 @@ class MotionEncoder(_Encoder):
     """
 
     def __init__(self, names: Sequence[str]) -> None:
-        none = [0.0] * len(names)
-        point = JointTrajectoryPoint(positions=none, velocities=none, accelerations=none)
-        super().__init__(JointTrajectory(joint_names=list(names), points=[point]), motion_layout)
+        point = JointTrajectoryPoint(**dict.fromkeys(MOTION, [0.0] * len(names)))
+        super().__init__(JointTrajectory(joint_names=list(names), points=[point]), motion_layout,
+                         MOTION)
 
     def encode(self, stamp: int, elapsed: int, row: FloatArray) -> bytes:
         """Encode a message of a stamp [ns], a time since the beginning [ns], ``[q, dq, ddq]``."""
-        self._put_time(HEADER, stamp)
-        n = len(row) // 3
-        for i, field in enumerate(MOTION):
-            self._put(field, row[i * n:(i + 1) * n])
-        self._put_time(self._fields[ELAPSED][0], elapsed)
-        return bytes(self._buffer)
+        self._time.pack_into(self._buffer, self._fields[ELAPSED][0], *divmod(elapsed, SECOND))
+        return self._encode(stamp, row.reshape(3, -1))
 
 
 class ListenedPublisher:
     """A publisher of encoded messages, which are made only where somebody listens."""
 
     def __init__(self, publisher: Publisher) -> None:
-        self._publisher = publisher
+        self.publisher = publisher
         self.encoder: Any = None
         self.wanted = False
-
-    def look(self) -> None:
-        """Count the subscriptions."""
-        self.wanted = self._publisher.get_subscription_count() > 0
 
     def publish(self, *values: Any) -> None:
         """Publish what the encoder makes of values, where it is wanted."""
         if self.wanted:
-            self._publisher.publish(self.encoder.encode(*values))
+            self.publisher.publish(self.encoder.encode(*values))
 
 
 class ListenedPublishers:
@@ -446,6 +431,6 @@ class ListenedPublishers:
         if now - self._looked < SUBSCRIPTIONS_LOOK:
             return False
         self._looked = now
-        for publisher in self._all:
-            publisher.look()
+        for item in self._all:
+            item.wanted = item.publisher.get_subscription_count() > 0
         return True

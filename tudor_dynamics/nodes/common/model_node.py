@@ -170,8 +170,6 @@ class ModelNode(TudorNode):
 
     A model that cannot be loaded does not end the node: it says why in its diagnostics, gives no
     output, and tries again on ``~/reload``.
-
-    ros_time: stands for the stamps of messages that have none [ns].
     """
 
     depth = DEEP
@@ -183,7 +181,6 @@ class ModelNode(TudorNode):
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.bundle: ModelBundle | None = None
-        self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)
         self.source = str(self.value('model'))
         self._whole: ModelBundle | None = None  # as it was read, perhaps of all payloads
         self._payload = self.payload

@@ -55,12 +55,6 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self.gate = StampGate(gap)
         self.active = False
         self.phase = 'unconfigured'
-        self._strain = np.zeros(0)
-        self._read = np.zeros(0)  # stamps of the strains [s]
-        self._fresh = np.zeros(0, dtype=bool)  # strains since the last answer
-        self._gauges: dict[str, tuple[NamedReader, list[int]]] = {}
-        self._motors: dict[str, tuple[NamedReader, list[int]]] = {}
-        self._effort = np.zeros(0)
         self._inputs: list[Subscription] = []
 
     def autostart(self) -> None:
@@ -104,8 +98,8 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self.apply()
         self._joints = NamedReader(arm.active_joints, self.drops)
         self._strain = np.full(len(arm.gauges), np.nan)
-        self._read = np.full(len(arm.gauges), -np.inf)
-        self._fresh = np.zeros(len(arm.gauges), dtype=bool)
+        self._read = np.full(len(arm.gauges), -np.inf)  # stamps of the strains [s]
+        self._fresh = np.zeros(len(arm.gauges), dtype=bool)  # strains since the last answer
         self._effort = np.full(len(arm.active_joints), np.nan)
         self._gauges = self._sources(arm.topics['strain'], arm.gauge_names, gauges)
         self._motors = self._sources(
