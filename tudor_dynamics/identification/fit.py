@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 import math
 from typing import Any
 import warnings
@@ -228,20 +229,14 @@ def _names(bags: Sequence[BagData]) -> tuple[str, ...]:
     return tuple(str(bag.choice) for bag in bags)
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
+def _searched(
+    arm: Arm, records: list[Record], warm: dict[str, float] | None, known: Identified | None,
+    progress: Progress,
+) -> Identified:
     """Search in bags; also a worker of a cluster can do it."""
-
-    arm: Arm
-    records: list[Record]
-    warm: dict[str, float] | None
-    known: Identified | None
-
-
-def _searched(search: _Search, progress: Progress) -> Identified:
-    if search.known is not None:
-        return taken_over(search.arm, search.records, search.known)
-    return identify(search.arm, search.records, warm=search.warm, progress=progress)
+    if known is not None:
+        return taken_over(arm, records, known)
+    return identify(arm, records, warm=warm, progress=progress)
 
 
 class ElasticTrainer:
@@ -262,23 +257,19 @@ class ElasticTrainer:
         self.arm = arm
         self.payload_range = payload_range
         self.progress = progress
-        self.identified: Identified | None = None
         self._warm = warm
         self._kept = () if kept is None else (kept,)
         self._all: Sequence[BagData] = ()
         self._known = known or {}
-        self._found: dict[tuple[str, ...], Identified] = {}
-        self.searches: Searches = self._found
+        self.searches: dict[tuple[str, ...], Identified] = {}
 
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
         """Fit the model of one output."""
         self.prepare([bags])
-        found = self._found[_names(bags)]
-        payloads = {bag.payload for bag in bags}
-        physical = found.physical
-        if self.payload_range is None and len(payloads) == 1 and None not in payloads:
-            (payload,) = payloads
-            assert payload is not None
+        found = self.searches[_names(bags)]
+        payload, physical = bags[0].payload, found.physical
+        if self.payload_range is None and payload is not None and all(
+                bag.payload == payload for bag in bags):
             physical = (*physical, PhysicalParameter('payload', payload, 'kg'))
         model = ElasticModel(self.arm, output, physical, payload_range=self.payload_range)
         if output == 'strain':
@@ -294,24 +285,21 @@ class ElasticTrainer:
         self._all = self._all or parts[0]
         todo: dict[tuple[str, ...], Sequence[BagData]] = {}
         for bags in parts:
-            if _names(bags) in self._found:
+            if _names(bags) in self.searches:
                 continue
             for some in (self._less(bags), bags):
-                if some and _names(some) not in self._found:
+                if some and _names(some) not in self.searches:
                     todo[_names(some)] = some
         while todo:
             ready = {key: bags for key, bags in todo.items()
                      if _names(self._less(bags)) not in todo}
-            searches = [_Search(self.arm, records_of(bags), self._begin(bags),
+            searches = [partial(_searched, self.arm, records_of(bags), self._begin(bags),
                                 self._known.get(key)) for key, bags in ready.items()]
-            self._found.update(zip(ready, shared_out(_searched, searches, self.progress),
-                                   strict=True))
+            self.searches.update(zip(ready, shared_out(searches, self.progress), strict=True))
             todo = {key: bags for key, bags in todo.items() if key not in ready}
             whole = _names(self._all)
-            if whole in ready:
-                self.identified = self._found[whole]
-                if whole not in self._known:  # otherwise it was reported
-                    _tell(self.arm, self.identified)
+            if whole in ready and whole not in self._known:  # otherwise it was reported
+                _tell(self.arm, self.searches[whole])
 
     def _less(self, bags: Sequence[BagData]) -> Sequence[BagData]:
         """Say which of the bags a search is done for before; none where it begins from nothing."""
@@ -333,7 +321,7 @@ class ElasticTrainer:
         if self._warm is not None:
             return dict(self._warm)
         less = self._less(bags)
-        return {p.name: p.value for p in self._found[_names(less)].physical} if less else None
+        return {p.name: p.value for p in self.searches[_names(less)].physical} if less else None
 
     def _effort(self, model: ElasticModel, bags: Sequence[BagData]) -> None:
         """Regress the efforts on torque of the gear, acceleration and friction."""
@@ -537,7 +525,7 @@ def fit_models(
     return replace(
         result_of(arm, preprocessing, settings, fitted, training, test,
                   [facts_of(bag) for bag in training], [facts_of(bag) for bag in test], notes),
-        elastic=elastic.identified, searches=elastic.searches,
+        elastic=elastic.searches.get(_names(training)), searches=elastic.searches,
         blind=None if holdout is None else holdout.arm)
 
 
