@@ -240,15 +240,8 @@ def assess(result: FitResult, out: Path | None = None) -> Assessment:
     units = next((item for item in result.findings if item.kind in settings.UNITS), None)
     doubt = '' if units is None else f'first of all: {units.title}'
     for item in result.fitted:
-        by_momentum = item.output == 'effort' and item.kind == 'analytical'
-        methods = (item.output, 'momentum') if by_momentum else (item.output,)
-        uses += uses_of(
-            item, result.arm,
-            {method: learned[method, item.kind] for method in methods
-             if (method, item.kind) in learned},
-            {method: reasons[method, item.kind] for method in methods
-             if (method, item.kind) in reasons}, doubt)
-        if by_momentum and item.validation.cases:
+        uses += uses_of(item, result.arm, learned, reasons, doubt)
+        if (item.output, item.kind) == ('effort', 'analytical') and item.validation.cases:
             model, bag = item.validation.cases[0]
             found += marks(model, result.arm, bag)
     missing = tuple(f'{method} {kind}: {why}' for (method, kind), why in reasons.items())
