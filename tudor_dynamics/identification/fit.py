@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 import math
 from typing import Any
 import warnings
@@ -424,24 +424,23 @@ class FittedOutput:
     model: Model  # fitted to all training bags; of all payloads where these differ
     training: Validation  # figures on the training data themselves
     validation: Validation  # figures on unseen bags
-    random: Validation | None  # figures of the random split
-    verdict: Verdict  # may it be used
-    unseen: tuple[Case, ...] = ()  # motion with models that have not seen it, for thresholds
+    unseen: tuple[Case, ...]  # motion with models that have not seen it, for thresholds
     # (channels,): noise of the sensor of each channel in the validation, in its unit; empty where
     # unknown.
-    noise: FloatArray = field(default_factory=lambda: np.zeros(0))
+    noise: FloatArray
+    random: Validation | None = None  # figures of the random split
 
-    @classmethod
-    def judged(
-        cls, output: str, kind: str, model: Model, training: Validation, validation: Validation,
-        unseen: Sequence[Case], noise: FloatArray, random: Validation | None = None,
-    ) -> FittedOutput:
-        """Judge a model by its figures."""
-        known = model.conditioning()
-        verdict = judge(validation, training.score.fit, condition=known.condition,
-                        unexcited=known.unexcited, noise=noise.tolist())
-        return cls(output, kind, model, training, validation, random, verdict, tuple(unseen),
-                   noise)
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Say whether it may be used, by its figures."""
+        known = self.model.conditioning()
+        return judge(self.validation, self.training.score.fit, condition=known.condition,
+                     unexcited=known.unexcited, noise=self.noise.tolist())
+
+
+def headline(fitted: Sequence[FittedOutput]) -> list[FittedOutput]:
+    """Leave kinds out that are there for comparison, unless they are all that there is."""
+    return [item for item in fitted if not KINDS[item.kind].compared] or list(fitted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -503,8 +502,7 @@ def fit_models(
         some = [str(bag.choice) for bag in (*training, *test) if bag.has(output)]
         if some and output not in outputs:
             notes.append(f'only {", ".join(some)} have {output}: no {output} model is fitted')
-    for note in notes:
-        warnings.warn(note, TudorWarning, stacklevel=2)
+            warnings.warn(notes[-1], TudorWarning, stacklevel=2)
     fitted = []
     elastic = ElasticTrainer(arm, settings.payloads, progress, settings.elastic_start,
                              None if holdout is None else holdout.first, known)
@@ -551,13 +549,7 @@ def _fit_one(
     holdout: HeldOut | None, others: Sequence[Left], output: str, kind: str,
     settings: FitSettings, trainer: RowTrainer | ElasticTrainer, noise: FloatArray,
 ) -> FittedOutput:
-
-    def fit_bags(bags: Sequence[BagData]) -> Model:
-        return trainer.fit(bags, output)
-
-    def fit_arrays(motion: FloatArray, values: FloatArray) -> Model:
-        return blank(kind, trainer.arm, output, settings).fit(motion, values)
-
+    fit_bags = partial(trainer.fit, output=output)
     model = fit_bags(training)
     method = method_of([str(bag.choice) for bag in test], len(training), len(others))
     if test:
@@ -580,7 +572,7 @@ def _fit_one(
     validation = validated(cases, output, method)
     seen = validated(cases_of(model, training), output, 'the training bags themselves')
     # single samples have no past: a model with a memory has no random split
-    split = (random_split(fit_arrays, training, output, inputs=model.inputs)
+    split = (random_split(blank(kind, trainer.arm, output, settings), training, output)
              if settings.random_split and not model.has_memory else None)
     unseen = unseen_cases(fit_bags, model, validation, others)
-    return FittedOutput.judged(output, kind, model, seen, validation, unseen, noise, split)
+    return FittedOutput(output, kind, model, seen, validation, unseen, noise, split)

@@ -193,7 +193,7 @@ class ManyBags:
                 model, others, _ = models[number, output]
                 left = [(model_for(others[folds[str(bag.choice)]], bag), bag) for bag in training]
                 cases = cases_of(model, test) if test else left
-                fitted.append(FittedOutput.judged(
+                fitted.append(FittedOutput(
                     output, 'analytical', model,
                     Validation('the training bags themselves',
                                errors[True, number, output].score(model.channels), (),

@@ -33,7 +33,7 @@ from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagFacts
 from tudor_dynamics.identification.excitation import expected_errors, Noise, played
 from tudor_dynamics.identification.excitation_plan import PlanFolder
-from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.fit import FitResult, FittedOutput, headline
 from tudor_dynamics.identification.uses import learn_all, marks, short, Use, uses_of
 from tudor_dynamics.identification.validation import Grade, LARGEST_GAP, Validation
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -78,8 +78,7 @@ def next_steps(
             f'motion are {doubt:.1f} times as wide as from hours: record more in which nothing '
             'touches the arm, and fit it too'))
     found += _elastic(result, out)
-    headline = [item for item in result.fitted if item.kind != 'elm'] or list(result.fitted)
-    for item in headline:
+    for item in headline(result.fitted):
         found += _of_model(result, item, out)
     if len(result.learned) == 1 and not result.judged:
         found.append(NextStep(
