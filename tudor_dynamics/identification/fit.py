@@ -122,24 +122,19 @@ def unseen_cases(
     others: Sequence[Left],
 ) -> tuple[Case, ...]:
     """Collect bags with models that have not seen them, until there is enough motion."""
-    cases = validation.cases
-    if model.has_memory:
-        return cases
-    judged = {bag.choice.path for _, bag in cases}
-    if others and all(bag.choice.path in judged for _, bag in others):
-        if len({bag.choice.path for _, bag in others}) > 1:
-            return cases  # each was left out already
-        cases = ()
-    return enough(((model_for(fit(known), bag), bag) for known, bag in others), cases)
+    left = {bag.choice.path for _, bag in others}
+    again = left <= {bag.choice.path for _, bag in validation.cases}
+    if model.has_memory or again and len(left) > 1:
+        return validation.cases  # each was left out already
+    return enough(((model_for(fit(known), bag), bag) for known, bag in others),
+                  () if left and again else validation.cases)
 
 
 def enough(more: Iterable[Case], kept: Sequence[Case] = ()) -> tuple[Case, ...]:
     """Add bags with their models to those that are kept, until there is enough motion."""
     cases, rest = list(kept), iter(more)
-    while sum(float(bag.recording.t[-1]) for _, bag in cases) < ENOUGH:
-        case = next(rest, None)
-        if case is None:
-            break
+    while (sum(float(bag.recording.t[-1]) for _, bag in cases) < ENOUGH
+           and (case := next(rest, None)) is not None):
         cases.append(case)
     return tuple(cases)
 
