@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 import subprocess
 import sys
@@ -43,9 +44,11 @@ def test_pieces_keep_their_order(jobs: int) -> None:
 def test_pieces_say_what_they_do() -> None:
     """Which of several a word is of is told; one alone speaks for itself."""
     said: list[str] = []
-    assert shared_out(spelled, ['ab', 'cd'], said.append) == ['a b', 'c d']
+    found = shared_out([partial(spelled, 'ab'), partial(spelled, 'cd')], said.append)
+    assert found == ['a b', 'c d']
     assert sorted(said) == ['spelling ab (1 of 2)', 'spelling cd (2 of 2)']
-    assert shared_out(spelled, ['ef'], said.append) == ['e f'] and said[-1] == 'spelling ef'
+    assert shared_out([partial(spelled, 'ef')], said.append) == ['e f']
+    assert said[-1] == 'spelling ef'
 
 
 def test_work_that_is_done_before_the_first_look_is_counted(tmp_path: Path) -> None:

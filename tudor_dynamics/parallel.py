@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from functools import lru_cache, partial
+from functools import lru_cache
 from importlib.metadata import version
 from itertools import islice
 import os
@@ -75,22 +75,22 @@ def in_threads(
 
 
 def shared_out(
-    work: Callable[[Piece, Progress], Result], pieces: Sequence[Piece], progress: Progress,
+    pieces: Sequence[Callable[[Progress], Result]], progress: Progress,
 ) -> list[Result]:
     """Do pieces of work that are mostly compiled: in threads, or on other machines."""
     count = len(pieces)
     if count == 1:
-        return [work(pieces[0], progress)]
+        return [pieces[0](progress)]
     if _cluster is not None:
-        return _cluster.run(partial(_silently, work), pieces, lambda done: progress(
+        return _cluster.run(_silently, pieces, lambda done: progress(
             f'{done} of {count} searches done'))
     return in_threads(
-        lambda k: work(pieces[k], lambda text: progress(f'{text} ({k + 1} of {count})')),
+        lambda k: pieces[k](lambda text: progress(f'{text} ({k + 1} of {count})')),
         range(count), len(os.sched_getaffinity(0)))
 
 
-def _silently(work: Callable[[Piece, Progress], Result], piece: Piece, count: Count) -> Result:
-    result = work(piece, lambda _: None)
+def _silently(piece: Callable[[Progress], Result], count: Count) -> Result:
+    result = piece(lambda _: None)
     count(1)
     return result
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 import json
 import os
 from pathlib import Path
@@ -160,7 +161,8 @@ def test_searches_go_there(machines: Machines) -> None:
     """What threads would have done is done by workers, in order."""
     said: list[str] = []
     with on_cluster(machines.ready()):
-        assert shared_out(spelled, ['ab', 'cd'], said.append) == ['a b', 'c d']
+        found = shared_out([partial(spelled, 'ab'), partial(spelled, 'cd')], said.append)
+    assert found == ['a b', 'c d']
     assert said == ['1 of 2 searches done', '2 of 2 searches done']
 
 

@@ -133,8 +133,8 @@ def test_detection_by_the_force_that_is_noticed(
     learned = MethodThresholds(
         ('j1', 'j2'), 0.01, np.zeros((20, n, n)), profile, (tail,) * 6, 3600.0, np.ones(n),
         np.ones(n), np.array([0.0, 1.0]))
-    use = next(use for use in uses_of(result.fitted[0], ARM, {'effort': learned}, {})
-               if use.name == 'collision detection (effort)')
+    use = next(use for use in uses_of(result.fitted[0], ARM, {
+        ('effort', 'analytical'): learned}, {}) if use.name == 'collision detection (effort)')
     assert use.level is level and f'j1 {short(size)} N m' in use.why
     assert f'j2 {short(size + 1)} N m' in use.why
     # stretched along joint 2's way: by whichever joint notices it first
@@ -143,8 +143,8 @@ def test_detection_by_the_force_that_is_noticed(
     # an onset that comes in over ten steps notices a tenth of its threshold
     profile[n:, 0] = size
     learned = replace(learned, taps=np.repeat(np.eye(n)[None], 20, axis=0))
-    use = next(use for use in uses_of(result.fitted[0], ARM, {'effort': learned}, {})
-               if use.name == 'collision detection (effort)')
+    use = next(use for use in uses_of(result.fitted[0], ARM, {
+        ('effort', 'analytical'): learned}, {}) if use.name == 'collision detection (effort)')
     assert f'j1 {short(size / 10)} N m' in use.why
 
 

@@ -169,7 +169,7 @@ def test_coordinates_and_back() -> None:
     """Compliances and masses relative to the centre; the slope is that of the way back."""
     names = ('bending(j1)', 'gear(j1)', 'density(j1)', 'lumped(j1,1)', 'payload', 'play(j1)')
     center, x = np.linspace(-3.0, 2.0, 6), np.linspace(1.0, -2.0, 6)
-    straight = Straight(names, center)
+    straight = Straight(names, center, 0)
     u = straight.of(x)
     assert straight.back(u) == pytest.approx(x, abs=1e-12)
     assert u[0] == pytest.approx(np.exp(center[0]) / np.exp(x[0]))
@@ -219,15 +219,6 @@ def test_outliers_count_little() -> None:
         off = abs(values[name].value - truth)
         assert off < 0.1 * truth and off < 2.0 * values[name].standard_error
     assert found.noise == pytest.approx([NOISE], rel=0.3)
-
-
-@pytest.mark.parametrize('arm', [ARM, blade_arm(gauges=[])])
-def test_nothing_to_compare_with(arm: object) -> None:
-    """No records, or an arm without gauges: one clear line."""
-    records: list[Record] = [] if arm is ARM else [record(3)]
-    with pytest.raises(FitError) as caught:
-        identify(arm, records)  # type: ignore[arg-type]
-    assert 'strain' in str(caught.value) and '\n' not in str(caught.value)
 
 
 def test_impossible_motion_is_told() -> None:

@@ -66,14 +66,14 @@ def test_a_wrong_share_is_found_out() -> None:
     center = np.log([known.start[name] for name in names])
     width = np.array([known.width[name] for name in names])
     wrong = shared(arm, names, center, 0.01)
-    found = compare_starts(arm, [record], names, wrong, width, lambda _: None)
-    assert len(found.best) == len(STARTS) and len(found.compared) >= len(STARTS)
-    fits = [start.fit for start in found.compared]
+    begun, compared, _ = compare_starts(arm, [record], names, wrong, width, lambda _: None)
+    assert len(begun) == len(STARTS) and len(compared) >= len(STARTS)
+    fits = [start.fit for start in compared]
     assert fits == sorted(fits, reverse=True)
-    assert found.compared[0].share is not None
-    reached = Problem(arm, [record], names, {}, center, width, inner=5e-3).fits(found.best)
+    assert compared[0].share is not None
+    reached = Problem(arm, [record], names, {}, center, width, inner=5e-3).fits(begun)
     assert max(reached[1:]) > reached[0] + 1.0  # as described comes first, and is worse
-    best = dict(zip(names, np.exp(found.best[1 + int(np.argmax(reached[1:]))]), strict=True))
+    best = dict(zip(names, np.exp(begun[1 + int(np.argmax(reached[1:]))]), strict=True))
     for name in ('gear(j1)', 'bending(j1)'):
         assert best[name] == pytest.approx(LONE_TRUTH[name], rel=0.05)
 

@@ -236,7 +236,8 @@ def test_both_outputs_share_a_search(search: Search) -> None:
     first = trainer.fit(bags, 'strain')
     assert trainer.fit(bags, 'effort').values == first.values
     assert len(search.calls) == 1 and search.calls[0][1] is None
-    assert trainer.identified is not None and trainer.identified.runs == 1
+    found, = trainer.searches.values()
+    assert found.runs == 1
     known = dict(first.values)
     told = ElasticTrainer(lone_arm(), warm=known)
     told.fit(bags, 'strain')
@@ -291,8 +292,7 @@ def test_what_is_held_out_of_an_only_bag(search: Search) -> None:
         assert first is None
         assert second == {k: v for k, v in part_model.values.items() if k != 'payload'}
         known.append(part_model.values)
-        assert trainer.identified is not None
-        assert trainer.identified.runs == len(search.calls)
+        assert trainer.searches[str(whole_bag.choice),].runs == len(search.calls)
     assert known[0] == known[1]
 
 

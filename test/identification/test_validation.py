@@ -28,6 +28,7 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.fit import left_out
 from tudor_dynamics.identification.validation import (
     cases_of, method_of, random_split, trace, validated)
+from tudor_dynamics.models.base import Blocks
 from tudor_dynamics.signals.preprocessing import prepare
 from tudor_dynamics.typing import FloatArray
 
@@ -98,16 +99,19 @@ def test_random_split_is_called_optimistic() -> None:
     bags = [_bag(1.0), _bag(2.0)]
     taught: list[int] = []
 
-    def fit(motion: FloatArray, output: FloatArray) -> Constant:
-        taught.append(len(motion))
-        return Constant(output.mean(axis=0))
+    class Learning(Constant):
+        def fit_blocks(self, blocks: Blocks) -> Learning:
+            block, = blocks()
+            taught.append(len(block.motion))
+            self.level = block.output.mean(axis=0)
+            return self
 
-    found = random_split(fit, bags, 'strain', inputs=lambda s: s.motion, seed=1)
+    found = random_split(Learning(np.zeros(2)), bags, 'strain')
     assert 'optimistic' in found.method
     total = sum(bag.samples for bag in bags)
     assert abs(taught[0] - total / 2) <= 2
     assert found.score.samples == total - taught[0]
     stamps = {int(s) for bag in bags for p in bag.stretches for s in p.stamp[p.decimation.keep]}
     assert {int(s) for s in found.traces[0].stamp} <= stamps
-    again = random_split(fit, bags, 'strain', inputs=lambda s: s.motion, seed=1)
+    again = random_split(Learning(np.zeros(2)), bags, 'strain')
     assert np.array_equal(again.traces[0].t, found.traces[0].t)

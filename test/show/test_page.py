@@ -32,7 +32,7 @@ import pytest
 from tudor_dynamics.arm.description import Arm, arm_from_dict
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification.dataset import BagChoice, BagData
-from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
+from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, FittedOutput
 from tudor_dynamics.identification.loads import figures
 from tudor_dynamics.identification.ringdowns import Ringing
 from tudor_dynamics.identification.validation import Grade, Verdict
@@ -355,6 +355,13 @@ def test_comparison_with_the_last_fit(result: FitResult) -> None:
     assert 'last fit' not in Page(render(result)).text
 
 
+def said(item: FittedOutput, level: Grade) -> FittedOutput:
+    """Give a model another verdict."""
+    other = replace(item)
+    vars(other)['verdict'] = Verdict(level, ('why',))
+    return other
+
+
 @pytest.mark.parametrize(('levels', 'word', 'colour'), [
     ((Grade.GOOD, Grade.GOOD), 'good', 'good'),
     ((Grade.GOOD, Grade.USABLE), 'usable', 'usable'),
@@ -366,15 +373,14 @@ def test_overall_verdict(
 ) -> None:
     """The whole is refused only where nothing may be used."""
     rigid = [item for item in result.fitted if item.kind == 'analytical']
-    fitted = [replace(item, verdict=Verdict(level, ('why',)))
-              for item, level in zip(rigid, levels, strict=True)]
+    fitted = [said(item, level) for item, level in zip(rigid, levels, strict=True)]
     verdict = overall(fitted)
     assert (verdict.word, verdict.level) == (word, colour)
     if len(set(levels)) > 1:
         assert 'effort analytical' in verdict.sentence
         assert 'strain analytical' in verdict.sentence
     for elm in (Grade.GOOD, Grade.DO_NOT_USE):
-        beside = replace(result.fitted[1], kind='elm', verdict=Verdict(elm, ('why',)))
+        beside = said(replace(result.fitted[1], kind='elm'), elm)
         assert overall([*fitted, beside]) == verdict
     if word == 'do not use':
         assert overall(fitted, Grade.GOOD).word == 'usable to detect collisions'

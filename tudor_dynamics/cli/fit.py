@@ -33,7 +33,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import found_choices, parse_payloads
 from tudor_dynamics.identification.excitation_plan import read_plan
 from tudor_dynamics.identification.fit import (
-    choices_to_list, DEFAULT_KINDS, FitResult, FitSettings)
+    choices_to_list, DEFAULT_KINDS, FitResult, FitSettings, headline)
 from tudor_dynamics.identification.loads import figures
 from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
 from tudor_dynamics.identification.next_steps import Assessment
@@ -183,8 +183,6 @@ def run(args: argparse.Namespace) -> int:
                           overwrite=args.overwrite, streaming=streaming, progress=step,
                           compare=args.compare)
     result, assessment = fit.result, fit.assessment
-    from tudor_dynamics.show.page import headline  # plots are slow to import
-
     report = out / 'report.html'
     live = result.causal or result
     levels = [item.verdict.level for one in (live, result) for item in headline(one.fitted)]

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -61,8 +61,7 @@ class Column(NamedTuple):
     value: float  # of its state
 
 
-@dataclass(frozen=True, eq=False)
-class CandidateRows:
+class CandidateRows(NamedTuple):
     """A part of the training data, its rows and outputs decimated."""
 
     bodies: FloatArray  # rows of the bodies and rotors, (samples, channels, body_columns)
@@ -162,11 +161,10 @@ class LeftOut:
             pieces.append(CandidateRows(
                 keep(bodies) if keep.sections is not None else bodies, keep(speed),
                 keep(getattr(stretch, self.output))))
-        whole = CandidateRows(*(np.concatenate([getattr(piece, name) for piece in pieces])
-                                for name in ('bodies', 'speed', 'output')))
+        whole = [np.concatenate(values) for values in zip(*pieces, strict=True)]
         count = 1 if bags >= PARTS else -(-PARTS // bags)
-        edges = np.linspace(0, len(whole.output), count + 1).astype(int)
-        return [CandidateRows(whole.bodies[a:b], whole.speed[a:b], whole.output[a:b])
+        edges = np.linspace(0, len(whole[0]), count + 1).astype(int)
+        return [CandidateRows(*(values[a:b] for values in whole))
                 for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
     def assume(self, parameters: FloatArray) -> None:
@@ -516,7 +514,7 @@ class _Chooser:
         def percent(errors: FloatArray) -> float:
             return _percent(errors.sum(axis=1) / power)
 
-        errors, self.shared = self._grouped(left_out)
+        _, self.shared = self._grouped(left_out)
         constants = left_out.fitted(start, shared=self.shared)[1] if self.shared else None
         before = left_out.errors(start, shared=self.shared, constants=constants)
         self.joints = choose_friction(left_out, start, self.without, shared=self.shared,
@@ -525,26 +523,23 @@ class _Chooser:
         if self.joints != start or any(is_open(joint) for joint in start):
             self.made.append(Choice('friction', friction_words(self.joints),
                                     friction_words(start), percent(after), percent(before)))
-        if True in left_out.groupings and self.settings.shared is None:
-            separate, shared = (left_out.errors(self.joints, shared=own) for own in (False, True))
-            self.shared = paid(separate.sum(axis=1), shared.sum(axis=1))
-            words = 'parameters of its own for each current', 'one set for all currents'
-            self.made.append(Choice('inertial parameters', words[self.shared], words[0],
-                                    percent(shared if self.shared else separate),
-                                    percent(separate)))
-        if self.settings.estimator == 'auto' and 'analytical' in self.settings.kinds:
-            self._choose_estimator(left_out, percent)
 
-    def _choose_estimator(
-        self, left_out: LeftOut, percent: Callable[[FloatArray], float],
-    ) -> None:
-        weighted, plain = (left_out.errors(self.joints, shared=self.shared, weighted=own)
-                           for own in (True, False))
-        better = paid(weighted.sum(axis=1), plain.sum(axis=1))
-        if better:
+        def second(what: str, words: tuple[str, str], *both: FloatArray) -> bool:
+            """Take the second of two ways where left-out parts pay for it."""
+            better = paid(*(errors.sum(axis=1) for errors in both))
+            self.made.append(Choice(what, words[better], words[0], percent(both[better]),
+                                    percent(both[0])))
+            return better
+
+        if True in left_out.groupings and self.settings.shared is None:
+            self.shared = second('inertial parameters', (
+                'parameters of its own for each current', 'one set for all currents'),
+                *(left_out.errors(self.joints, shared=own) for own in (False, True)))
+        if (self.settings.estimator == 'auto' and 'analytical' in self.settings.kinds
+                and second('estimator', ('wls', 'ols'), *(
+                    left_out.errors(self.joints, shared=self.shared, weighted=own)
+                    for own in (True, False)))):
             self.settings = replace(self.settings, estimator='ols')
-        self.made.append(Choice('estimator', 'ols' if better else 'wls', 'wls',
-                                percent(plain if better else weighted), percent(weighted)))
 
 
 def friction_words(joints: Sequence[JointSpec]) -> str:

@@ -38,7 +38,6 @@ from tudor_dynamics.errors import (
 from tudor_dynamics.models.base import Blocks, Inputs, Model, Range, SAME
 from tudor_dynamics.signals.preprocessing import (
     prepare, retimed, Stretch, Timing, TrainingBlock)
-from tudor_dynamics.typing import FloatArray
 
 
 # -- Where a recording moves, but for standstill in the middle
@@ -254,14 +253,12 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
     if end > t[-1] + recording.dt:
         msg = (f'{choice}: the recording lasts {t[-1]:.4g} s; name a part that ends before')
         raise UsageError(msg)
-    first, last = np.searchsorted(t, [begin, end])
+    first, last = np.searchsorted(t, [begin, end]).tolist()
     if end >= t[-1]:
         last = len(t)
-    segments = []
-    for part in recording.segments:
-        start, stop = max(part.start, int(first)), min(part.stop, int(last))
-        if stop > start:
-            segments.append(slice(start - int(first), stop - int(first)))
+    segments = tuple(
+        slice(start, stop) for part in recording.segments
+        if (start := max(part.start, first) - first) < (stop := min(part.stop, last) - first))
     if not segments:
         before, after = float(t[first - 1]), float(t[first])
         raise UsageError(f'{choice.path}: nothing was recorded from {before:.4g} to '
@@ -269,21 +266,16 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
                          f'{choice.path}@0s-{before:.4g}s {choice.path}@{after:.4g}s-{t[-1]:.4g}s')
 
     start = next((part.start for part in recording.segments
-                  if part.start < int(first) < part.stop), int(first))
+                  if part.start < first < part.stop), first)
     earlier = ((recording.stamp[start:first], recording.q[start:first])
-               if start < int(first) else None)
+               if start < first else None)
     if start == 0 and recording.earlier is not None:
         stamps, places = recording.earlier
         earlier = (np.concatenate([stamps, recording.stamp[:first]]),
                    np.vstack([places, recording.q[:first]]))
-
-    def take(x: FloatArray | None) -> FloatArray | None:
-        return None if x is None else x[first:last]
-
-    return replace(
-        recording, stamp=recording.stamp[first:last], q=recording.q[first:last],
-        dq=take(recording.dq), effort=take(recording.effort), strain=take(recording.strain),
-        segments=tuple(segments), earlier=earlier)
+    taken = {name: values[first:last] for name in ('stamp', 'q', 'dq', 'effort', 'strain')
+             if (values := getattr(recording, name)) is not None}
+    return replace(recording, **taken, segments=segments, earlier=earlier)
 
 
 def load(

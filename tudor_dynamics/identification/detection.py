@@ -20,7 +20,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 import csv
 from dataclasses import asdict, dataclass, field, replace
-import io
 from pathlib import Path
 from typing import Any
 
@@ -117,22 +116,16 @@ def find_truth(path: str, topic: str | None = None, clock: str = 'joint_states')
 
 def _pushes(stamp: NDArray[np.int64], size: FloatArray) -> tuple[KnownPush, ...]:
     where = np.flatnonzero(size > FORCE)
-    if not len(where):
-        return ()
-    times = stamp[where]
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(times) > MERGE * 1e9) + 1])
-    ends = np.concatenate([starts[1:], [len(where)]])
-    return tuple(KnownPush(int(times[a]), int(times[b - 1]), float(size[where[a:b]].max()))
-                 for a, b in zip(starts.tolist(), ends.tolist(), strict=True))
+    begun = np.flatnonzero(np.diff(stamp[where]) > MERGE * 1e9) + 1
+    return tuple(KnownPush(int(stamp[push[0]]), int(stamp[push[-1]]), float(size[push].max()))
+                 for push in np.split(where, begun) if len(push))
 
 
 def _flagged(stamp: NDArray[np.int64], touched: NDArray[np.bool_]) -> tuple[KnownPush, ...]:
     """Find where a flag that may be published on change alone is up, from rise to fall."""
-    change = np.flatnonzero(np.diff(touched.astype(np.int8), prepend=0))
-    rises = [int(stamp[k]) for k in change if touched[k]]
-    falls = [int(stamp[k]) for k in change if not touched[k]]
-    falls += [int(stamp[-1])] * (len(rises) - len(falls))
-    return tuple(KnownPush(a, b) for a, b in zip(rises, falls, strict=True))
+    change = np.flatnonzero(np.diff(touched.astype(np.int8), prepend=0, append=0))
+    times = stamp[np.minimum(change, len(stamp) - 1)].tolist()
+    return tuple(KnownPush(a, b) for a, b in zip(times[::2], times[1::2], strict=True))
 
 
 def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:
@@ -150,7 +143,7 @@ def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:
         raise UsageError(msg) from None
     lines = [line.split('#')[0].strip() for line in text.splitlines()]
     rows = [(number, row) for number, row in enumerate(
-        next(csv.reader(io.StringIO(line)), []) for line in lines) if row]
+        next(csv.reader([line]), []) for line in lines) if row]
     found = []
     for place, (number, row) in enumerate(rows):
         try:
@@ -419,33 +412,29 @@ class EventLog:
 
     def add(self, found: Found, watch: Watch) -> None:
         """Take the samples that became known, and the level after them."""
-        level = watch.level
+        now = self.under_way
         for method, excess in found.excesses:
             stamp, ratio = excess.residual.motion.stamp, float(excess.collision.max())
             self.stamps.append(stamp)
             self.ratios.append(ratio)
-            if (self.under_way is not None and ratio >= 1.0
-                    and method == self.under_way.event.method):
-                self.under_way.last = stamp
-                if ratio > self.under_way.ratio:
-                    self.under_way.ratio = ratio
-                    self.under_way.channel = list(self.under_way.event.ratios)[
-                        int(np.argmax(excess.collision))]
+            if now is not None and ratio >= 1.0 and method == now.event.method:
+                now.last = stamp
+                if ratio > now.ratio:
+                    now.ratio = ratio
+                    now.channel = list(now.event.ratios)[int(np.argmax(excess.collision))]
         for event in found.events:
             channel = max(event.ratios, key=lambda name: event.ratios[name])
-            self.under_way = _Open(
-                event, event.ratios[channel], channel, event.stamp,
-                None if watch.contact is None else watch.contact.record())
-            self.events.append(self.under_way)
-            if self.under_way.touched is not None:
+            now = _Open(event, event.ratios[channel], channel, event.stamp,
+                        None if watch.contact is None else watch.contact.record())
+            self.events.append(now)
+            if now.touched is not None:
                 for estimate in self.recent:
-                    self.under_way.touched.add(estimate)
+                    now.touched.add(estimate)
         self.recent.extend(found.contacts)
-        if self.under_way is not None and self.under_way.touched is not None:
+        if now is not None and now.touched is not None:
             for estimate in found.contacts:
-                self.under_way.touched.add(estimate)
-        if level is not Level.COLLISION:
-            self.under_way = None
+                now.touched.add(estimate)
+        self.under_way = now if watch.level is Level.COLLISION else None
 
     def sightings(self, first: int, truth: Truth) -> tuple[DetectedEvent, ...]:
         """Give what was found, by the time since a stamp."""
@@ -486,15 +475,10 @@ def watch_bag(
     for method, alone in settings.items():
         log = logs[method]
         at, ratio = np.array(log.stamps, dtype=np.int64), np.array(log.ratios)
-        result[method] = WatchedBag(name, at, _held(at, ratio, alone.detector.debounce), truth,
-                                    log.sightings(first, truth))
+        since = np.searchsorted(at, at - round(alone.detector.debounce * 1e9))
+        held = np.array([ratio[a:k + 1].min() for k, a in enumerate(since.tolist())])
+        result[method] = WatchedBag(name, at, held, truth, log.sightings(first, truth))
     return result
-
-
-def _held(stamp: NDArray[np.int64], ratio: FloatArray, debounce: float) -> FloatArray:
-    """Give the ratio that was held for the debounce time before each sample."""
-    first = np.searchsorted(stamp, stamp - round(debounce * 1e9))
-    return np.array([ratio[a:k + 1].min() for k, a in enumerate(first.tolist())])
 
 
 def evaluate_collisions(
@@ -505,7 +489,12 @@ def evaluate_collisions(
 ) -> list[MethodResult]:
     """Evaluate every method for which there are models, thresholds and signals."""
     results = []
-    chosen = _settings(bundle, settings, [recording for _, recording in bags])
+    chosen = {}  # for each method that can be judged the settings with which it works alone
+    for method in METHODS:
+        alone = replace(settings, methods=(method,))
+        if method in Watch(bundle, alone).stages and all(
+                getattr(recording, SOURCE[method]) is not None for _, recording in bags):
+            chosen[method] = alone
     seen = [watch_bag(bundle, chosen, path, recording, within(truth, recording))
             for (path, recording), truth in zip(bags, truths, strict=True)]
     for method, alone in chosen.items():
@@ -549,16 +538,3 @@ def within(truth: Truth, recording: Recording) -> Truth:
     begin, end = recording.stamp[0], recording.stamp[-1]
     return replace(truth, pushes=tuple(push for push in truth.pushes
                                        if begin <= push.begin and push.end <= end))
-
-
-def _settings(
-    bundle: ModelBundle, settings: MonitorSettings, recordings: Sequence[Recording],
-) -> dict[str, MonitorSettings]:
-    """Give for each method that can be judged the settings with which it works alone."""
-    found = {}
-    for method in METHODS:
-        alone = replace(settings, methods=(method,))
-        if method in Watch(bundle, alone).stages and not any(
-                getattr(recording, SOURCE[method]) is None for recording in recordings):
-            found[method] = alone
-    return found

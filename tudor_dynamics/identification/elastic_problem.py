@@ -57,11 +57,11 @@ def robust_scale(errors: FloatArray, strain: FloatArray) -> FloatArray:
 # stiffnesses and masses bend away from constant sums; compliances and masses themselves do not.
 
 class Straight:
-    """Logarithms to coordinates and back: center (names,)."""
+    """Logarithms to coordinates and back: center (names,); those of gains, which follow, stay."""
 
-    def __init__(self, names: Sequence[str], center: FloatArray) -> None:
-        self.center = center
-        self._sign = np.array([float(kind_of(name).adds) for name in names])
+    def __init__(self, names: Sequence[str], center: FloatArray, gains: int) -> None:
+        self.center = np.append(center, np.zeros(gains))
+        self._sign = np.array([*(float(kind_of(name).adds) for name in names), *[0.0] * gains])
         self._plain = self._sign == 0.0
 
     def of(self, x: FloatArray) -> FloatArray:
@@ -69,12 +69,12 @@ class Straight:
         return np.where(self._plain, x, np.exp(self._sign * (x - self.center)))
 
     def back(self, u: FloatArray) -> FloatArray:
-        """Give the logarithms: u (names,)."""
+        """Give the logarithms: u (names + gains,)."""
         positive = np.where(self._plain, 1.0, np.maximum(u, 1e-300))
         return np.where(self._plain, u, self.center + self._sign * np.log(positive))
 
     def slope(self, u: FloatArray) -> FloatArray:
-        """Differentiate ``back``: u (names,)."""
+        """Differentiate ``back``: u (names + gains,)."""
         return np.where(self._plain, 1.0, self._sign / np.where(self._plain, 1.0, u))
 
 
@@ -210,7 +210,7 @@ class Simulations:
         self._arm, self._records, self._names, self._fixed = arm, records, names, fixed
         self._threads = max(1, min(8, len(os.sched_getaffinity(0))))
         self._idle: list[list[DrivenArm]] = []
-        self._towards: list[tuple[FloatArray, FloatArray]] | None = None
+        self.towards: list[tuple[FloatArray, FloatArray]] | None = None
 
     def several(self, vectors: Sequence[FloatArray]) -> list[FloatArray | None]:
         """Simulate moments at gauges (samples, gauges) [N m], or None, for vectors in lanes."""
@@ -225,7 +225,6 @@ class Simulations:
         bandwidth: float,
     ) -> bool:
         """Draw what is simulated from now on, by a bandwidth [1/s], towards measured strain."""
-        self.release()
         found, begin = [], 0
         with self._borrowed(1) as (driven,):
             for record in self._records:
@@ -238,12 +237,8 @@ class Simulations:
                         record.q, record.times, measured, deviation, bandwidth, record.before)))
                 except SimulationError:
                     return False
-        self._towards = found
+        self.towards = found
         return True
-
-    def release(self) -> None:
-        """Let arms follow positions alone."""
-        self._towards = None
 
     @contextmanager
     def _borrowed(self, count: int) -> Iterator[list[DrivenArm]]:
@@ -284,8 +279,8 @@ class Simulations:
         if not ready:
             return moments
         measured, gains = None, NO_GAINS
-        if self._towards is not None:
-            shown, gains = self._towards[k]
+        if self.towards is not None:
+            shown, gains = self.towards[k]
             measured = [shown / np.exp(vectors[i][n:]) for i in ready]
         found = follow_together(
             [arms[i] for i in ready], record.q, record.times, measured, gains)
@@ -368,17 +363,15 @@ class Problem:
         # 1/bandwidth, and what is left are errors of prediction, smooth in the parameters. Gains
         # of gauges then act on the simulation too, and are searched like the parameters
         moments = self.moments(x)
-        gauges = None if moments is None else self.gauges(moments, x)
-        drawn = False
-        if moments is not None and gauges is not None and bandwidth > 0.0:
-            errors = self.errors(moments, x)
+        gains: FloatArray | None = None
+        self.simulations.towards = None  # arms follow positions alone
+        if moments is not None and bandwidth > 0.0:
+            gauges, errors = self.gauges(moments, x), self.errors(moments, x)
             noise = robust_scale(errors, self.strain)
             trusted = self.strain + np.clip(errors, -TRUSTED * noise, TRUSTED * noise) - errors
-            drawn = self.simulations.draw(x, trusted, gauges, noise / np.abs(gauges[:, 0]),
-                                          bandwidth)
-        else:
-            self.simulations.release()
-        self._gains = None if gauges is None or not drawn else gauges[:, 0]
+            if self.simulations.draw(x, trusted, gauges, noise / np.abs(gauges[:, 0]), bandwidth):
+                gains = gauges[:, 0]
+        self._gains = gains
         self._last = []
         return self.extended(x)
 

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -118,28 +120,19 @@ def improve(
     problem: Problem, x: FloatArray, steps: int, enough: float = 1e-4,
 ) -> FloatArray:
     """Search by all parameters of the problem: x (names,) or (unknowns,); returns (unknowns,)."""
-    straight = Straight(problem.names, problem.center)
-    n = len(problem.names)
-
-    def of(u: FloatArray) -> FloatArray:
-        return np.concatenate([straight.back(u[:n]), u[n:]])
-
-    def slope(u: FloatArray) -> FloatArray:
-        return np.concatenate([straight.slope(u[:n]), np.ones(len(u) - n)])
-
-    start = problem.extended(x)
-    free = np.full(len(start) - n, np.inf)
+    start, n = problem.extended(x), len(problem.names)
+    straight = Straight(problem.names, problem.center, len(start) - n)
     with np.errstate(divide='ignore'):  # 0 has the logarithm -inf: no bound
         low, high = np.log([kind_of(name).bounds for name in problem.names]).T
-    bounds = np.sort([np.concatenate([straight.of(np.clip(
-        problem.center + sign * FARTHEST * problem.width, low, high)), sign * free])
+    bounds = np.sort([straight.of(problem.extended(np.clip(
+        problem.center + sign * FARTHEST * problem.width, low, high)))
         for sign in (-1.0, 1.0)], axis=0)
-    begin = np.clip(np.concatenate([straight.of(start[:n]), start[n:]]), *bounds)
-    return of(minimised(
-        lambda several: problem.residuals([of(u) for u in several]),
-        lambda u: problem.jacobian(of(u)) * slope(u), begin, (bounds[0], bounds[1]),
-        np.concatenate([problem.width, np.full(len(free), GAIN)]), steps=steps,
-        enough=enough))
+    bounds[:, n:] = [[-np.inf], [np.inf]]
+    return straight.back(minimised(
+        lambda several: problem.residuals([straight.back(u) for u in several]),
+        lambda u: problem.jacobian(straight.back(u)) * straight.slope(u),
+        np.clip(straight.of(start), *bounds), (bounds[0], bounds[1]),
+        np.append(problem.width, np.full(len(start) - n, GAIN)), steps=steps, enough=enough))
 
 
 def descend(
@@ -182,17 +175,6 @@ COARSE = 5e-3
 """Inner step while starts are compared [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Starts:
-    """Where to start."""
-
-    # (names,): logarithms of the best start as described, then of each other share, better ones
-    # first.
-    best: tuple[FloatArray, ...]
-    compared: tuple[Start, ...]  # what was improved and compared
-    runs: int  # simulations done in all
-
-
 def _pieces(records: Sequence[Record]) -> list[Record]:
     """Take the beginnings of a few records, from the liveliest to the calmest."""
     order = sorted(records, key=lambda r: -float(np.std(r.strain)))
@@ -222,9 +204,14 @@ def shared(
 
 def compare_starts(
     arm: Arm, records: Sequence[Record], names: tuple[str, ...], center: FloatArray,
-    width: FloatArray, progress: Callable[[str], None],
-) -> Starts:
-    """Find where to start: center, width (names,)."""
+    width: FloatArray, progress: Progress,
+) -> tuple[list[FloatArray], tuple[Start, ...], int]:
+    """
+    Find where to start: center, width (names,).
+
+    Returns the logarithms (names,) of the best start as described, then of each other share,
+    better ones first; what was improved and compared; simulations done in all.
+    """
     pieces = _pieces(records)
     scan = Problem(arm, pieces, names, {}, center, width, inner=COARSE)
     some = tuple(name for name in names if kind_of(name).early)
@@ -258,8 +245,8 @@ def compare_starts(
     order = sorted(first, key=lambda share: share is not None)
     for share in order[:CANDIDATES]:
         better(first[share], MORE)
-    return Starts(tuple(first[share] for share in order), tuple(start for start, _ in starts),
-                  runs + scan.simulations.runs)
+    return ([first[share] for share in order], tuple(start for start, _ in starts),
+            runs + scan.simulations.runs)
 
 
 def _peaks(
@@ -335,9 +322,6 @@ def identify(
     knowledge: Knowledge | None = None, progress: Progress = lambda _: None,
 ) -> Identified:
     """Identify the physical parameters of an elastic arm, by default as described, from strain."""
-    if not records or not arm.gauges:
-        raise FitError(f'{arm.source}: the elastic model needs strain, which is missing; give '
-                       'gauges and bags with their readings')
     known = knowledge or knowledge_of(
         arm, payload=any(record.payload is None for record in records))
     starts: tuple[Start, ...] = ()
@@ -353,14 +337,13 @@ def identify(
                                      for name, value in known.start.items()]))]
     else:
         prompt = known.without('lag')
-        compared = compare_starts(arm, records, prompt.names, prompt.center, prompt.width_of,
-                                  progress)
+        begun, starts, runs = compare_starts(
+            arm, records, prompt.names, prompt.center, prompt.width_of, progress)
         some = [record.decimated(2.0 * COARSE) for record in _some(records)]
-        first = shared_out(_descended, [
-            _Descent('first search', arm, some, prompt, start, FIRST)
-            for start in compared.best[:CANDIDATES]], progress)
+        first = shared_out([
+            partial(_descended, 'first search', arm, some, prompt, start, FIRST)
+            for start in begun[:CANDIDATES]], progress)
         fits = [end.fit for end in first]
-        starts = compared.compared
         untold = rivals(prompt.names, [end.x for end in first], fits)
         finalists = [(prompt, first[0].x)]
         best = int(np.argmax(fits))
@@ -368,21 +351,21 @@ def identify(
             finalists.append((prompt, first[best].x))
         if 'lag' in known.start:
             found = dict(zip(prompt.names, first[best].x.tolist(), strict=True))
-            late = _descended(_Descent('search with a lag', arm, some, known, np.array([
-                found.get(name, np.log(LATE)) for name in known.names]), FIRST), progress)
+            late = _descended('search with a lag', arm, some, known, np.array([
+                found.get(name, np.log(LATE)) for name in known.names]), FIRST, progress)
             first.append(late)
             if chosen((fits[best], late.fit)):
                 finalists.append((known, late.x))
-        runs = compared.runs + sum(end.runs for end in first)
-    done = shared_out(_descended, [
-        _Descent('all parameters', arm, records, known, x, LAST) for known, x in finalists],
-        progress)
+        runs += sum(end.runs for end in first)
+    done = shared_out([
+        partial(_descended, 'all parameters', arm, records, known, x, LAST)
+        for known, x in finalists], progress)
     which = chosen([end.fit for end in done])
     known, end = finalists[which][0], done[which]
     runs += sum(item.runs for item in done)
-    simple, begun = simple_gears(arm, known, end.x)
+    simple, from_there = simple_gears(arm, known, end.x)
     if simple.held != known.held:
-        ends = _with_simple(arm, records, (known, end.x), (simple, begun), progress)
+        ends = _with_simple(arm, records, (known, end.x), (simple, from_there), progress)
         runs += sum(item.runs for item in ends)
         if len(ends) > 2:
             known, end = simple, ends[-1]
@@ -431,30 +414,18 @@ def _with_simple(
         some = record.head(LEARNED * float(record.dt[1:].sum()))
         parts.append(some)
         rest.append(replace(record, skip=max(record.skip, len(some.q))))
-    ends = shared_out(_descended, [_Descent(name, arm, parts, *begun, JUDGED) for name, begun in (
-        ('gears as described', found), ('simple gears', simple))], progress)
+    ends = shared_out([
+        partial(_descended, name, arm, parts, *begun, JUDGED) for name, begun in (
+            ('gears as described', found), ('simple gears', simple))], progress)
     errors = [100.0 - _problem(arm, rest, known).fits([end.x])[0]
               for (known, _), end in zip((found, simple), ends, strict=True)]
     if errors[1] <= AS_GOOD * errors[0]:
-        ends.append(_descended(_Descent(
-            'simple gears', arm, records, simple[0], ends[1].x, LAST), progress))
+        ends.append(_descended(
+            'simple gears', arm, records, simple[0], ends[1].x, LAST, progress))
     return ends
 
 
-@dataclass(frozen=True, eq=False)
-class _Descent:
-    """Search from one start; also a worker of a cluster can do it."""
-
-    name: str
-    arm: Arm
-    records: Sequence[Record]
-    known: Knowledge
-    start: FloatArray
-    stages: Sequence[SearchPhase]
-
-
-@dataclass(frozen=True, eq=False)
-class _End:
+class _End(NamedTuple):
     x: FloatArray
     fit: float
     runs: int
@@ -464,10 +435,14 @@ def _problem(arm: Arm, records: Sequence[Record], known: Knowledge) -> Problem:
     return Problem(arm, records, known.names, known.held, known.center, known.width_of)
 
 
-def _descended(task: _Descent, progress: Progress) -> _End:
-    problem = _problem(task.arm, task.records, task.known)
-    x = descend(problem, task.start, task.stages, lambda k: progress(
-        f'elastic model, {task.name}, stage {k + 1} of {len(task.stages)}'))
+def _descended(
+    name: str, arm: Arm, records: Sequence[Record], known: Knowledge, start: FloatArray,
+    stages: Sequence[SearchPhase], progress: Progress,
+) -> _End:
+    """Search from one start; also a worker of a cluster can do it."""
+    problem = _problem(arm, records, known)
+    x = descend(problem, start, stages, lambda k: progress(
+        f'elastic model, {name}, stage {k + 1} of {len(stages)}'))
     fit, = problem.fits([x])
     return _End(x, fit, problem.simulations.runs)
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property, partial
 import math
 from typing import Any
 import warnings
@@ -121,24 +122,19 @@ def unseen_cases(
     others: Sequence[Left],
 ) -> tuple[Case, ...]:
     """Collect bags with models that have not seen them, until there is enough motion."""
-    cases = validation.cases
-    if model.has_memory:
-        return cases
-    judged = {bag.choice.path for _, bag in cases}
-    if others and all(bag.choice.path in judged for _, bag in others):
-        if len({bag.choice.path for _, bag in others}) > 1:
-            return cases  # each was left out already
-        cases = ()
-    return enough(((model_for(fit(known), bag), bag) for known, bag in others), cases)
+    left = {bag.choice.path for _, bag in others}
+    again = left <= {bag.choice.path for _, bag in validation.cases}
+    if model.has_memory or again and len(left) > 1:
+        return validation.cases  # each was left out already
+    return enough(((model_for(fit(known), bag), bag) for known, bag in others),
+                  () if left and again else validation.cases)
 
 
 def enough(more: Iterable[Case], kept: Sequence[Case] = ()) -> tuple[Case, ...]:
     """Add bags with their models to those that are kept, until there is enough motion."""
     cases, rest = list(kept), iter(more)
-    while sum(float(bag.recording.t[-1]) for _, bag in cases) < ENOUGH:
-        case = next(rest, None)
-        if case is None:
-            break
+    while (sum(float(bag.recording.t[-1]) for _, bag in cases) < ENOUGH
+           and (case := next(rest, None)) is not None):
         cases.append(case)
     return tuple(cases)
 
@@ -228,20 +224,14 @@ def _names(bags: Sequence[BagData]) -> tuple[str, ...]:
     return tuple(str(bag.choice) for bag in bags)
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
+def _searched(
+    arm: Arm, records: list[Record], warm: dict[str, float] | None, known: Identified | None,
+    progress: Progress,
+) -> Identified:
     """Search in bags; also a worker of a cluster can do it."""
-
-    arm: Arm
-    records: list[Record]
-    warm: dict[str, float] | None
-    known: Identified | None
-
-
-def _searched(search: _Search, progress: Progress) -> Identified:
-    if search.known is not None:
-        return taken_over(search.arm, search.records, search.known)
-    return identify(search.arm, search.records, warm=search.warm, progress=progress)
+    if known is not None:
+        return taken_over(arm, records, known)
+    return identify(arm, records, warm=warm, progress=progress)
 
 
 class ElasticTrainer:
@@ -262,23 +252,19 @@ class ElasticTrainer:
         self.arm = arm
         self.payload_range = payload_range
         self.progress = progress
-        self.identified: Identified | None = None
         self._warm = warm
         self._kept = () if kept is None else (kept,)
         self._all: Sequence[BagData] = ()
         self._known = known or {}
-        self._found: dict[tuple[str, ...], Identified] = {}
-        self.searches: Searches = self._found
+        self.searches: dict[tuple[str, ...], Identified] = {}
 
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
         """Fit the model of one output."""
         self.prepare([bags])
-        found = self._found[_names(bags)]
-        payloads = {bag.payload for bag in bags}
-        physical = found.physical
-        if self.payload_range is None and len(payloads) == 1 and None not in payloads:
-            (payload,) = payloads
-            assert payload is not None
+        found = self.searches[_names(bags)]
+        payload, physical = bags[0].payload, found.physical
+        if self.payload_range is None and payload is not None and all(
+                bag.payload == payload for bag in bags):
             physical = (*physical, PhysicalParameter('payload', payload, 'kg'))
         model = ElasticModel(self.arm, output, physical, payload_range=self.payload_range)
         if output == 'strain':
@@ -294,24 +280,21 @@ class ElasticTrainer:
         self._all = self._all or parts[0]
         todo: dict[tuple[str, ...], Sequence[BagData]] = {}
         for bags in parts:
-            if _names(bags) in self._found:
+            if _names(bags) in self.searches:
                 continue
             for some in (self._less(bags), bags):
-                if some and _names(some) not in self._found:
+                if some and _names(some) not in self.searches:
                     todo[_names(some)] = some
         while todo:
             ready = {key: bags for key, bags in todo.items()
                      if _names(self._less(bags)) not in todo}
-            searches = [_Search(self.arm, records_of(bags), self._begin(bags),
+            searches = [partial(_searched, self.arm, records_of(bags), self._begin(bags),
                                 self._known.get(key)) for key, bags in ready.items()]
-            self._found.update(zip(ready, shared_out(_searched, searches, self.progress),
-                                   strict=True))
+            self.searches.update(zip(ready, shared_out(searches, self.progress), strict=True))
             todo = {key: bags for key, bags in todo.items() if key not in ready}
             whole = _names(self._all)
-            if whole in ready:
-                self.identified = self._found[whole]
-                if whole not in self._known:  # otherwise it was reported
-                    _tell(self.arm, self.identified)
+            if whole in ready and whole not in self._known:  # otherwise it was reported
+                _tell(self.arm, self.searches[whole])
 
     def _less(self, bags: Sequence[BagData]) -> Sequence[BagData]:
         """Say which of the bags a search is done for before; none where it begins from nothing."""
@@ -333,7 +316,7 @@ class ElasticTrainer:
         if self._warm is not None:
             return dict(self._warm)
         less = self._less(bags)
-        return {p.name: p.value for p in self._found[_names(less)].physical} if less else None
+        return {p.name: p.value for p in self.searches[_names(less)].physical} if less else None
 
     def _effort(self, model: ElasticModel, bags: Sequence[BagData]) -> None:
         """Regress the efforts on torque of the gear, acceleration and friction."""
@@ -436,24 +419,23 @@ class FittedOutput:
     model: Model  # fitted to all training bags; of all payloads where these differ
     training: Validation  # figures on the training data themselves
     validation: Validation  # figures on unseen bags
-    random: Validation | None  # figures of the random split
-    verdict: Verdict  # may it be used
-    unseen: tuple[Case, ...] = ()  # motion with models that have not seen it, for thresholds
+    unseen: tuple[Case, ...]  # motion with models that have not seen it, for thresholds
     # (channels,): noise of the sensor of each channel in the validation, in its unit; empty where
     # unknown.
-    noise: FloatArray = field(default_factory=lambda: np.zeros(0))
+    noise: FloatArray
+    random: Validation | None = None  # figures of the random split
 
-    @classmethod
-    def judged(
-        cls, output: str, kind: str, model: Model, training: Validation, validation: Validation,
-        unseen: Sequence[Case], noise: FloatArray, random: Validation | None = None,
-    ) -> FittedOutput:
-        """Judge a model by its figures."""
-        known = model.conditioning()
-        verdict = judge(validation, training.score.fit, condition=known.condition,
-                        unexcited=known.unexcited, noise=noise.tolist())
-        return cls(output, kind, model, training, validation, random, verdict, tuple(unseen),
-                   noise)
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Say whether it may be used, by its figures."""
+        known = self.model.conditioning()
+        return judge(self.validation, self.training.score.fit, condition=known.condition,
+                     unexcited=known.unexcited, noise=self.noise.tolist())
+
+
+def headline(fitted: Sequence[FittedOutput]) -> list[FittedOutput]:
+    """Leave kinds out that are there for comparison, unless they are all that there is."""
+    return [item for item in fitted if not KINDS[item.kind].compared] or list(fitted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -515,8 +497,7 @@ def fit_models(
         some = [str(bag.choice) for bag in (*training, *test) if bag.has(output)]
         if some and output not in outputs:
             notes.append(f'only {", ".join(some)} have {output}: no {output} model is fitted')
-    for note in notes:
-        warnings.warn(note, TudorWarning, stacklevel=2)
+            warnings.warn(notes[-1], TudorWarning, stacklevel=2)
     fitted = []
     elastic = ElasticTrainer(arm, settings.payloads, progress, settings.elastic_start,
                              None if holdout is None else holdout.first, known)
@@ -537,7 +518,7 @@ def fit_models(
     return replace(
         result_of(arm, preprocessing, settings, fitted, training, test,
                   [facts_of(bag) for bag in training], [facts_of(bag) for bag in test], notes),
-        elastic=elastic.identified, searches=elastic.searches,
+        elastic=elastic.searches.get(_names(training)), searches=elastic.searches,
         blind=None if holdout is None else holdout.arm)
 
 
@@ -563,13 +544,7 @@ def _fit_one(
     holdout: HeldOut | None, others: Sequence[Left], output: str, kind: str,
     settings: FitSettings, trainer: RowTrainer | ElasticTrainer, noise: FloatArray,
 ) -> FittedOutput:
-
-    def fit_bags(bags: Sequence[BagData]) -> Model:
-        return trainer.fit(bags, output)
-
-    def fit_arrays(motion: FloatArray, values: FloatArray) -> Model:
-        return blank(kind, trainer.arm, output, settings).fit(motion, values)
-
+    fit_bags = partial(trainer.fit, output=output)
     model = fit_bags(training)
     method = method_of([str(bag.choice) for bag in test], len(training), len(others))
     if test:
@@ -592,7 +567,7 @@ def _fit_one(
     validation = validated(cases, output, method)
     seen = validated(cases_of(model, training), output, 'the training bags themselves')
     # single samples have no past: a model with a memory has no random split
-    split = (random_split(fit_arrays, training, output, inputs=model.inputs)
+    split = (random_split(blank(kind, trainer.arm, output, settings), training, output)
              if settings.random_split and not model.has_memory else None)
     unseen = unseen_cases(fit_bags, model, validation, others)
-    return FittedOutput.judged(output, kind, model, seen, validation, unseen, noise, split)
+    return FittedOutput(output, kind, model, seen, validation, unseen, noise, split)

@@ -110,10 +110,15 @@ def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str
                 if bent is not None and item.output == 'strain':
                     links = relearned(bent, [one for bag in known for one in watched(bag)])
                 for bag in left:
-                    error, std = _error(result, model, item.output, bag, links)
-                    if math.isfinite(error) and 0.0 < std < math.inf:
-                        errors.append(error)
-                        variances.append(std ** 2)
+                    seen = estimate_payload(
+                        result.arm, {item.output: model}, bag.stretches, known=bag.payload or 0.0,
+                        whole=False, bent=links, watched=[] if links is None else watched(bag))
+                    if seen.verdict is Presence.UNKNOWN:
+                        continue
+                    one = seen.outputs[0]  # its mass is beyond what is known: the error
+                    if math.isfinite(one.mass) and 0.0 < one.std < math.inf:
+                        errors.append(one.mass)
+                        variances.append(one.std ** 2)
             except TudorError:
                 continue
         if errors:
@@ -122,19 +127,6 @@ def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str
             noise = len(variances) / float(np.sum(1.0 / np.array(variances)))
             found[item.output] = math.sqrt(max(float(squares) - noise, 0.0))
     return found
-
-
-def _error(
-    result: FitResult, model: Model, output: str, bag: BagData, bent: BentLinks | None,
-) -> tuple[float, float]:
-    seen = estimate_payload(result.arm, {output: model}, bag.stretches,
-                            known=bag.payload or 0.0, whole=False, bent=bent,
-                            watched=[] if bent is None else watched(bag))
-    if seen.verdict is Presence.UNKNOWN:
-        return math.nan, math.nan
-    one = seen.outputs[0]
-    true = (bag.payload or 0.0) - seen.known
-    return one.mass - true, one.std
 
 
 # -- What the arm of bags carries, by the models of a bundle and what is known of their errors
@@ -188,8 +180,7 @@ def bare_bundle_of(result: FitResult) -> ModelBundle:
         'training': [bag.as_dict() for bag in result.learned],
         'test': [bag.as_dict() for bag in result.judged],
         'validation': figures(result),
-        'ringing': [{'channel': r.channel, 'frequency': r.frequency, 'rms': r.rms,
-                     'share': r.share} for r in result.ringing],
+        'ringing': [asdict(item) for item in result.ringing],
         'warnings': list(result.warnings), 'choices': choices_to_list(result.choices),
         'findings': [item.as_dict() for item in result.findings],
         **({'unused': [asdict(bag) for bag in result.unused]} if result.unused else {})}

@@ -34,7 +34,7 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.fit import (
     enough, FitResult, FitSettings, FittedOutput, result_of)
 from tudor_dynamics.identification.passes import (
-    Folder, go_through, Judging, Part, Pass, Place, Summing, survey, Task)
+    Folder, go_through, Judged, Judging, Part, Pass, Place, Summing, survey, Task)
 from tudor_dynamics.identification.validation import (
     cases_of, method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -180,7 +180,7 @@ class ManyBags:
                         self.streaming.store or Folder(Path(scratch)))
             gathered, learned = self._gathered(task)
             models = fold_models(gathered, self.progress)
-            judged, unseen, seen = self._judged(gathered, models)
+            judged, errors = self._judged(gathered, models)
         known = gathered.bags
         folds = {str(bag.choice): bag.fold for bag in known}
         method = method_of([bag.bag for bag in judged], len(known), len({*folds.values()}))
@@ -193,11 +193,12 @@ class ManyBags:
                 model, others, _ = models[number, output]
                 left = [(model_for(others[folds[str(bag.choice)]], bag), bag) for bag in training]
                 cases = cases_of(model, test) if test else left
-                fitted.append(FittedOutput.judged(
+                fitted.append(FittedOutput(
                     output, 'analytical', model,
                     Validation('the training bags themselves',
-                               seen[number, output].score(model.channels), (), model.channels),
-                    Validation(method, unseen[number, output].score(model.channels),
+                               errors[True, number, output].score(model.channels), (),
+                               model.channels),
+                    Validation(method, errors[False, number, output].score(model.channels),
                                tuple(trace(at, bag, output) for at, bag in cases),
                                model.channels, tuple(cases)),
                     enough([*cases, *(left if test else ())]),
@@ -222,8 +223,8 @@ class ManyBags:
 
     def _judged(
         self, gathered: Summing, models: Mapping[Place, FoldModels],
-    ) -> tuple[list[BagFacts], dict[Place, Tally], dict[Place, Tally]]:
-        """Let models predict all; gives test bags, errors by models blind to a bag, by others."""
+    ) -> tuple[list[BagFacts], dict[Judged, Tally]]:
+        """Let models predict all; gives test bags, and errors."""
         known = gathered.bags
         trials = _trials(gathered, self.test, models)
         answers = go_through(trials, self.streaming.jobs, self._count('judge'))
@@ -234,17 +235,15 @@ class ManyBags:
         judged = [item for item in answers[len(known):] if not isinstance(item, Unused)]
         self._leave_out([item for item in answers[len(known):] if isinstance(item, Unused)])
         self._refuse_no_test(judged, self.test)
-        sums: tuple[dict[Place, Tally], dict[Place, Tally]] = ({}, {})
+        sums: dict[Judged, Tally] = {}
         asked = [(trial, seen) for trial in trials for seen in trial.bags]
         for (trial, seen), item in zip(asked, answers, strict=True):
             if not isinstance(item, Unused):
-                errors = trial.kept(seen)
-                for total, found in zip(sums, (errors.unseen, errors.seen), strict=True):
-                    for place, tally in found.items():
-                        total[place] = total[place] + tally if place in total else tally
+                for which, tally in trial.kept(seen).errors.items():
+                    sums[which] = sums[which] + tally if which in sums else tally
         passes: list[Pass[Any]] = [gathered, *trials]
         gathered.task.store.forget({each.name(seen) for each in passes for seen in each.bags})
-        return judged, *sums
+        return judged, sums
 
     def _refuse_few(self, used: Sequence[object], given: Sequence[object]) -> None:
         if len(used) < 2:
@@ -327,9 +326,14 @@ def _trials(
 ) -> list[Judging]:
     """Let each group of bags be judged by models of the others, or test bags by those of all."""
     task, whole = gathered.task, {place: light(of.whole) for place, of in models.items()}
+    seen_it = {(True, *place): model for place, model in whole.items()}
     found = []
     for fold in dict.fromkeys(seen.fold for seen in gathered.bags):
-        blind = {} if test else {place: light(of.others[fold]) for place, of in models.items()}
+        blind = {} if test else {
+            (False, *place): light(of.others[fold]) for place, of in models.items()}
         bags = tuple(seen for seen in gathered.bags if seen.fold == fold)
-        found.append(Judging(task, bags, blind, whole))
-    return [*found, Judging(task, tuple(test), whole, {})] if test else found
+        found.append(Judging(task, bags, blind | seen_it))
+    if test:
+        found.append(Judging(task, tuple(test), {
+            (False, *place): model for place, model in whole.items()}))
+    return found

@@ -33,7 +33,7 @@ from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagFacts
 from tudor_dynamics.identification.excitation import expected_errors, Noise, played
 from tudor_dynamics.identification.excitation_plan import PlanFolder
-from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.fit import FitResult, FittedOutput, headline
 from tudor_dynamics.identification.uses import learn_all, marks, short, Use, uses_of
 from tudor_dynamics.identification.validation import Grade, LARGEST_GAP, Validation
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -78,8 +78,7 @@ def next_steps(
             f'motion are {doubt:.1f} times as wide as from hours: record more in which nothing '
             'touches the arm, and fit it too'))
     found += _elastic(result, out)
-    headline = [item for item in result.fitted if item.kind != 'elm'] or list(result.fitted)
-    for item in headline:
+    for item in headline(result.fitted):
         found += _of_model(result, item, out)
     if len(result.learned) == 1 and not result.judged:
         found.append(NextStep(
@@ -240,15 +239,8 @@ def assess(result: FitResult, out: Path | None = None) -> Assessment:
     units = next((item for item in result.findings if item.kind in settings.UNITS), None)
     doubt = '' if units is None else f'first of all: {units.title}'
     for item in result.fitted:
-        by_momentum = item.output == 'effort' and item.kind == 'analytical'
-        methods = (item.output, 'momentum') if by_momentum else (item.output,)
-        uses += uses_of(
-            item, result.arm,
-            {method: learned[method, item.kind] for method in methods
-             if (method, item.kind) in learned},
-            {method: reasons[method, item.kind] for method in methods
-             if (method, item.kind) in reasons}, doubt)
-        if by_momentum and item.validation.cases:
+        uses += uses_of(item, result.arm, learned, reasons, doubt)
+        if (item.output, item.kind) == ('effort', 'analytical') and item.validation.cases:
             model, bag = item.validation.cases[0]
             found += marks(model, result.arm, bag)
     missing = tuple(f'{method} {kind}: {why}' for (method, kind), why in reasons.items())

@@ -98,11 +98,6 @@ class Task:
     # Version of the package, by its sources.
     source: str = field(default_factory=lambda: source_digest(PARTS))
 
-    @property
-    def with_payload(self) -> bool:
-        """Say whether one model of all payloads is fitted."""
-        return self.settings.payloads is not None
-
     def read(self, seen: SurveyedBag) -> BagData:
         """Read a bag by the first filters, under the name that it was given by."""
         there = replace(seen.choice, path=str(self.base / seen.choice.path))
@@ -122,7 +117,7 @@ class Task:
         return json.dumps([
             self.source, arm.digest, arm.spec.model_dump_json(),
             [spec.model_dump_json() for spec in self.specs], self.outputs, settings.strain_form,
-            settings.shared, self.with_payload])
+            settings.shared, settings.payloads is not None])
 
 
 Part = list[list[Products]]
@@ -169,29 +164,29 @@ class BagSums:
         return cls(facts, parts)
 
 
+Judged = tuple[bool, int, str]
+"""Whether a model has seen the bag, number of its filters, and its output."""
+
+
 @dataclass(frozen=True, eq=False)
 class BagErrors:
     """How models did on a bag."""
 
     facts: BagFacts  # what is known of it
-    # Filters and output to the sums of a model that has not seen the bag, and of that of all.
-    unseen: Mapping[Place, Tally]
-    seen: Mapping[Place, Tally]
+    errors: Mapping[Judged, Tally]  # sums of each model
 
     def dumped(self) -> bytes:
         """Write the sums as JSON."""
-        return json.dumps({'facts': asdict(self.facts)} | {
-            models: [[*place, asdict(tally)] for place, tally in getattr(self, models).items()]
-            for models in ('unseen', 'seen')}, default=np.ndarray.tolist).encode()
+        return json.dumps([asdict(self.facts), [
+            [*which, asdict(tally)] for which, tally in self.errors.items()]],
+            default=np.ndarray.tolist).encode()
 
     @classmethod
     def loaded(cls, content: bytes) -> BagErrors:
         """Read what was written; whatever is wrong with it is an error."""
-        found = json.loads(content)
-        unseen, seen = ({(int(number), str(output)): _tally(values)
-                         for number, output, values in found[models]}
-                        for models in ('unseen', 'seen'))
-        return cls(_facts(found['facts']), unseen, seen)
+        facts, errors = json.loads(content)
+        return cls(_facts(facts), {(bool(seen), int(number), str(output)): _tally(values)
+                                   for seen, number, output, values in errors})
 
 
 def _tally(content: dict[str, Any]) -> Tally:
@@ -205,7 +200,6 @@ def _facts(content: dict[str, Any]) -> BagFacts:
 
 
 Kept = TypeVar('Kept', BagSums, BagErrors)
-Models = Mapping[Place, AnalyticalModel]
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,8 +261,8 @@ class Summing(Pass[BagSums]):
         data = self.by_each_filter(seen)
         return BagSums(facts_of(data[0]), {
             (number, output): model.products(training_blocks(
-                [bag], output, with_payload=self.task.with_payload, inputs=model.inputs),
-                triangular=True)
+                [bag], output, with_payload=self.task.settings.payloads is not None,
+                inputs=model.inputs), triangular=True)
             for number, bag in enumerate(data) for output, model in self._models.items()})
 
     @cached_property
@@ -283,9 +277,7 @@ class Judging(Pass[BagErrors]):
     """Bags with the models that are judged by them."""
 
     form = BagErrors
-    # Models that have not seen these bags, and models that have; either may be none.
-    unseen: Models
-    seen: Models
+    models: Mapping[Judged, AnalyticalModel]
 
     def name(self, seen: SurveyedBag) -> str:
         """Name how the models did on a bag."""
@@ -294,19 +286,17 @@ class Judging(Pass[BagErrors]):
     def made(self, seen: SurveyedBag) -> BagErrors:
         """Let the models predict a bag."""
         data = self.by_each_filter(seen)
-        return BagErrors(facts_of(data[0]), *(
-            {(number, output): trace(model_for(model, data[0]), data[number], output).tally()
-             for (number, output), model in models.items()}
-            for models in (self.unseen, self.seen)))
+        return BagErrors(facts_of(data[0]), {
+            (seen_it, number, output): trace(
+                model_for(model, data[0]), data[number], output).tally()
+            for (seen_it, number, output), model in self.models.items()})
 
     @cached_property
     def _digest(self) -> str:
         """Give a digest of what the models predict."""
         digest = hashlib.sha256()
-        for models in (self.unseen, self.seen):
-            for place, model in models.items():
-                digest.update(repr(place).encode() + model.coefficients().tobytes())
-            digest.update(b';')
+        for which, model in self.models.items():
+            digest.update(repr(which).encode() + model.coefficients().tobytes())
         return digest.hexdigest()
 
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -275,26 +276,20 @@ def find_ringdowns(
             parts = standstills(stretch.t, stretch.states.dq)
             if stretch.strain is None or not parts:
                 continue
-            moment = _simulated(driven, stretch)
+            moment: FloatArray | None = None  # at the gauges along the measured motion [N m]
+            with suppress(SimulationError):
+                moment = follow_motion(
+                    driven, stretch.states.q, stretch.dt, stretch.before).moment
             found += [one for part in parts
                       if (one := _ringdown(driven, bag, stretch, part, moment)) is not None]
     return tuple(found)
 
 
-def _simulated(driven: DrivenArm, stretch: Stretch) -> FloatArray | None:
-    """Give the moments at the gauges along the measured motion [N m]."""
-    try:
-        return follow_motion(driven, stretch.states.q, stretch.dt, stretch.before).moment
-    except SimulationError:
-        return None
-
-
 def clear_ring(signal: FloatArray, dt: float) -> tuple[float, RingMode | None]:
     """Find the strongest oscillation, and its share of the signal; None where it is not clear."""
-    try:
+    modes: Sequence[RingMode] = ()
+    with suppress(SignalError):
         modes = ring_modes(signal, dt, count=1)
-    except SignalError:
-        return 0.0, None
     if not modes:
         return 0.0, None
     t = np.arange(len(signal)) * dt
@@ -328,10 +323,9 @@ def _ringdown(
     if measured is None:
         return None
     q = stretch.states.q[part].mean(axis=0)
-    try:
+    held: Vibration | None = None
+    with suppress(SimulationError):
         held = _nearest(vibrations(driven, q), measured.frequency)
-    except SimulationError:
-        held = None
     same = None if moment is None else clear_ring(moment[part, gauge], dt)[1]
     return Ringdown(
         str(bag.choice), float(t[0]), float(t[-1] - t[0]), tuple(float(x) for x in q),
@@ -348,9 +342,6 @@ class Ring:
 
     frequency: float  # [Hz]
     damping: float  # damping ratio
-    # Standard errors of these two.
-    frequency_error: float
-    damping_error: float
     amplitude: Any  # complex, at the first sample of the rest, (joints,) [N m or N]
     noise: FloatArray  # rms of what it leaves over, (joints,)
 
@@ -412,13 +403,7 @@ def ring_of(t: FloatArray, effort: FloatArray) -> Ring | None:
     if (share < settings.RING_CLEAR or found.x[1] > settings.RING_DAMPED
             or found.x[0] < settings.RING_LOWEST or loud < settings.RING_LOUD):
         return None
-    # what is left is no white noise: a period counts as one sample
-    scale = 2.0 * found.cost / (len(t) * effort.shape[1]) * max(
-        1.0, 1.0 / (found.x[0] * float(np.median(np.diff(t)))))
-    covariance = scale * np.linalg.pinv(found.jac.T @ found.jac)
-    off, off_damping = np.sqrt(np.diag(covariance)).tolist()
-    return Ring(float(found.x[0]), float(found.x[1]), off, off_damping,
-                values[0] - 1j * values[1], noise)
+    return Ring(float(found.x[0]), float(found.x[1]), values[0] - 1j * values[1], noise)
 
 
 def _loudest(t: FloatArray, values: FloatArray) -> float | None:

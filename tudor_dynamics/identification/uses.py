@@ -39,7 +39,7 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.contact_fronts import gauge_gain, torque_scale
-from tudor_dynamics.online.monitor import MomentumObserver
+from tudor_dynamics.online.monitor import MomentumObserver, SOURCE
 from tudor_dynamics.online.settings import BLOCK
 from tudor_dynamics.online.threshold_learning import (
     FreeMotion, learn_thresholds, thresholds_to_dict)
@@ -210,21 +210,25 @@ Said = tuple[Grade | None, str, Mapping[str, Grade | None]]
 
 
 def uses_of(
-    item: FittedOutput, arm: Arm, thresholds: Mapping[str, MethodThresholds],
-    missing: Mapping[str, str], doubt: str = '',
+    item: FittedOutput, arm: Arm, thresholds: Mapping[tuple[str, str], MethodThresholds],
+    missing: Mapping[tuple[str, str], str], doubt: str = '',
 ) -> list[Use]:
     """Judge a model by each of its uses; doubt: why newtons and kilograms cannot be relied on."""
+    own = item.output, item.kind
     said: dict[str, Said] = {'prediction': (
         item.verdict.level, '; '.join(item.verdict.reasons), item.verdict.channels)}
     if item.output == 'effort':
         said['feed-forward'] = _feedforward(item)
     tip = _tip(item, arm)
-    for method, learned in thresholds.items():
-        said[f'collision detection ({method})'] = (
-            _collisions(arm, item.output, learned, tip) if item.validation.score.relative_error < 1
-            else (Grade.DO_NOT_USE, 'the model predicts no more than a mean does', {}))
-    for method, why in missing.items():
-        said[f'collision detection ({method})'] = None, f'no thresholds: {why}', {}
+    for (method, kind), learned in thresholds.items():
+        if (SOURCE[method], kind) == own:
+            said[f'collision detection ({method})'] = (
+                _collisions(arm, item.output, learned, tip)
+                if item.validation.score.relative_error < 1
+                else (Grade.DO_NOT_USE, 'the model predicts no more than a mean does', {}))
+    for (method, kind), why in missing.items():
+        if (SOURCE[method], kind) == own:
+            said[f'collision detection ({method})'] = None, f'no thresholds: {why}', {}
     payload = _payload(item, tip)
     if payload is not None:
         said['payload'] = payload

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from functools import reduce
@@ -31,7 +31,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.dataset import all_stretches, BagData, model_for
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import Inputs, Model
+from tudor_dynamics.models.base import MemorylessModel, Model
 from tudor_dynamics.models.estimation import Products, rescaled, squared_residuals
 from tudor_dynamics.signals.preprocessing import noise_gain
 from tudor_dynamics.typing import finite_array, FloatArray
@@ -341,19 +341,16 @@ def method_of(tests: Sequence[str], bags: int, groups: int) -> str:
             f'{bags} bags')
 
 
-def random_split(
-    fit: Callable[[FloatArray, FloatArray], Model], data: Sequence[BagData], output: str, *,
-    inputs: Inputs, seed: int = 0,
-) -> Validation:
-    """Train on a random half of the samples and test on the other (optimistic)."""
-    generator = np.random.default_rng(seed)
+def random_split(blank: MemorylessModel, data: Sequence[BagData], output: str) -> Validation:
+    """Train a model on a random half of the samples and test it on the other (optimistic)."""
+    generator = np.random.default_rng(0)
     stretches = list(all_stretches(data))
-    motion = np.vstack([inputs(s)[s.decimation.keep] for s in stretches])
+    motion = np.vstack([blank.inputs(s)[s.decimation.keep] for s in stretches])
     value = np.vstack([s.decimation(getattr(s, output)) for s in stretches])
     train = np.concatenate([generator.permutation(s.n_kept) < s.n_kept // 2 for s in stretches])
     t, stamp = (np.concatenate([getattr(s, name)[s.decimation.keep] for s in stretches])
                 for name in ('t', 'stamp'))
-    model = fit(motion[train], value[train])
+    model = blank.fit(motion[train], value[train])
     item = Trace('random half', t[~train], stamp[~train], value[~train],
                  model.predict(motion[~train]))
     return Validation('random half of the samples (optimistic)',

@@ -34,7 +34,7 @@ from tudor_dynamics.identification.detection import MethodResult
 from tudor_dynamics.identification.doctor.between import Evaluated
 from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, RUN_IN, Start
 from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, STARTS
-from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.fit import FitResult, FittedOutput, headline
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, changes, Comparison, ErrorChange)
 from tudor_dynamics.identification.ringdowns import (
@@ -96,11 +96,6 @@ class Overall:
     level: str  # level of the worst output, for the colour
     word: str  # verdict in a word
     sentence: str  # verdict in a sentence
-
-
-def headline(fitted: Sequence[FittedOutput]) -> list[FittedOutput]:
-    """Leave kinds out that are there for comparison, unless they are all that there is."""
-    return [item for item in fitted if not KINDS[item.kind].compared] or list(fitted)
 
 
 def overall(
