@@ -20,7 +20,7 @@ Sections (``Parameters`` and so on) stand at the names that ``import tudor_dynam
 contracts (abstract classes, protocols), at file formats and at equations of a paper; there they
 explain every argument, arrays with their shape. Their methods with one argument or two may do with
 a line. Nothing else has sections: units and shapes stand in a line, fields of a dataclass are
-commented where they stand.
+commented where they stand. A method that does what its base says needs no words of its own.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import import_module
 import inspect
 from pathlib import Path
 import re
@@ -71,6 +72,16 @@ class Item:
     def public(self) -> bool:
         """Whether no part of its name is private."""
         return not re.search(r'(^|\.)_', self.name)
+
+    @property
+    def inherited(self) -> bool:
+        """Whether a base class has a docstring for it."""
+        owner, _, method = self.name.partition('.')
+        if not method or not (PACKAGE / self.place).is_file():
+            return False
+        module = 'tudor_dynamics.' + self.place.removesuffix('.py').replace('/', '.')
+        return any(inspect.getdoc(getattr(base, method, None))
+                   for base in getattr(import_module(module), owner).__bases__)
 
     @property
     def exported(self) -> bool:
@@ -144,7 +155,8 @@ def items(text: str, place: str) -> Iterator[Item]:
 def complaints(item: Item) -> Iterator[str]:
     """Say what is wrong with the docstring of an item."""
     if item.public and not item.doc:
-        yield f'{item}: there is no docstring'
+        if not item.inherited:
+            yield f'{item}: there is no docstring'
     elif SECTION.search(item.doc) and not item.allowed:
         yield f'{item}: sections, where a summary and a line with units are enough'
     elif SECTION.search(item.doc) and item.public:

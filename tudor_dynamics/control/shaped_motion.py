@@ -172,12 +172,10 @@ class ShapedPlanner(MotionPlanner):
         self._target = None if profile is None else profile.q[-1]
 
     def move(self, q: ArrayLike, dq: ArrayLike) -> None:
-        """Go on from elsewhere without a target; see ``MotionPlanner``."""
         self._clear()
         super().move(q, dq)
 
     def brake(self, q: ArrayLike | None = None, dq: ArrayLike | None = None) -> None:
-        """Come to rest without shaping; see ``MotionPlanner``."""
         kind, self._shaping.kind = self._shaping.kind, 'none'
         try:
             super().brake(q, dq)
@@ -211,7 +209,6 @@ class ShapedPlanner(MotionPlanner):
 
     @property
     def remaining(self) -> float:
-        """Time until all joints rest at their targets [s]."""
         if self._profile is not None:
             return max(self._profile.duration - self._clock, 0.0)
         if self._shaper is not None:

@@ -247,8 +247,8 @@ def _low(scene: Scene) -> str:
         f'motion does that once in {1.0 / _often(scene):.2g} h')
 
 
-TRAINING = 'motion outside training', ('fit with such motion, or learn the thresholds from it '
-                                      '(~/calibrate)')
+TRAINING = 'motion outside training', (
+    'fit with such motion, or learn the thresholds from it (~/calibrate)')
 LOW = 'threshold too low', 'allow fewer false_alarms_per_hour, or fit with more free motion'
 CAUSES: tuple[tuple[Callable[[Scene], str], str, str], ...] = (
     (_clock, 'clock', 'let drivers stamp samples when they are measured, by one clock'),

@@ -253,7 +253,6 @@ class Summing(Pass[BagSums]):
     form = BagSums
 
     def name(self, seen: SurveyedBag) -> str:
-        """Name the sums of a bag."""
         return self.task.name(seen, '.npz')
 
     def made(self, seen: SurveyedBag) -> BagSums:
@@ -280,7 +279,6 @@ class Judging(Pass[BagErrors]):
     models: Mapping[Judged, AnalyticalModel]
 
     def name(self, seen: SurveyedBag) -> str:
-        """Name how the models did on a bag."""
         return self.task.name(seen, '.json', self._digest)
 
     def made(self, seen: SurveyedBag) -> BagErrors:

@@ -487,7 +487,6 @@ class PayloadStage(CarriedLoad):
 
     @property
     def mass(self) -> float:
-        """Give what is carried in all [kg]."""
         return self.known + self.observer.mass
 
     @property
@@ -498,7 +497,6 @@ class PayloadStage(CarriedLoad):
     def step(
         self, stamp: int, dt: float, row: FloatArray, measured: FloatArray, *, touched: bool,
     ) -> LoadFound | None:
-        """Take a sample into account; see `CarriedLoad`."""
         before = self._last
         if self._advance(stamp):
             self.observer.reset()

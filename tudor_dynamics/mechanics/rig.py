@@ -324,6 +324,5 @@ class Rig(Loop):
         self.trace.state.append(None if self.controller is None else self.controller.state)
 
     def wanted(self, sample: Sample) -> FloatArray:
-        """Give the reference of the source [rad]."""
         reference = None if self.source is None else self.source.q
         return super().wanted(sample) if reference is None else reference.copy()

@@ -180,7 +180,6 @@ class AnalyticalModel(MemorylessModel):
 
     @classmethod
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> AnalyticalModel:
-        """Build one that is not fitted yet; see ``MemorylessModel``."""
         return cls(
             regressor_of(arm, output, settings.strain_form, shared=bool(settings.shared),
                          payloads=settings.payloads),
@@ -192,7 +191,6 @@ class AnalyticalModel(MemorylessModel):
                           base=self.base_)
 
     def fit_blocks(self: Analytical, blocks: Blocks) -> Analytical:
-        """Estimate from data that come in blocks; see ``MemorylessModel``."""
         self._begin()
         triangular = self._least_squares({WHOLE: blocks}, {})
         for _ in range(LOAD_PASSES if self.regressor.loaded else 0):
@@ -209,7 +207,6 @@ class AnalyticalModel(MemorylessModel):
     def fit_parts(
         self: Analytical, parts: Mapping[str, Blocks], known: dict[tuple[str, bool], Any],
     ) -> Analytical:
-        """Estimate from the sums of what parts come to; see ``MemorylessModel``."""
         if (ESTIMATORS[self.estimator].sample_weights is not None
                 or self.regressor.loaded):  # rows depend on all parts
             return super().fit_parts(parts, known)
@@ -281,7 +278,6 @@ class AnalyticalModel(MemorylessModel):
         return Group(base, solve(products, weighted=weighted), constants)
 
     def predict(self, motion: FloatArray) -> FloatArray:
-        """Predict the outputs; see ``Model``."""
         coefficients = self.coefficients()
         motion = np.asarray(motion, dtype=float)
         check_motion(motion, self.n_inputs, self.n_inputs - self._n_states)
@@ -306,7 +302,6 @@ class AnalyticalModel(MemorylessModel):
         return full
 
     def at(self, payload: float) -> AnalyticalModel:
-        """Put a payload in; see ``Model``."""
         if not isinstance(self.regressor, PayloadRegressor):
             return self
         full = self.coefficients()
@@ -351,7 +346,6 @@ class AnalyticalModel(MemorylessModel):
                   for i in group.estimate.unexcited))
 
     def estimated(self, arm: Arm, output: str) -> list[dict[str, Any]]:
-        """List its base parameters; see ``Model``."""
         found = []
         for group in self.groups_:
             names = tuple(self.regressor.channels[i] for i in group.base.channels)
@@ -374,7 +368,6 @@ class AnalyticalModel(MemorylessModel):
         return found
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
-        """Give estimator, form, and the coefficients of each group; see ``Model``."""
         self.coefficients()  # raises if there are none
         form = self.regressor.form
         return {'estimator': self.estimator, 'units': output_units(arm, output),
@@ -385,7 +378,6 @@ class AnalyticalModel(MemorylessModel):
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> AnalyticalModel:
-        """Build it from its coefficients; see ``Model``."""
         part = read(AnalyticalPart, content)
         regressor = regressor_of(arm, output, str(part.form), shared=part.shared,
                                  payloads=part.payload_range)

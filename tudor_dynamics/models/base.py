@@ -389,15 +389,12 @@ class MemorylessModel(Model):
         """Predict the outputs, each sample by itself; see ``Model``."""
 
     def inputs(self, stretch: Stretch) -> FloatArray:
-        """Give the motion, and what friction makes of the past; see ``Model``."""
         return stretch.motion if self.states is None else self.states.follow(stretch)
 
     def trail(self) -> LiveFriction | None:
-        """Follow what friction makes of the past; see ``Model``."""
         return None if self.states is None else LiveFriction(self.states)
 
     def follow(self, stretch: Stretch) -> FloatArray:
-        """Predict each sample of a stretch by itself; see ``Model``."""
         return self.predict(self.inputs(stretch))
 
     def follow_kept(self, stretch: Stretch) -> FloatArray:
@@ -407,7 +404,6 @@ class MemorylessModel(Model):
         return super().follow_kept(stretch)
 
     def stiction(self, q: FloatArray) -> FloatArray:
-        """Turn each joint the one way and the other, slowly; see ``Model``."""
         n = q.shape[1]
         if len(self.channels) != n:
             return super().stiction(q)

@@ -96,13 +96,11 @@ class ExtremeLearningMachine(MemorylessModel):
 
     @classmethod
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> ExtremeLearningMachine:
-        """Build one that is not fitted yet; see ``MemorylessModel``."""
         return cls(arm.channels[output], hidden=settings.elm_hidden,
                    ridge=settings.elm_ridge, seed=settings.elm_seed,
                    payload_range=settings.payloads)
 
     def fit_blocks(self: Machine, blocks: Blocks) -> Machine:
-        """Learn from data that come in blocks; see ``MemorylessModel``."""
         if self.hidden < 1 or not self.ridge >= 0 or self.seed < 0:
             raise FitError(f'hidden is {self.hidden}, ridge {self.ridge}, seed {self.seed}; '
                            'expected at least one neuron, a ridge and a seed of 0 or more')
@@ -140,7 +138,6 @@ class ExtremeLearningMachine(MemorylessModel):
         return self
 
     def predict(self, motion: FloatArray) -> FloatArray:
-        """Predict the outputs; see ``Model``."""
         weights = self._weights()
         motion = np.asarray(motion, dtype=float)
         check_motion(motion, self.input_range_.shape[1])
@@ -153,7 +150,6 @@ class ExtremeLearningMachine(MemorylessModel):
         return output
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
-        """Give settings, and the arrays of weights and ranges; see ``Model``."""
         if self.output_weights_ is None:
             msg = f'the ELM of {output} has no weights yet: call fit before saving it'
             raise NotFittedError(msg)
@@ -168,7 +164,6 @@ class ExtremeLearningMachine(MemorylessModel):
     def from_dict(
         cls, content: dict[str, Any], arm: Arm, output: str,
     ) -> ExtremeLearningMachine:
-        """Build it from settings and arrays; see ``Model``."""
         part, channels = read(ElmPart, content), arm.channels[output]
         hidden = part.hidden
         if not 1 <= hidden <= MAX_HIDDEN or part.channels != channels:
@@ -189,7 +184,6 @@ class ExtremeLearningMachine(MemorylessModel):
         return model
 
     def at(self, payload: float) -> ExtremeLearningMachine:
-        """Put a payload in; see ``Model``."""
         if self.payload_range is None:
             return self
         weights = self._weights()

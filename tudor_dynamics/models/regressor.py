@@ -138,11 +138,9 @@ class EffortRegressor(Regressor):
                                  self._coupling.speeds, self._coupling.reach)
 
     def assume(self, parameters: FloatArray | None) -> None:
-        """Take parameters for the loads of the rows; see ``Regressor``."""
         self._assumed = parameters
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
-        """Evaluate rows, in effort units per parameter; see ``Regressor``."""
         n = len(self.channels)
         motion, states = self._parted(motion)
         dq = motion[:, n:2 * n] @ self._coupling.speeds.T
@@ -167,7 +165,6 @@ class EffortRegressor(Regressor):
         return rows
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
         motion, states = self._parted(motion)
         out = self._coupling.body_efforts(self._bodies, motion, parameters)
         self._terms.add(motion, parameters, out, states)
@@ -221,7 +218,6 @@ class StrainRegressor(Regressor):
         self._coupling = Coupling(arm)
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
-        """Evaluate rows, in N m per parameter (with the scale of the gauge); see ``Regressor``."""
         shape = (len(motion), len(self.channels), len(self.columns))
         rows = np.zeros(shape) if out is None else out
         # virtual joints at the gauges stay at zero
@@ -230,7 +226,6 @@ class StrainRegressor(Regressor):
         return rows
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
         out = np.empty((len(motion), len(self.channels)))
         self._bodies.outputs(self._coupling.of_joints(motion), parameters, out)
         out += parameters[:, -1]
@@ -438,7 +433,6 @@ class PayloadRegressor(Regressor):
         self.columns = (*plain.columns, *(PAYLOAD + name for name in own))
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
-        """Evaluate rows; see ``Regressor``."""
         n = len(self.plain.columns)
         shape = (len(motion), len(self.channels), len(self.columns))
         rows = np.zeros(shape) if out is None else out
@@ -447,7 +441,6 @@ class PayloadRegressor(Regressor):
         return rows
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
         n = len(self.plain.columns)
         carried = np.zeros((len(parameters), n))
         carried[:, self.carried] = parameters[:, n:]

@@ -99,7 +99,6 @@ class ArmSimulatorNode(TudorNode):
         self.serve(RESET, self._reset)
 
     def apply(self) -> None:
-        """Take a changed floor into use."""
         if self.arm is None:
             return
         floor = (Floor(self.value('obstacle_height'), self.value('obstacle_stiffness'))

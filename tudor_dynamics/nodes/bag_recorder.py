@@ -120,7 +120,6 @@ class BagRecorderNode(TudorNode):
         self.meter.end(begun)
 
     def close(self) -> None:
-        """Finish the bag."""
         writer, self.writer = self.writer, None
         if writer is not None:
             self._to_bag(writer.close)

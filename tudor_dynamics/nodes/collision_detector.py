@@ -48,12 +48,10 @@ class CollisionDetectorNode(DetectNode):
         self._motion_input = self.hear_motions(JOINT_MOTION, self._on_motion)
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Watch:
-        """Build the detector."""
         warm_up(bundle, self.settings())
         return Watch(bundle, self.settings(), payload=self.port.prepare(whole, self.payload))
 
     def use(self, bundle: ModelBundle, prepared: Watch) -> None:
-        """Put another model into use."""
         topics = bundle.arm.topics
         self.port.use(prepared.payload)
         self.adopt(bundle, prepared, JOINT_MOTION, (self._motion_drops,), PREDICTED)
@@ -136,7 +134,6 @@ class CollisionDetectorNode(DetectNode):
         self.meter.end(begun)
 
     def counters(self) -> list[Counter[str]]:
-        """Add the motions left out."""
         return [*super().counters(), self._motion_drops]
 
 

@@ -127,7 +127,6 @@ class SignTester(Trial):
                           step=self.roomy(index, self._goal[index], step))
 
     def run(self, joints: Sequence[str], options: Namespace) -> int:
-        """Test joints, and switch the damper on if all are right."""
         assert self.q is not None
         self._goal = self.q.copy()
         for index in range(len(self._goal)):  # the reference comes to an arm that was held

@@ -55,13 +55,11 @@ class DynamicsPredictorNode(ModelNode):
     def prepare(
         self, bundle: ModelBundle, whole: ModelBundle,
     ) -> tuple[Predictor, CarriedLoad | None]:
-        """Build the predictor."""
         warm_up(bundle, MonitorSettings(kind=self.value('kind')))
         return (Predictor(bundle, self.value('kind'), self.value('observer')),
                 self.port.prepare(whole, self.payload))
 
     def use(self, bundle: ModelBundle, prepared: tuple[Predictor, CarriedLoad | None]) -> None:
-        """Put another predictor into use."""
         self.bundle = bundle
         self.predictor, load = prepared
         self.port.use(load)

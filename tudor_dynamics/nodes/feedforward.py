@@ -82,7 +82,6 @@ class FeedforwardNode(ModelNode):
         return ahead, self.port.prepare(whole, self.payload)
 
     def use(self, bundle: ModelBundle, prepared: tuple[Feedforward, CarriedLoad | None]) -> None:
-        """Put another model into use."""
         self.bundle = bundle
         self.ahead, load = prepared
         self.port.use(load)

@@ -83,7 +83,6 @@ class ForceControllerNode(MovingNode):
         return arm, arm.gauge_names
 
     def subscribe_inputs(self) -> list[Subscription]:
-        """Subscribe to forces."""
         return [self.subscribe(Float64, WANTED_FORCE, self._on_wanted)]
 
     def stop(self) -> None:

@@ -103,7 +103,6 @@ class JointStateFilterNode(TudorNode):
         self.meter.end(begun)
 
     def counters(self) -> list[Counter[str]]:
-        """Add the filter's drops."""
         return [self.drops, self.filter.drops]
 
 

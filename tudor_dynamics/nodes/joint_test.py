@@ -135,7 +135,6 @@ class JointTester(Trial):
         return order_fault(self.arm.active_joints, found)
 
     def run(self, joints: Sequence[str], options: Namespace) -> int:
-        """Test joints one after the other, up to the first that is not right."""
         assert self.q is not None
         fault = (self._order(options.controller) if options.controller else ''
                  ) or pose_fault(self.arm, self.q)

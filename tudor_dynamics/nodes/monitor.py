@@ -124,12 +124,10 @@ class MonitorNode(DetectNode):
         self.start()
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Monitor:
-        """Build the monitor."""
         warm_up(bundle, self.settings())
         return Monitor(bundle, self.settings(), payload=self.port.prepare(whole, self.payload))
 
     def use(self, bundle: ModelBundle, prepared: Monitor) -> None:
-        """Put another model into use; the filter goes on where it is."""
         if self.monitor is not None and self.bundle is not None and (
                 bundle.preprocessing == self.bundle.preprocessing):
             prepared.filter = self.monitor.filter
@@ -210,7 +208,6 @@ class MonitorNode(DetectNode):
         return Found() if monitor is None else monitor.add_measured(output, stamp, values)
 
     def counters(self) -> list[Counter[str]]:
-        """Add the drops of joints and filter."""
         more = [] if self.monitor is None else [self.monitor.filter.drops]
         return [*super().counters(), self._joint_drops, *more]
 

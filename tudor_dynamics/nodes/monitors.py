@@ -186,7 +186,6 @@ class MonitorsNode(TudorNode):
             arm.look(self, float(self.value('pause')))
 
     def about(self) -> dict[str, str]:
-        """Add the arms."""
         return {**super().about(), 'arms': ' '.join(arm.namespace for arm in self.arms)}
 
     def cpu(self) -> str:
@@ -206,7 +205,6 @@ class MonitorsNode(TudorNode):
         return level, message
 
     def close(self) -> None:
-        """End the monitors."""
         for arm in self.arms:
             arm.end(self)
 

@@ -100,7 +100,6 @@ class OscillationDamperNode(MovingNode):
         self.autostart()
 
     def build(self) -> tuple[Arm, Collection[str]]:
-        """Make the damper."""
         arm = self.described_arm('a damper', 'the damper')
         controller = MotionController(arm)
         if self.value('gain_schedule'):
@@ -113,7 +112,6 @@ class OscillationDamperNode(MovingNode):
         return arm, controller.damper.gauges
 
     def subscribe_inputs(self) -> list[Subscription]:
-        """Subscribe to references and loads."""
         return [self.subscribe(JointState, JOINT_REFERENCE, self._on_reference),
                 self.create_subscription(InertiaStamped, PAYLOAD_TOPIC, self._on_payload,
                                          latched())]
@@ -128,7 +126,6 @@ class OscillationDamperNode(MovingNode):
         return super().on_cleanup(state)
 
     def apply(self) -> None:
-        """Take changed gains and the timeout into use."""
         if self.controller is None:
             return
         self.controller.gains.share = self.value('damping')
@@ -167,7 +164,6 @@ class OscillationDamperNode(MovingNode):
         self.clocks.step(stamp, self.ros_time())
 
     def answer(self, message: JointState, dt: float, q: FloatArray) -> None:
-        """Command velocities."""
         controller = self.controller
         assert controller is not None
         command = controller.step(

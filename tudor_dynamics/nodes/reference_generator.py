@@ -96,7 +96,6 @@ class ReferenceGeneratorNode(MovingNode):
         return self.controller
 
     def build(self) -> tuple[Arm, Collection[str]]:
-        """Make the source."""
         arm = self._arm = self.described_arm('limits')
         source = ReferenceSource(arm, self.value('reaction'), self.value('retreat_time'),
                                  self.value('timeout'), self._shaping())
@@ -126,13 +125,11 @@ class ReferenceGeneratorNode(MovingNode):
         self._look()
 
     def stop(self) -> None:
-        """Brake."""
         if self.source is not None:
             self.source.hold(f'{self.get_name()} was deactivated')
             self._report()
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget the arm."""
         if self.source is not None and self.source.shaping.beside is not None:
             self.source.shaping.beside.shutdown(wait=False)
         return super().on_cleanup(state)
@@ -154,7 +151,6 @@ class ReferenceGeneratorNode(MovingNode):
         return shaping
 
     def apply(self) -> None:
-        """Take changed reactions and times into use."""
         if self.source is not None:
             self.source.configure(self.value('reaction'), self.value('retreat_time'))
             self.source.timeout = self.value('timeout')
@@ -303,7 +299,6 @@ class ReferenceGeneratorNode(MovingNode):
             self._output.publish(joint_state(stamp.to_msg(), self._names, position=q, velocity=dq))
 
     def close(self) -> None:
-        """End the server."""
         if self.server is not None:
             self.server.destroy()
 

@@ -297,7 +297,6 @@ class TrajectoryRelayNode(TudorNode):
         return (WARN, f'refused: {self.refused}') if self.refused else (level, message)
 
     def close(self) -> None:
-        """End the action."""
         if self.server is not None:
             self.server.destroy()
             self._client.destroy()

@@ -267,13 +267,11 @@ class ElasticModel(Model):
         return self.prepared()(response, motion)
 
     def follow(self, stretch: Stretch) -> FloatArray:
-        """Follow a stretch from rest, or out of the motion just before; see ``Model``."""
         return self.along(stretch.motion, stretch.dt, stretch.before)
 
     def observe(
         self, stretch: Stretch, strain_model: Model | None = None, observer: str = 'ringing',
     ) -> FloatArray:
-        """Predict each sample from the strain measured until the sample before; see ``Model``."""
         strain_model = self if self.output == 'strain' else strain_model
         if stretch.strain is None or observer == 'off' or strain_model is None:
             return self.follow(stretch)
@@ -289,7 +287,6 @@ class ElasticModel(Model):
         return predicted
 
     def stiction(self, q: FloatArray) -> FloatArray:
-        """Give what the friction terms of each joint jump by; see ``Model``."""
         if self.output != 'effort' or self.coefficients_ is None:
             return super().stiction(q)
         jumps = []
@@ -299,7 +296,6 @@ class ElasticModel(Model):
         return np.array(jumps)
 
     def at(self, payload: float) -> ElasticModel:
-        """Put a payload in; see ``Model``."""
         if self.payload_range is not None:
             check_payload(payload, self.payload_range)
         kept = tuple(p for p in self.physical if p.name != 'payload')
@@ -311,11 +307,9 @@ class ElasticModel(Model):
 
     @classmethod
     def live(cls, models: Mapping[str, ElasticModel], observer: str = 'off') -> LiveElastic:
-        """Let effort and strain share an arm, observed only with strain; see ``Model``."""
         return LiveElastic(models, observer if 'strain' in models else 'off')
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
-        """Give physical parameters and the coefficients of each channel; see ``Model``."""
         if (self.coefficients_ is None or self.standard_errors_ is None
                 or self.noise_ is None):
             msg = 'the elastic model has no coefficients yet: fit it before saving it'
@@ -340,7 +334,6 @@ class ElasticModel(Model):
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> ElasticModel:
-        """Build it from physical parameters and coefficients; see ``Model``."""
         part = read(ElasticPart, content)
         model = cls(arm, output, part.physical, payload_range=part.payload_range)
         known = driven_arm(arm, model.values).parameters  # refuses unknown names and values

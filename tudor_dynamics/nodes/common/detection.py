@@ -259,7 +259,6 @@ class DetectNode(ModelNode):
             raise TudorError(msg)
 
     def apply(self) -> None:
-        """Take changed rates and times into use."""
         super().apply()
         if self.watch is None:
             return
@@ -367,7 +366,6 @@ class DetectNode(ModelNode):
         self.in_background(learn, refuse)
 
     def counters(self) -> list[Counter[str]]:
-        """Add the drops of sensors and pairing."""
         if self.watch is None:
             return [self.drops]
         return [self.drops, *self._sensor_drops.values(),
@@ -375,7 +373,6 @@ class DetectNode(ModelNode):
                 *(drops for item in self.gathering.values() for drops in item.drops)]
 
     def about(self) -> dict[str, str]:
-        """Add the methods in use."""
         methods = self.watch.methods if self.watch is not None else ()
         return {**super().about(), 'methods': ', '.join(methods) or 'none'}
 

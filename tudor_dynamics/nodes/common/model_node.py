@@ -225,7 +225,6 @@ class ModelNode(TudorNode):
             self._whole.at(float(values['payload']))
 
     def apply(self) -> None:
-        """Take a changed payload into use."""
         if self._whole is not None and self.payload != self._payload:
             self._payload = self.payload
             self._adopt(*self._prepared(self._whole))
@@ -299,7 +298,6 @@ class ModelNode(TudorNode):
             places, lambda: self.ros_time(), self.drops), callback)
 
     def about(self) -> dict[str, str]:
-        """Add the arm."""
         arm = 'none' if self.bundle is None else self.bundle.arm.name
         return {**super().about(), 'arm': arm}
 

@@ -183,7 +183,6 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self.meter.end(begun)
 
     def counters(self) -> list[Counter[str]]:
-        """Add the drops by stamps."""
         return [self.drops, self.gate.drops]
 
     def verdict(self) -> tuple[bytes, str]:
