@@ -29,10 +29,10 @@ from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.control.references import ReactingReference
 from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
 from tudor_dynamics.errors import SignalError, SimulationError, UsageError
-from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
+from tudor_dynamics.signals.motion_profile import MotionPlanner
 from tudor_dynamics.signals.shaping import impulses, PathModes, plan_shaped, Profile
 
-LIMITS = MotionLimits(np.array([1.2, 1.2]), np.array([3.5, 3.5]))
+LIMITS = Limits(np.full(2, -9.0), np.full(2, 9.0), np.full(2, 1.2), np.full(2, 3.5))
 STEP = 2e-3
 
 
@@ -139,8 +139,7 @@ def test_payload_unknown() -> None:
 
 def test_collision_brakes_at_once() -> None:
     """The retreat from a shaped move begins as from any other."""
-    limits = Limits(np.full(2, -9.0), np.full(2, 9.0), LIMITS.velocity, LIMITS.acceleration)
-    motion = ReactingReference(limits, np.zeros(2), 'hold', shaping=shaping('elastic'))
+    motion = ReactingReference(LIMITS, np.zeros(2), 'hold', shaping=shaping('elastic'))
     motion.go(np.array([1.5, 0.5]))
     for _ in range(300):
         motion.step(STEP)
@@ -169,7 +168,7 @@ def test_modes_that_change_on_the_way() -> None:
     def along(path: np.ndarray) -> PathModes:
         n = len(path)
         return PathModes(omega(path[:, :1]), np.full((n, 1), 0.01), np.ones((n, 1, 1)), np.ones(1))
-    limits = MotionLimits(np.array([1.2]), np.array([3.5]))
+    limits = Limits(*(np.array([x]) for x in (-9.0, 9.0, 1.2, 3.5)))
 
     def left(motion: np.ndarray) -> float:
         state, largest, fine = np.zeros(2), 0.0, 8
@@ -264,7 +263,7 @@ def test_moves_are_refined() -> None:
     """By what is given, with payload and period of the target; an error leaves the first move."""
     seen: list[tuple[float, float]] = []
 
-    def better(profile: Profile, limits: MotionLimits, payload: float, period: float) -> Profile:
+    def better(profile: Profile, limits: Limits, payload: float, period: float) -> Profile:
         seen.append((payload, period))
         if len(seen) > 1:
             raise SimulationError('it diverges')

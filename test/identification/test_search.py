@@ -23,13 +23,12 @@ import pytest
 from sample_arms import arm_of, SIX_ROWS
 
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.arm.limits import SelfCollision
+from tudor_dynamics.arm.limits import Limits, SelfCollision
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.identification.excitation import Bounds, Efforts, known_efforts, series, TOUCH
 from tudor_dynamics.identification.excitation_plan import (
     best_aprbs, best_series, bounds_of, information_of, make_plan, Order, target_of_arm)
-from tudor_dynamics.signals.motion_profile import (
-    fourier_motion, JointRange, motion_limits, MotionLimits)
+from tudor_dynamics.signals.motion_profile import fourier_motion, motion_limits
 
 URDF = """<robot name="box">
 <link name="base"><collision><origin xyz="0 0 0.2"/><geometry>
@@ -77,8 +76,8 @@ def target(arm):
 
 def test_derivatives_of_the_series():
     """Speeds and accelerations are derivatives, and there is rest at both ends."""
-    basis = series(JointRange(-np.ones(2), np.ones(2)), MotionLimits(np.ones(2), 3 * np.ones(2)),
-                   20.0, 0.7, 1e-3)
+    limits = Limits(-np.ones(2), np.ones(2), np.ones(2), 3 * np.ones(2))
+    basis = series(limits, limits, 20.0, 0.7, 1e-3)
     motion = basis.motion(np.random.default_rng(0).normal(size=basis.sizes.shape))
     for k in (0, 2):
         np.testing.assert_allclose(np.gradient(motion[:, k:k + 2], 1e-3, axis=0)[5:-5],
@@ -157,8 +156,8 @@ def test_no_way_is_said(tmp_path):
 def test_slope_of_penalties(tmp_path):
     """Slopes of limits, efforts and distances are those of differences."""
     arm = box_arm(tmp_path, effort=10.0)
-    bounds = Bounds(JointRange(-np.ones(2), np.ones(2)), MotionLimits(np.ones(2), np.ones(2)),
-                    known_efforts(arm), SelfCollision(arm))
+    limits = Limits(-np.ones(2), np.ones(2), np.ones(2), np.ones(2))
+    bounds = Bounds(limits, limits, known_efforts(arm), SelfCollision(arm))
     motion = np.random.default_rng(0).uniform(-2.0, 2.0, (20, 6))
     motion[:, 1] += 1.5
     way = np.random.default_rng(1).normal(size=motion.shape)

@@ -22,13 +22,14 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.motion_profile import (
-    aprbs, aprbs_motion, binary_sequence, fourier_motion, joint_range, JointRange, motion_limits,
-    MotionLimits)
+    aprbs, aprbs_motion, binary_sequence, fourier_motion, joint_range, motion_limits)
 
-BOUNDS = JointRange(np.radians([13.0, -80.0]), np.radians([178.0, 80.0]))
+BOUNDS = Limits(np.radians([13.0, -80.0]), np.radians([178.0, 80.0]), np.full(2, 1.2),
+                np.full(2, 3.5))
 
 
 def test_shift_register_has_full_length() -> None:
@@ -83,7 +84,7 @@ def test_motion_keeps_to_limits(root: Path) -> None:
 
 def test_fourier_series() -> None:
     """Derivatives are exact, limits kept, ends at rest, and the band is what was asked for."""
-    limits = motion_limits_of(1.2, 3.5)
+    limits = BOUNDS
     seen = fourier_motion(BOUNDS, limits, 40.0, 5, 1e-3)
     np.testing.assert_allclose(np.gradient(seen.q, 1e-3, axis=0)[1:-1], seen.dq[1:-1], atol=1e-5)
     np.testing.assert_allclose(np.gradient(seen.dq, 1e-3, axis=0)[1:-1], seen.ddq[1:-1],
@@ -97,8 +98,3 @@ def test_fourier_series() -> None:
     assert power[low].sum() > 0.995 * power.sum()
     with pytest.raises(SignalError, match='at least'):
         fourier_motion(BOUNDS, limits, 20.0, 5, 1e-3)
-
-
-def motion_limits_of(velocity: float, acceleration: float) -> MotionLimits:
-    """Give limits of two joints."""
-    return MotionLimits(np.full(2, velocity), np.full(2, acceleration))

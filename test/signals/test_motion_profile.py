@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from hypothesis import given, settings, strategies as st
@@ -23,12 +24,12 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.arm.limits import unlimited
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.signals.motion_profile import (
-    follow_targets, motion_limits, MotionLimits, MotionPlanner)
+from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits, MotionPlanner
 
 V, A = np.radians(70.0), np.radians(200.0)
-LIMITS = MotionLimits(np.array([V]), np.array([A]))
+LIMITS = replace(unlimited(1), velocity=np.array([V]), acceleration=np.array([A]))
 DT = 5e-4
 
 

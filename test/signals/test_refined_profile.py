@@ -17,14 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from tudor_dynamics.signals.motion_profile import MotionLimits
+from tudor_dynamics.arm.limits import unlimited
 from tudor_dynamics.signals.shaping import (
     largest_oscillation, PathModes, plan_shaped, Profile, refine)
 
-LIMITS = MotionLimits(np.array([1.2, 1.2]), np.array([3.5, 3.5]))
+LIMITS = replace(unlimited(2), velocity=np.full(2, 1.2), acceleration=np.full(2, 3.5))
 START, TARGET = np.array([0.5, 0.3]), np.array([1.6, -0.2])
 STEP, BEHIND = 5e-3, 0.4
 

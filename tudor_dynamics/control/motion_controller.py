@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from dataclasses import replace
 from enum import IntEnum
 import math
 
@@ -31,8 +32,7 @@ from tudor_dynamics.control.gains import learned_period, LoopGains
 from tudor_dynamics.control.plausibility import AgeWatch, Doubt, MotionWatch
 from tudor_dynamics.control.schedule import Adaptation
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.signals.motion_profile import (
-    Deviation, motion_limits, MotionLimits, MotionPlanner)
+from tudor_dynamics.signals.motion_profile import Deviation, motion_limits, MotionPlanner
 from tudor_dynamics.typing import FloatArray
 
 
@@ -460,11 +460,9 @@ class MotionController:
         # Zero at once is the shortest way; each further command would make a runaway faster.
         if astray and (self.watched.rushing.any() or slow.all()):
             self.envelope.begin(np.zeros_like(speed))
-        self._hold = MotionPlanner(
-            MotionLimits(self.planned.velocity, np.maximum(
-                self.planned.acceleration, speed / (
-                    settings.ASTRAY_STOP_TIME if astray else settings.FAULT_STOP_TIME))),
-            self._q)
+        quick = speed / (settings.ASTRAY_STOP_TIME if astray else settings.FAULT_STOP_TIME)
+        self._hold = MotionPlanner(replace(
+            self.planned, acceleration=np.maximum(self.planned.acceleration, quick)), self._q)
         self._hold.brake(self._q, self.envelope.command)
         self.state = State.FAULT
         self._explain(doubts)

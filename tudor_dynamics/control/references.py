@@ -23,14 +23,14 @@ import math
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.limits import hard_limits, Limits, planned_limits
+from tudor_dynamics.arm.limits import hard_limits, Limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control import settings
 from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
 from tudor_dynamics.control.trajectory import Follower, of_all, ROUNDING
 from tudor_dynamics.errors import SignalError, UsageError
 from tudor_dynamics.signals.filters import MotionState
-from tudor_dynamics.signals.motion_profile import aprbs, joint_range, motion_limits, MotionLimits
+from tudor_dynamics.signals.motion_profile import aprbs, joint_range, motion_limits
 from tudor_dynamics.typing import FloatArray
 
 
@@ -64,8 +64,7 @@ class ReactingReference:
         self.limits = limits
         self.reaction = reaction
         self.retreat_time = retreat_time
-        self._planner = ShapedPlanner(
-            MotionLimits(limits.velocity, limits.acceleration), q, shaping or Shaping())
+        self._planner = ShapedPlanner(limits, q, shaping or Shaping())
         self._path: deque[tuple[float, FloatArray]] = deque()
         self._length = self._back = self._since = 0.0
         self.follower = Follower(hard or limits)
@@ -258,9 +257,7 @@ class ReferenceSource:
         self, arm: Arm, reaction: str = 'retreat', retreat_time: float = 1.0,
         timeout: float = 0.5, shaping: Shaping | None = None,
     ) -> None:
-        motion_limits(arm)  # says what is missing
-        self.hard = hard_limits(arm)
-        self._limits = planned_limits(arm)
+        self.hard, self._limits = hard_limits(arm), motion_limits(arm)
         self._range = joint_range(arm)
         self.reaction, self.retreat_time, self.timeout = reaction, retreat_time, timeout
         self.shaping = shaping or Shaping()

@@ -25,14 +25,15 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.errors import SignalError, SimulationError, UsageError
-from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
+from tudor_dynamics.signals.motion_profile import MotionPlanner
 from tudor_dynamics.signals.shaping import impulses, ImpulseShaper, PathModes, plan_shaped, Profile
 from tudor_dynamics.typing import FloatArray
 
 SHAPINGS = ('none', 'zv', 'zvd', 'elastic')
-Refine = Callable[[Profile, MotionLimits, float, float], Profile]
+Refine = Callable[[Profile, Limits, float, float], Profile]
 """From a move by the modes, limits, payload [kg] and the period at its end [s] to a better one of
 the same length; see ``models.tuning.MoveRefiner``."""
 
@@ -84,7 +85,7 @@ class Shaping:
             np.array([[mode.drive for mode in modes] for modes in found]),
             np.array([float(np.abs(mode.strain).max()) for mode in found[-1]]))
 
-    def profile(self, start: FloatArray, target: FloatArray, limits: MotionLimits,
+    def profile(self, start: FloatArray, target: FloatArray, limits: Limits,
                 ) -> Profile | None:
         """Plan a move by the modes on its path, rest to rest [rad]; None if there is none."""
         payload = self.payload  # another one may be reported meanwhile
@@ -112,7 +113,7 @@ class Shaping:
 class ShapedPlanner(MotionPlanner):
     """Planner whose moves are shaped; the joints rest at q [rad]."""
 
-    def __init__(self, limits: MotionLimits, q: ArrayLike, shaping: Shaping) -> None:
+    def __init__(self, limits: Limits, q: ArrayLike, shaping: Shaping) -> None:
         self._shaping = shaping
         self._planned: Future[Profile | None] | None = None
         self._clear()

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.limits import effort_limits, SelfCollision
+from tudor_dynamics.arm.limits import effort_limits, Limits, SelfCollision
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
@@ -32,7 +32,7 @@ from tudor_dynamics.errors import check_budget, SignalError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.estimation import expected, rescaled
 from tudor_dynamics.models.regressor import column_unit, EffortRegressor, Regressor
-from tudor_dynamics.signals.motion_profile import fade, JointRange, MotionLimits, Reference, states
+from tudor_dynamics.signals.motion_profile import fade, Reference, states
 from tudor_dynamics.signals.preprocessing import noise_gain, prepare
 from tudor_dynamics.typing import FloatArray
 
@@ -79,7 +79,7 @@ class Series:
 
 
 def series(
-    bounds: JointRange, limits: MotionLimits, seconds: float, highest: float, dt: float,
+    bounds: Limits, limits: Limits, seconds: float, highest: float, dt: float,
 ) -> Series:
     """Lay out the basis: seconds, dt [s], highest [Hz]."""
     length = seconds - 2.0 * REST
@@ -351,7 +351,7 @@ class Bounds:
     """All that a motion keeps to."""
 
     def __init__(
-        self, bounds: JointRange, limits: MotionLimits, efforts: Efforts | None = None,
+        self, bounds: Limits, limits: Limits, efforts: Efforts | None = None,
         links: SelfCollision | None = None,
     ) -> None:
         self.range, self.limits = bounds, limits

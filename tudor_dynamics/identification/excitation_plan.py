@@ -27,7 +27,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.limits import SelfCollision
+from tudor_dynamics.arm.limits import Limits, SelfCollision
 from tudor_dynamics.arm.schema import PreprocessingSpec, validation_message
 from tudor_dynamics.bags.trajectory import (
     read_trajectory, Sent, Trajectory, write_trajectories)
@@ -43,7 +43,7 @@ from tudor_dynamics.models.friction import sliding
 from tudor_dynamics.models.regressor import (
     base_sets, EffortRegressor, regressor_of, StrainRegressor)
 from tudor_dynamics.signals.motion_profile import (
-    aprbs, follow_targets, joint_range, JointRange, motion_limits, Reference, states, Targets)
+    aprbs, follow_targets, joint_range, motion_limits, Reference, states, Targets)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -276,14 +276,14 @@ def best_aprbs(
     return best[2]
 
 
-def _part(bounds: Bounds, generator: np.random.Generator) -> JointRange:
+def _part(bounds: Bounds, generator: np.random.Generator) -> Limits:
     """Draw a part of the range, where all of it is more than links and efforts allow."""
     if bounds.links is None and bounds.efforts is None:
         return bounds.range
     size = bounds.range.upper - bounds.range.lower
     length = size * generator.uniform(0.2, 1.0)
     lower = bounds.range.lower + generator.uniform(0.0, 1.0, len(size)) * (size - length)
-    return JointRange(lower, lower + length)
+    return replace(bounds.range, lower=lower, upper=lower + length)
 
 
 def _changed(targets: Targets, bounds: Bounds, generator: np.random.Generator) -> Targets:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.arm.limits import Limits, planned_limits
 from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.control.schedule import columns_of, Mode, Point, Schedule, ScheduleFile
 from tudor_dynamics.control.settings import INTEGRAL_SHARE
@@ -38,7 +38,6 @@ from tudor_dynamics.models.settings import (
     AFTER_MOVE, DRIVE_NUDGE, EVERY, FACTORS, FINER, HALVINGS, HIGHEST, LEAST_DELAY,
     LONGEST_DELAY, LOOKS, MEAN, MOVE_SAMPLE, NOTHING, POSES, ROOM, SHORTEST_DELAY, SLOW,
     SPACING, STIFFNESS)
-from tudor_dynamics.signals.motion_profile import MotionLimits
 from tudor_dynamics.signals.shaping import Profile, refine
 from tudor_dynamics.typing import FloatArray
 
@@ -449,7 +448,7 @@ class MoveRefiner:
         tuned.strains(0.0, np.zeros((1, 2, len(tuned.arm.active_joints))), MOVE_SAMPLE)
 
     def __call__(
-        self, profile: Profile, limits: MotionLimits, payload: float, period: float,
+        self, profile: Profile, limits: Limits, payload: float, period: float,
     ) -> Profile:
         """Refine a move: payload [kg], period [s]."""
         t = np.arange(0.0, profile.duration + AFTER_MOVE + period, MOVE_SAMPLE)

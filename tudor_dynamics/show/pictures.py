@@ -25,6 +25,7 @@ import matplotlib
 from matplotlib.figure import Figure
 import numpy as np
 
+from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.errors import UsageError
@@ -32,7 +33,7 @@ from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.detection import MethodResult
 from tudor_dynamics.show.figures import (
     ComparedSignal, event_figure, Plot, roc_figure, signal_figure)
-from tudor_dynamics.signals.motion_profile import JointRange, MotionLimits, states
+from tudor_dynamics.signals.motion_profile import states
 from tudor_dynamics.typing import FloatArray
 
 
@@ -208,7 +209,7 @@ SHOWN = 20.0
 
 
 def draw_motion(
-    trajectory: Trajectory, bounds: JointRange, limits: MotionLimits, units: dict[str, str],
+    trajectory: Trajectory, bounds: Limits, limits: Limits, units: dict[str, str],
 ) -> Figure:
     """Draw a motion; to be called within a style."""
     names = trajectory.joints

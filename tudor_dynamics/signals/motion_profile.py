@@ -17,14 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.arm.limits import Limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import check_budget, SignalError
@@ -234,14 +234,6 @@ class Reference:
         return np.hstack([self.q, self.dq, self.ddq])
 
 
-@dataclass(frozen=True, eq=False)
-class MotionLimits:
-    """Limits of the planned motion of each joint: [rad/s] and [rad/s^2]."""
-
-    velocity: FloatArray  # largest planned speed of each joint, (joints,) [rad/s]
-    acceleration: FloatArray  # largest planned acceleration of each joint, (joints,) [rad/s^2]
-
-
 @dataclass(frozen=True)
 class Deviation:
     """The joint that is farthest from its reference."""
@@ -261,7 +253,7 @@ class Deviation:
         return f'{self.joint} is {self.away:.3g} away from its reference'
 
 
-def motion_limits(arm: Arm) -> MotionLimits:
+def motion_limits(arm: Arm) -> Limits:
     """
     Take what is planned for the active joints from an arm description.
 
@@ -283,13 +275,13 @@ def motion_limits(arm: Arm) -> MotionLimits:
             raise SignalError(f'{arm.source}: joint {joint.name!r} has no limits of velocity and '
                               'acceleration, without which no motion can be planned; add '
                               'limits: {velocity: ..., acceleration: ...}')
-    return MotionLimits(planned.velocity, planned.acceleration)
+    return planned
 
 
 class MotionPlanner:
     """Reference of several joints, step by step, from rest at q (n_joints,) [rad]."""
 
-    def __init__(self, limits: MotionLimits, q: ArrayLike) -> None:
+    def __init__(self, limits: Limits, q: ArrayLike) -> None:
         self.limits = limits
         self.q = np.array(q, dtype=float)
         self.dq, self.ddq = np.zeros_like(self.q), np.zeros_like(self.q)
@@ -336,7 +328,7 @@ class MotionPlanner:
 
 def follow_targets(
     start: ArrayLike, switches: Sequence[FloatArray], targets: Sequence[FloatArray],
-    limits: MotionLimits, dt: float, samples: int,
+    limits: Limits, dt: float, samples: int,
 ) -> Reference:
     """
     Plan through targets that come one after the other, each joint for itself.
@@ -347,8 +339,8 @@ def follow_targets(
         Where the joints rest at the start [rad].
     switches, targets : sequence of ndarray
         For each joint, times [s] at which it gets a target [rad].
-    limits : MotionLimits
-        One value a joint.
+    limits : Limits
+        Of speed and acceleration, one value a joint.
     dt : float
         Sample time [s].
     samples : int
@@ -446,14 +438,6 @@ TAPS = (7, 6)
 
 
 @dataclass(frozen=True, eq=False)
-class JointRange:
-    """Range of each joint [rad]."""
-
-    lower: FloatArray  # smallest position of each joint, (joints,) [rad]
-    upper: FloatArray  # largest position of each joint, (joints,) [rad]
-
-
-@dataclass(frozen=True, eq=False)
 class Targets:
     """Targets of each joint over time."""
 
@@ -463,11 +447,11 @@ class Targets:
     values: tuple[FloatArray, ...]
 
 
-def joint_range(arm: Arm) -> JointRange:
-    """Take the range of planned motion from an arm description; half a turn where it has none."""
+def joint_range(arm: Arm) -> Limits:
+    """Give what is planned for the joints of an arm, half a turn where their range has no end."""
     planned = planned_limits(arm)
-    return JointRange(np.where(np.isfinite(planned.lower), planned.lower, -np.pi),
-                      np.where(np.isfinite(planned.upper), planned.upper, np.pi))
+    return replace(planned, lower=np.where(np.isfinite(planned.lower), planned.lower, -np.pi),
+                   upper=np.where(np.isfinite(planned.upper), planned.upper, np.pi))
 
 
 def binary_sequence(length: int, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -484,7 +468,7 @@ def binary_sequence(length: int, rng: np.random.Generator) -> NDArray[np.bool_]:
 
 
 def aprbs(
-    bounds: JointRange, duration: float, seed: int, *, clock: float = 1.0,
+    bounds: Limits, duration: float, seed: int, *, clock: float = 1.0,
 ) -> Targets:
     """Make an APRBS for each joint: duration, clock [s]."""
     rest = settings.REST
@@ -520,7 +504,7 @@ def aprbs_motion(arm: Arm, duration: float, seed: int, dt: float) -> Reference:
 
 
 def fourier_motion(
-    bounds: JointRange, limits: MotionLimits, duration: float, seed: int, dt: float, *,
+    bounds: Limits, limits: Limits, duration: float, seed: int, dt: float, *,
     base: float = 0.1, harmonics: int = 5,
 ) -> Reference:
     """Make a random band-limited Fourier series of a base [Hz] that starts and ends at rest."""

@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import csr_matrix
 
+from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals import settings
-from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner, spline
+from tudor_dynamics.signals.motion_profile import MotionPlanner, spline
 from tudor_dynamics.signals.settings import FINE, KNOTS, ROUNDING
 from tudor_dynamics.typing import FloatArray
 
@@ -203,7 +204,7 @@ def oscillation(modes: PathModes, step: float, scale: float = 1.0) -> FloatArray
 
 
 def plan_shaped(
-    start: FloatArray, target: FloatArray, limits: MotionLimits, along: ModesAlong,
+    start: FloatArray, target: FloatArray, limits: Limits, along: ModesAlong,
 ) -> Profile:
     """Plan a move that leaves no oscillation: start, target (joints,) [rad]."""
     plain = MotionPlanner(limits, start)
@@ -241,7 +242,7 @@ def _denser(modes: PathModes) -> PathModes:
 
 
 def _solve(
-    start: FloatArray, target: FloatArray, limits: MotionLimits, modes: PathModes,
+    start: FloatArray, target: FloatArray, limits: Limits, modes: PathModes,
     duration: float, moving: NDArray[np.bool_],
 ) -> Profile | None:
     """Solve the linear programme; None where there is no such move."""
@@ -350,7 +351,7 @@ def largest_oscillation(oscillations: FloatArray) -> FloatArray:
     return np.asarray(0.5 * np.ptp(oscillations, axis=-2).max(axis=-1))
 
 
-def refine(profile: Profile, limits: MotionLimits, oscillations: Oscillations) -> Profile:
+def refine(profile: Profile, limits: Limits, oscillations: Oscillations) -> Profile:
     """
     Refine a move, if it can be, until next to nothing oscillates after it.
 
@@ -387,7 +388,7 @@ def refine(profile: Profile, limits: MotionLimits, oscillations: Oscillations) -
 class _Room:
     """Changes of a move that keep its ends, and how far they may go."""
 
-    def __init__(self, profile: Profile, limits: MotionLimits) -> None:
+    def __init__(self, profile: Profile, limits: Limits) -> None:
         self.profile = profile
         self._way = profile.q[-1] - profile.q[0]
         self._joints = np.flatnonzero(np.abs(self._way) > 1e-9)
