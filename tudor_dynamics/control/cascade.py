@@ -249,9 +249,3 @@ class Cascade:
         self.state[:] = 0.0
         self.state[:, INTEGRAL] = current
         self.envelope.begin(0.0)
-
-    @property
-    def saturated(self) -> NDArray[np.bool_]:
-        """Which joints had current, speed or position at a limit in the last step."""
-        return np.asarray((self.state[:, SATURATED] > 0.0)
-                          | (self.envelope.cuts & SATURATING > 0))

@@ -207,7 +207,7 @@ STRAIN_SCALE = {'um/m': 1e6, 'm/m': 1.0}
 
 
 def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
-    """Take the damper's settings from an arm description."""
+    """Take the settings of the dampers of active joints from an arm description."""
     if arm.spec.damper is None:
         msg = f'{arm.source}: there is no damper; add damper: with a gain for each joint'
         raise ArmError(msg)
@@ -227,7 +227,7 @@ def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
             max_rate=settings.PLAUSIBLE_RATE * scale,
             max_strain=settings.PLAUSIBLE_STRAIN * scale,
             moving_frequency=arm.spec.damper.moving_frequency, scale=scale))
-    return result
+    return [item for item in result if item.joint in arm.active_joints]
 
 
 class Damper:
@@ -326,9 +326,6 @@ class SignResult:
 
     joint: str  # name of the joint
     sign: Sign  # outcome of the test
-    # Mean time of the ringing's energy without the damper and with it [s].
-    without: float
-    damped: float
     text: str  # one sentence for the user
 
 
@@ -383,7 +380,7 @@ def check_sign(
     peak = float(np.abs(ringing(plain)).max())
     if peak == 0.0 or peak < 5.0 * math.sqrt(noise):
         text = 'the link hardly rang; take a larger step, or one that ends sooner'
-        return SignResult(joint, Sign.UNCLEAR, 0.0, 0.0, f'{joint}: {text}')
+        return SignResult(joint, Sign.UNCLEAR, f'{joint}: {text}')
     for share in settings.SIGN_SHARES:
         result = _compare(joint, plain, measure(joint, -step, share), noise)
         if result.sign is not Sign.UNCLEAR:
@@ -409,4 +406,4 @@ def _compare(
         sign, text = Sign.RIGHT, f'{change}: the sign is right'
     else:
         sign, text = Sign.UNCLEAR, f'{change}: too small a change to judge; take a larger gain'
-    return SignResult(joint, sign, before, after, f'{joint}: {text}')
+    return SignResult(joint, sign, f'{joint}: {text}')

@@ -191,8 +191,7 @@ class MotionController:
         self.limits = hard_limits(arm)
         self.planned = motion_limits(arm)
         self.timeout = timeout
-        self.damper = Damper([item for item in arm_damping(arm) if item.joint in self.joints],
-                             1.0 / arm.spec.damper.rate)
+        self.damper = Damper(arm_damping(arm), 1.0 / arm.spec.damper.rate)
         self.gains = LoopGains(arm.spec.damper, self.limits.velocity, share)
         self.adaptation: Adaptation | None = None
         self.envelope = Envelope(self.limits, self.gains.response_time, drive_stop(arm))

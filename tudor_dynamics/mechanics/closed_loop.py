@@ -46,8 +46,7 @@ from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.typing import finite_array, FloatArray
 
 
-# -- The arm in closed loop, compiled: sensors, controller, drives and plant of one step after
-#    another.
+# -- One step after another, compiled.
 #
 # The laws are those of ``control`` and of the other modules of this room; here they only follow
 # each other: readings at the start of a step, current from them, rotor and link to its end.
@@ -204,8 +203,7 @@ def run_loop(
     return q_ref.shape[0], gen.OK, acting
 
 
-# -- The arm in closed loop: plant, drives, sensors, joint cascade and damper at the rate of the
-#    damper.
+# -- The arm with the state of all its parts.
 #
 # ``run`` takes a whole reference and is compiled from end to end; ``step`` is the same for one
 # step, for a process that gets its references one by one.
@@ -286,8 +284,7 @@ class ClosedLoop:
                                velocity_lag(arm.spec.damper), drive_stop(arm))
         if not position_loop:
             self.cascade.rows[:, POSITION_GAIN] = 0.0
-        damped = [item for item in arm_damping(arm, share=damping)
-                  if item.joint in arm.active_joints] if damping != 0.0 else []
+        damped = arm_damping(arm, share=damping) if damping != 0.0 else []
         self.damper = Damper(damped, self.dt)
         n, count, gauges = len(index), len(damped), len(arm.gauges)
         self._plant = DrivenPlant(self.plant.tables, index, np.zeros((mechanism.points, 6)),
