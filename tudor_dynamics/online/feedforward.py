@@ -433,7 +433,8 @@ class Feedforward:
             assert self._deflected is not None
             if torque is None:
                 torque = self._deflected.under(motion, reach=False).torque
-            found = self._model.outputs(Response(np.zeros((len(motion), 0)), torque), felt)
+            found = self._model.prepared()(
+                Response(np.zeros((len(motion), 0)), torque), felt)
         else:
             found = self._model.predict(felt)
             more = self.payload - self._known

@@ -73,12 +73,6 @@ Outputs = Callable[[Response, FloatArray], FloatArray]
 """Response and ``[q, dq, ddq]`` of the same samples to outputs, shape (n_samples, n_channels)."""
 
 
-def strain_outputs(coefficients: tuple[FloatArray, ...]) -> Outputs:
-    """Prepare the strain: a gain times the moment that bends each gauge, and an offset."""
-    gains, offsets = np.array(coefficients).T.copy()
-    return lambda response, motion: np.asarray(response.moment * gains + offsets)
-
-
 def effort_outputs(arm: Arm, coefficients: tuple[FloatArray, ...]) -> Outputs:
     """Prepare the effort, the sum of `effort_columns` times their coefficients."""
     joints = arm.joints
@@ -248,23 +242,17 @@ class ElasticModel(Model):
         if self._driven is None:
             self._driven = driven_arm(self.arm, self.values)
         response = follow_motion(self._driven, motion[:, :self.n_joints], dt, before)
-        return self.outputs(response, motion)
+        return self.prepared()(response, motion)
 
     def prepared(self) -> Outputs:
         """Prepare what turns moments and torques into outputs."""
         if self.coefficients_ is None:
             msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
             raise NotFittedError(msg)
-        return (strain_outputs(self.coefficients_) if self.output == 'strain' else
-                effort_outputs(self.arm, self.coefficients_))
-
-    def outputs(self, response: Response, motion: FloatArray) -> FloatArray:
-        """
-        Turn what gauges and gears feel into outputs, shape (n_samples, n_channels).
-
-        ``motion`` is ``[q, dq, ddq]`` of the same samples, shape (n_samples, 3 n_joints).
-        """
-        return self.prepared()(response, motion)
+        if self.output == 'effort':
+            return effort_outputs(self.arm, self.coefficients_)
+        gains, offsets = np.array(self.coefficients_).T.copy()
+        return lambda response, motion: np.asarray(response.moment * gains + offsets)
 
     def follow(self, stretch: Stretch) -> FloatArray:
         """Follow a stretch from rest, or out of the motion just before; see ``Model``."""
