@@ -247,10 +247,10 @@ class Readings:
     t: FloatArray  # since the beginning of the recording, (samples,) [s]
     own: list[FloatArray]  # per channel: zero and friction, which differ from day to day
 
-    @property
-    def residual(self) -> FloatArray:
-        """Measured minus predicted, (samples, channels)."""
-        return self.measured - self.predicted
+    def solve(self, rows: FloatArray, used: slice = slice(None)) -> LoadFit:
+        """Explain what was not predicted, in the channels that are used, by a load."""
+        return solve_load((self.measured - self.predicted)[:, used], rows[:, used],
+                          self.own[used], self.rate)
 
 
 class RecordedOutput:
@@ -380,7 +380,7 @@ def _by_model(source: RecordedOutput, known: float, error: float) -> _OutputLoad
     for _ in range(TURNS if model.has_memory else 1):
         here, more = source.readings(model.at(mass)), source.readings(model.at(mass + step))
         rows = (more.predicted - here.predicted) / step
-        found = solve_load(here.residual, rows[:, :, None], here.own, here.rate)
+        found = here.solve(rows[:, :, None])
         total = mass + float(found.parameters[0])
         mass, step = max(total, 0.0), STEP  # where it is asked next; none is negative
     solution = LoadFit(np.array([total - known]), found.information, found.before, found.after)
@@ -408,15 +408,12 @@ def _by_rows(source: RecordedOutput, error: float, *, whole: bool) -> _OutputLoa
     point, body = rows.point(here.motion), None
     used = slice(None)
     if scale.factor.any():
-        solution = solve_load(here.residual, (point * scale.factor)[:, :, None], here.own,
-                              here.rate)
+        solution = here.solve((point * scale.factor)[:, :, None])
         if whole:
-            body = solve_load(here.residual, rows.rows(here.motion) * scale.factor[:, None],
-                              here.own, here.rate)
+            body = here.solve(rows.rows(here.motion) * scale.factor[:, None])
     else:  # each channel is in a unit of its own: that on which a load acts most
         used = slice(most, most + 1)
-        solution = solve_load(here.residual[:, used], point[:, used, None], here.own[used],
-                              here.rate)
+        solution = here.solve(point[:, :, None], used)
     return _OutputLoad(source, scale, solution, reference, error, _size(here.measured[:, used]),
                        model.channels[used], here.t, body)
 
@@ -508,4 +505,5 @@ def _body(
     covariance = np.asarray(covariance * np.outer(prior, prior))
     free = covariance @ right
     sure = free[0] > SURE * math.sqrt(max(float(covariance[0, 0]), 0.0))
-    return consistent(free, information, length) if sure else free, covariance
+    return (consistent(free, information, length) if sure else free,
+            np.asarray(covariance, dtype=float))
