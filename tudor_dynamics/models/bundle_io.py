@@ -33,9 +33,8 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import BundlePart, Model, read
-from tudor_dynamics.models.bundle import CausalModels, ModelBundle
+from tudor_dynamics.models.bundle import CausalModels, KINDS, ModelBundle
 from tudor_dynamics.models.estimation import Products
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.typing import FloatArray
 import yaml
 

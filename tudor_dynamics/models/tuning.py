@@ -30,10 +30,10 @@ from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.control.schedule import columns_of, Mode, Point, Schedule, ScheduleFile
 from tudor_dynamics.control.settings import INTEGRAL_SHARE
 from tudor_dynamics.errors import ModelError, UsageError
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle import elastic_of, ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, follow_motions, moment_rows
 from tudor_dynamics.models.elastic.kernel import Z
-from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
+from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel
 from tudor_dynamics.models.settings import (
     AFTER_MOVE, DRIVE_NUDGE, EVERY, FACTORS, FINER, HALVINGS, LEAST_DELAY,
     LONGEST_DELAY, LOOKS, MEAN, MOVE_SAMPLE, NOTHING, POSES, ROOM, SHORTEST_DELAY, SLOW,

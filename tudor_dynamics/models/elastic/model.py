@@ -35,7 +35,6 @@ from tudor_dynamics.errors import ModelError, NotFittedError, SimulationError
 from tudor_dynamics.models.base import (
     BundlePart, check_motion, check_payload, Coefficient, CoefficientPart, Flag, Model, Noise,
     Payloads, Range, read, SLIDING, Text)
-from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.models.friction import (
@@ -347,12 +346,6 @@ class ElasticModel(Model):
             for item in part.channels) for value in ('value', 'standard_error'))
         model.noise_ = np.array([item.residual_std for item in part.channels])
         return model
-
-
-def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
-    """Find the elastic model of an output; None where there is no such model in the bundle."""
-    model = bundle.models.get(output, {}).get('elastic')
-    return model if isinstance(model, ElasticModel) else None
 
 
 # -- Elastic models sample by sample, with or without an observer that measured strain corrects
