@@ -24,7 +24,7 @@ import pytest
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.base import Blocks, MemorylessModel, ModelSettings
-from tudor_dynamics.models.kinds import Kind, KINDS
+from tudor_dynamics.models.bundle import Kind, KINDS
 from tudor_dynamics.typing import FloatArray
 
 NAME = 'harmonic'

@@ -79,9 +79,8 @@ def test_a_part_is_gone_through_once(tmp_path):
     lambda arrays: arrays['effort_analytical_0_n'].fill(-1.0)])
 def test_data_of_another_model_are_refused(tmp_path, change):
     arm = described_arm(tmp_path)
-    model = fitted(arm, seconds=10.0)
-    sets = {'': {'effort': {'analytical': model}}}
-    names, arrays = stored.pack(sets)
+    models = {'effort_analytical': fitted(arm, seconds=10.0)}
+    arrays = stored.pack(models)
     change(arrays)
     with pytest.raises(ModelError, match='do not belong to the models'):
-        stored.unpack(sets, names, dump_npz(arrays), tmp_path / 'data.npz')
+        stored.unpack(models, dump_npz(arrays), tmp_path / 'data.npz')

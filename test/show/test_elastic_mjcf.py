@@ -26,7 +26,8 @@ from scipy.linalg import eigh
 import tudor_dynamics as td
 from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.files import load_yaml
-from tudor_dynamics.models.elastic.model import driven_arm, elastic_of
+from tudor_dynamics.models.bundle import elastic_of
+from tudor_dynamics.models.elastic.model import driven_arm
 from tudor_dynamics.show.description import description_of, elastic_drives
 from tudor_dynamics.show.mjcf import elastic_mjcf, not_in_mjcf
 

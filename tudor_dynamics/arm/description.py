@@ -172,12 +172,9 @@ class Arm:
 
     def _reduce(self, model: pin.Model, keep: tuple[str, ...]) -> pin.Model:
         reference = np.zeros(model.nq)
-        locked = []
-        for index in range(1, model.njoints):
-            name = model.names[index]
-            if name not in keep:
-                reference[model.joints[index].idx_q] = self.held_joints[name]
-                locked.append(index)
+        locked = [i for i, name in enumerate(model.names) if i and name not in keep]
+        for index in locked:
+            reference[model.joints[index].idx_q] = self.held_joints[model.names[index]]
         try:
             return pin.buildReducedModel(model, locked, reference) if locked else model
         except ValueError as err:  # names that several parts of a URDF share

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+import itertools
 import math
 import os
 from pathlib import Path
@@ -283,16 +284,15 @@ class SelfCollision:
     def _add_pairs(self, disabled: set[frozenset[str]]) -> int:
         objects, parents = self._geometry.geometryObjects, self._model.parents
         left_out = 0
-        for i, one in enumerate(objects):
-            for k in range(i + 1, len(objects)):
-                a, b = one.parentJoint, objects[k].parentJoint
-                wall = k >= len(objects) - self._walls  # stands at the end, and at the base
-                if a == b or not wall and (
-                        parents[a] == b and a > 0 or parents[b] == a and b > 0):
-                    continue
-                if frozenset((self._link(i), self._link(k))) in disabled:
-                    left_out += 1
-                    continue
+        for i, k in itertools.combinations(range(len(objects)), 2):
+            a, b = objects[i].parentJoint, objects[k].parentJoint
+            wall = k >= len(objects) - self._walls  # stands at the end, and at the base
+            if a == b or not wall and (
+                    parents[a] == b and a > 0 or parents[b] == a and b > 0):
+                continue
+            if frozenset((self._link(i), self._link(k))) in disabled:
+                left_out += 1
+            else:
                 self._geometry.addCollisionPair(pin.CollisionPair(i, k))
         return left_out
 

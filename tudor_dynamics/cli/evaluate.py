@@ -41,9 +41,8 @@ from tudor_dynamics.identification.doctor.between import Evaluated, examine_eval
 from tudor_dynamics.identification.next_steps import changes, ErrorChange, fit_with, touched
 from tudor_dynamics.identification.validation import rounded, Validation
 from tudor_dynamics.library import predict_bags, warn_of_training
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle import KINDS, ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.detector import DetectorSettings, Rates, time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings

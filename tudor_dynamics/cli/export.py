@@ -26,11 +26,10 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.cli.console import new_table, print_table, say
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle import elastic_of, ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.comparison import (
     file_effects, file_errors, file_parameters, full_parameters, FullParameters)
-from tudor_dynamics.models.elastic.model import elastic_of
 from tudor_dynamics.models.friction import TERMS
 from tudor_dynamics.show.description import csv_of, description_of, elastic_drives, yaml_of
 from tudor_dynamics.show.mjcf import elastic_mjcf, mjcf_of, not_in_mjcf

@@ -40,9 +40,9 @@ from tudor_dynamics.identification.next_steps import Assessment
 from tudor_dynamics.identification.passes import Folder, SUFFIX
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.library import fit_choices
+from tudor_dynamics.models.bundle import KINDS
 from tudor_dynamics.models.bundle_io import check_target
 from tudor_dynamics.models.estimation import ESTIMATORS
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units, STRAIN_FORMS
 from tudor_dynamics.parallel import on_cluster
 

@@ -31,11 +31,11 @@ from tudor_dynamics.errors import FitError, SignalError
 from tudor_dynamics.identification.dataset import BagData, common_outputs, filtered
 from tudor_dynamics.identification.fit import Choice, FitSettings
 from tudor_dynamics.models.base import Range
+from tudor_dynamics.models.bundle import KINDS
 from tudor_dynamics.models.estimation import (
     find_constants, Products, rescaled, solve, squared_residuals)
 from tudor_dynamics.models.friction import (
     BY_LOAD, Coupling, fill_columns, friction_codes, friction_names, states_along, term_of, TERMS)
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import base_sets, regressor_of
 from tudor_dynamics.typing import FloatArray, Progress
 

@@ -40,11 +40,11 @@ from tudor_dynamics.identification.validation import (
     Case, cases_of, judge, method_of, noise_floor, random_split, validated, Validation,
     Verdict)
 from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings
+from tudor_dynamics.models.bundle import KINDS
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import (
     driven_arm, effort_rows, ElasticModel, follow_motion, PhysicalParameter)
 from tudor_dynamics.models.estimation import ESTIMATORS
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.parallel import shared_out
 from tudor_dynamics.typing import FloatArray, Progress
@@ -364,7 +364,7 @@ class FitSettings(ModelSettings):
     Attributes
     ----------
     kinds : tuple of str
-        Models to fit, see `models.kinds.KINDS`.
+        Models to fit, see `models.bundle.KINDS`.
     estimator : {'auto', 'wls', 'ols', 'huber'}
         Estimator of the analytical model; ``auto`` for `choice.choose`, without it wls.
     strain_form : {'exact', 'paper'}
@@ -415,7 +415,7 @@ class FittedOutput:
     """A model of one output with its figures and its verdict."""
 
     output: str  # what it predicts
-    kind: str  # what it is, see `models.kinds.KINDS`
+    kind: str  # what it is, see `models.bundle.KINDS`
     model: Model  # fitted to all training bags; of all payloads where these differ
     training: Validation  # figures on the training data themselves
     validation: Validation  # figures on unseen bags

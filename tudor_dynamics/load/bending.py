@@ -291,8 +291,10 @@ def _learned(
     model: AnalyticalModel, stretches: Sequence[Smoothed], fine: Sequence[Smoothed],
     bending: FloatArray,
 ) -> BentLinks:
-    found = model.like().fit(np.vstack([_motion(item, model, bending) for item in stretches]),
-                             np.vstack([item.strain for item in stretches]))
+    found = AnalyticalModel(
+        model.regressor, model.n_joints, estimator=model.estimator, base=model.base_,
+    ).fit(np.vstack([_motion(item, model, bending) for item in stretches]),
+          np.vstack([item.strain for item in stretches]))
     sums, count = np.zeros((bending.shape[1], bending.shape[1])), 0
     for item in fine:
         left = item.strain - found.predict(_motion(item, model, bending))

@@ -247,10 +247,10 @@ class Readings:
     t: FloatArray  # since the beginning of the recording, (samples,) [s]
     own: list[FloatArray]  # per channel: zero and friction, which differ from day to day
 
-    @property
-    def residual(self) -> FloatArray:
-        """Measured minus predicted, (samples, channels)."""
-        return self.measured - self.predicted
+    def solve(self, rows: FloatArray, used: slice = slice(None)) -> LoadFit:
+        """Explain what was not predicted, in the channels that are used, by a load."""
+        return solve_load((self.measured - self.predicted)[:, used], rows[:, used],
+                          self.own[used], self.rate)
 
 
 class RecordedOutput:
@@ -380,7 +380,7 @@ def _by_model(source: RecordedOutput, known: float, error: float) -> _OutputLoad
     for _ in range(TURNS if model.has_memory else 1):
         here, more = source.readings(model.at(mass)), source.readings(model.at(mass + step))
         rows = (more.predicted - here.predicted) / step
-        found = solve_load(here.residual, rows[:, :, None], here.own, here.rate)
+        found = here.solve(rows[:, :, None])
         total = mass + float(found.parameters[0])
         mass, step = max(total, 0.0), STEP  # where it is asked next; none is negative
     solution = LoadFit(np.array([total - known]), found.information, found.before, found.after)
@@ -408,15 +408,12 @@ def _by_rows(source: RecordedOutput, error: float, *, whole: bool) -> _OutputLoa
     point, body = rows.point(here.motion), None
     used = slice(None)
     if scale.factor.any():
-        solution = solve_load(here.residual, (point * scale.factor)[:, :, None], here.own,
-                              here.rate)
+        solution = here.solve((point * scale.factor)[:, :, None])
         if whole:
-            body = solve_load(here.residual, rows.rows(here.motion) * scale.factor[:, None],
-                              here.own, here.rate)
+            body = here.solve(rows.rows(here.motion) * scale.factor[:, None])
     else:  # each channel is in a unit of its own: that on which a load acts most
         used = slice(most, most + 1)
-        solution = solve_load(here.residual[:, used], point[:, used, None], here.own[used],
-                              here.rate)
+        solution = here.solve(point[:, :, None], used)
     return _OutputLoad(source, scale, solution, reference, error, _size(here.measured[:, used]),
                        model.channels[used], here.t, body)
 
@@ -454,12 +451,13 @@ def _combined(arm: Arm, loads: Sequence[_OutputLoad], known: float) -> PayloadEs
     at_tip = True
     if bodies:
         length = max(float(np.linalg.norm(tip(arm))), 0.1)
-        body = _body(bodies, mass, reference, length)
+        body, covariance = _body(bodies, mass, reference, length)
+        body_std = math.sqrt(max(float(covariance[0, 0]), 0.0))
         # a load that does not sit at the tip is another mass there
-        if body.mass_std < max(WIDER * plain, 0.05 * abs(body.mass)):
-            mass, plain, at_tip = body.mass, max(body.mass_std, plain), False
+        if body_std < max(WIDER * plain, 0.05 * abs(float(body[0]))):
+            mass, plain, at_tip = float(body[0]), max(body_std, plain), False
             if mass > SURE * math.hypot(plain, relative * mass):
-                places = body.places()
+                places = _places(body, covariance)
     std = math.hypot(plain, relative * mass)
     return PayloadEstimate(
         verdict=_verdict(mass, std, plain, reference), mass=known + mass, mass_std=std,
@@ -474,38 +472,24 @@ def _over(value: float, reference: float) -> float:
     return value / reference if reference > 0.0 else math.nan
 
 
-@dataclass(frozen=True, eq=False)
-class _Body:
-    """A body that can exist, with the covariance of its ten parameters."""
-
-    parameters: FloatArray
-    covariance: FloatArray
-
-    @property
-    def mass(self) -> float:
-        return float(self.parameters[0])
-
-    @property
-    def mass_std(self) -> float:
-        return math.sqrt(max(float(self.covariance[0, 0]), 0.0))
-
-    def places(self) -> dict[str, FloatArray]:
-        """Give centre and inertia with their standard deviations, NaN where they are not shown."""
-        com = self.parameters[1:4] / self.mass
-        slope = np.zeros((3, COUNT))
-        slope[:, 0], slope[:, 1:4] = -com / self.mass, np.eye(3) / self.mass
-        std = np.sqrt(np.maximum(np.diag(slope @ self.covariance @ slope.T), 0.0))
-        unknown = std > LARGEST_ARM
-        inertia, spread = self.parameters[4:], np.sqrt(np.diag(self.covariance)[4:])
-        dark = SURE * spread > np.abs(inertia)
-        return {'com': np.where(unknown, math.nan, com),
-                'com_std': np.where(unknown, math.nan, std),
-                'inertia': np.where(dark, math.nan, inertia),
-                'inertia_std': np.where(dark, math.nan, spread)}
+def _places(body: FloatArray, covariance: FloatArray) -> dict[str, FloatArray]:
+    """Give centre and inertia with their standard deviations, NaN where they are not shown."""
+    com = body[1:4] / body[0]
+    slope = np.column_stack([-com, np.eye(3), np.zeros((3, 6))]) / body[0]
+    std = np.sqrt(np.maximum(np.diag(slope @ covariance @ slope.T), 0.0))
+    unknown = std > LARGEST_ARM
+    inertia, spread = body[4:], np.sqrt(np.diag(covariance)[4:])
+    dark = SURE * spread > np.abs(inertia)
+    return {'com': np.where(unknown, math.nan, com),
+            'com_std': np.where(unknown, math.nan, std),
+            'inertia': np.where(dark, math.nan, inertia),
+            'inertia_std': np.where(dark, math.nan, spread)}
 
 
-def _body(loads: Sequence[_OutputLoad], mass: float, reference: float, length: float) -> _Body:
-    """Combine the bodies of outputs, and find the one that can exist."""
+def _body(
+    loads: Sequence[_OutputLoad], mass: float, reference: float, length: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Combine the bodies of outputs: parameters (10,) of one that can exist, their covariance."""
     information, right = np.zeros((COUNT, COUNT)), np.zeros(COUNT)
     for item in loads:
         assert item.body is not None
@@ -521,5 +505,5 @@ def _body(loads: Sequence[_OutputLoad], mass: float, reference: float, length: f
     covariance = np.asarray(covariance * np.outer(prior, prior))
     free = covariance @ right
     sure = free[0] > SURE * math.sqrt(max(float(covariance[0, 0]), 0.0))
-    return _Body(consistent(free, information, length) if sure else free,
-                 np.asarray(covariance, dtype=float))
+    return (consistent(free, information, length) if sure else free,
+            np.asarray(covariance, dtype=float))

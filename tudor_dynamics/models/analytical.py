@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 import warnings
 
 import numpy as np
@@ -51,8 +51,6 @@ ROWS_AT_A_TIME = 1024
 """Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""
 WHOLE = 'all'
 """Name of data that are one part."""
-
-Analytical = TypeVar('Analytical', bound='AnalyticalModel')
 
 
 class BasePart(CoefficientPart):
@@ -154,6 +152,7 @@ class AnalyticalModel(MemorylessModel):
         *,
         estimator: str = 'wls',
         base: tuple[BaseSet, ...] | None = None,
+        groups: Sequence[Group] = (),
     ) -> None:
         self.regressor = regressor
         self.payload_range = regressor.payload_range
@@ -164,9 +163,9 @@ class AnalyticalModel(MemorylessModel):
         self.n_inputs = 3 * n_joints + self._n_states + (
             regressor.payload_range is not None)
         self.estimator = estimator
+        self.groups_: tuple[Group, ...] = tuple(groups)
         self.base_: tuple[BaseSet, ...] = (
-            base_sets(regressor, n_joints) if base is None else base)
-        self.groups_: tuple[Group, ...] = ()
+            base or tuple(group.base for group in groups) or base_sets(regressor, n_joints))
         self.data_: list[list[Products]] = []  # of each group and channel
         self._full: FloatArray | None = None
         self._full_of: tuple[Group, ...] | None = None
@@ -185,18 +184,14 @@ class AnalyticalModel(MemorylessModel):
                          payloads=settings.payloads),
             len(arm.active_joints), estimator=settings.estimator)
 
-    def like(self: Analytical) -> Analytical:
-        """Give a model of the same rows and base parameters that is not fitted yet."""
-        return type(self)(self.regressor, self.n_joints, estimator=self.estimator,
-                          base=self.base_)
-
-    def fit_blocks(self: Analytical, blocks: Blocks) -> Analytical:
+    def fit_blocks(self, blocks: Blocks) -> AnalyticalModel:
         self._begin()
-        triangular = self._least_squares({WHOLE: blocks}, {})
+        parts = {WHOLE: blocks}
+        triangular = self._least_squares(parts, {})
         for _ in range(LOAD_PASSES if self.regressor.loaded else 0):
             before = self.coefficients()
             self.regressor.assume(before)
-            triangular = self._least_squares({WHOLE: blocks}, {})
+            triangular = self._least_squares(parts, {})
             change = np.linalg.norm(self.coefficients() - before, axis=1)
             if np.all(change < LOAD_CHANGE * np.linalg.norm(before, axis=1)):
                 break
@@ -205,8 +200,8 @@ class AnalyticalModel(MemorylessModel):
         return self
 
     def fit_parts(
-        self: Analytical, parts: Mapping[str, Blocks], known: dict[tuple[str, bool], Any],
-    ) -> Analytical:
+        self, parts: Mapping[str, Blocks], known: dict[tuple[str, bool], Any],
+    ) -> AnalyticalModel:
         if (ESTIMATORS[self.estimator].sample_weights is not None
                 or self.regressor.loaded):  # rows depend on all parts
             return super().fit_parts(parts, known)
@@ -259,7 +254,7 @@ class AnalyticalModel(MemorylessModel):
         return [[np.flatnonzero(np.any(rows[:, channel, base.kept] != 0.0, axis=0))
                  for channel in base.channels] for base in self.base_]
 
-    def fit_data(self: Analytical, parts: Iterable[list[list[Products]]]) -> Analytical:
+    def fit_data(self, parts: Iterable[list[list[Products]]]) -> AnalyticalModel:
         """Estimate from what parts of the data come to."""
         self.data_ = summed(parts)
         self.groups_ = tuple(self._estimate(base, group) for base, group in zip(
@@ -322,14 +317,7 @@ class AnalyticalModel(MemorylessModel):
             groups.append(Group(base, replace(
                 group.estimate, parameters=shared[kept], standard_errors=unknown, unexcited=()),
                 group.constants))
-        return self.of_groups(plain, groups)
-
-    def of_groups(self, regressor: Regressor, groups: Sequence[Group]) -> AnalyticalModel:
-        """Give a model of one payload with parameters that are known."""
-        model = AnalyticalModel(regressor, self.n_joints, estimator=self.estimator,
-                                base=tuple(group.base for group in groups))
-        model.groups_ = tuple(groups)
-        return model
+        return AnalyticalModel(plain, self.n_joints, estimator=self.estimator, groups=groups)
 
     def deviations(self) -> FloatArray:
         """Give the standard deviation of the residual of each channel, (n_channels,)."""
@@ -381,11 +369,8 @@ class AnalyticalModel(MemorylessModel):
         part = read(AnalyticalPart, content)
         regressor = regressor_of(arm, output, str(part.form), shared=part.shared,
                                  payloads=part.payload_range)
-        groups = groups_of(part.groups, regressor, arm, output)
-        model = cls(regressor, len(arm.active_joints), estimator=part.estimator,
-                    base=tuple(group.base for group in groups))
-        model.groups_ = groups
-        return model
+        return cls(regressor, len(arm.active_joints), estimator=part.estimator,
+                   groups=groups_of(part.groups, regressor, arm, output))
 
     def _rows(self, blocks: Blocks) -> Iterable[tuple[FloatArray, FloatArray]]:
         """Give decimated rows with their outputs, few samples at a time; use before the next."""
@@ -401,12 +386,11 @@ class AnalyticalModel(MemorylessModel):
                 part = slice(first, first + ROWS_AT_A_TIME)
                 piece = motion[part]
                 # one buffer for all pieces: fresh pages for each cost as much as filling them
-                if buffer is None or len(buffer) < len(piece):
-                    buffer = self.regressor.rows(piece)
-                    yield buffer, block.output[part]
-                else:
-                    yield (self.regressor.rows(piece, out=buffer[:len(piece)]),
-                           block.output[part])
+                room = (None if buffer is None or len(buffer) < len(piece) else
+                        buffer[:len(piece)])
+                rows = self.regressor.rows(piece, room)
+                buffer = rows if room is None else buffer
+                yield rows, block.output[part]
 
     def _smoothed(self, rows: FloatArray, decimation: Decimation) -> FloatArray:
         """Filter and decimate what base parameters take of rows; the other columns are zero."""

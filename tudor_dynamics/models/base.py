@@ -440,7 +440,6 @@ class RowByRow:
         self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
     ) -> dict[str, FloatArray]:
         """Predict one sample; see ``Live``."""
-        followed = ({output: trail.step(dt, row) for output, trail in self._trails.items()}
-                    if self._trails else {})
+        followed = {output: trail.step(dt, row) for output, trail in self._trails.items()}
         return {output: model.predict(followed.get(output, row)[None])[0]
                 for output, model in self._models.items() if wanted is None or output in wanted}

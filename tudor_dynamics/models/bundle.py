@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The model bundle: models of one arm, and all that is known of them."""
+"""The model bundle: models of one arm by kind, and all that is known of them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,26 @@ from typing import Any
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model, SAME
+from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.elm import ExtremeLearningMachine
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of model."""
+
+    label: str  # what tables and legends call it
+    model: type[Model]  # its class
+    compared: bool = False  # whether verdicts go by the others, where there are others
+
+
+KINDS: dict[str, Kind] = {
+    'analytical': Kind('analytical', AnalyticalModel),
+    'elm': Kind('ELM', ExtremeLearningMachine, compared=True),
+    'elastic': Kind('elastic', ElasticModel)}
+"""Kinds by the names that commands, parameters and bundles use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +64,7 @@ class ModelBundle:
     preprocessing : PreprocessingSpec
         Filters and rate.
     models : dict of str to dict of str to model
-        Output (``effort``, ``strain``) to kind, see `kinds.KINDS`, to model.
+        Output (``effort``, ``strain``) to kind, see `KINDS`, to model.
     facts : dict
         What else is known: training bags with checksums, validation figures, verdicts,
         thresholds. Plain values only.
@@ -136,3 +155,9 @@ def _at(
     return {output: {kind: model if model.payload_range is None else model.at(payload)
                      for kind, model in kinds.items()}
             for output, kinds in models.items()}
+
+
+def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
+    """Find the elastic model of an output; None where there is no such model in the bundle."""
+    model = bundle.models.get(output, {}).get('elastic')
+    return model if isinstance(model, ElasticModel) else None

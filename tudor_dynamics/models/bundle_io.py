@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 import hashlib
 import io
 from pathlib import Path
@@ -33,9 +33,8 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import BundlePart, Model, read
-from tudor_dynamics.models.bundle import CausalModels, ModelBundle
+from tudor_dynamics.models.bundle import CausalModels, KINDS, ModelBundle
 from tudor_dynamics.models.estimation import Products
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.typing import FloatArray
 import yaml
 
@@ -181,32 +180,24 @@ FILE = 'data.npz'
 SUM = 'sum'
 """What is kept."""
 
-Models = Mapping[str, Mapping[str, Model]]
 
-
-def pack(sets: Mapping[str, Models]) -> tuple[dict[str, list[str]], dict[str, FloatArray]]:
-    """Collect the data of all models that keep some."""
-    names: dict[str, list[str]] = {}
+def pack(models: Mapping[str, AnalyticalModel]) -> dict[str, FloatArray]:
+    """Collect the data of models, by the beginning of their arrays' names."""
     arrays: dict[str, FloatArray] = {}
-    for name, model in _kept(sets):
-        names[name] = [SUM]
+    for name, model in models.items():
         for number, group in enumerate(model.data_):
             arrays[f'{name}_{number}'] = np.array([[_matrix(p) for p in group]])
             arrays[f'{name}_{number}_n'] = np.array([[p.n for p in group]])
         arrays[f'{name}_triangular'] = np.array([float(any(
             p.triangle is not None for group in model.data_ for p in group))])
-    return names, arrays
+    return arrays
 
 
-def unpack(
-    sets: Mapping[str, Models], names: Mapping[str, Sequence[str]], content: bytes, file: Path,
-) -> None:
+def unpack(models: Mapping[str, AnalyticalModel], content: bytes, file: Path) -> None:
     """Give models their data back."""
     arrays = load_npz(content, file)
     try:
-        for name, model in _kept(sets, empty=True):
-            if name not in names:
-                continue
+        for name, model in models.items():
             factors, data = bool(arrays[f'{name}_triangular'][0]), []
             for number, group in enumerate(model.groups_):
                 size = len(group.base.kept) + 1
@@ -224,16 +215,6 @@ def unpack(
     except (KeyError, TypeError, ValueError, IndexError) as err:
         raise ModelError(f'the data do not belong to the models ({err})', place=file,
                          remedy=AGAIN) from None
-
-
-def _kept(
-    sets: Mapping[str, Models], *, empty: bool = False,
-) -> Iterator[tuple[str, AnalyticalModel]]:
-    for prefix, models in sets.items():
-        for output, kinds in models.items():
-            for kind, model in kinds.items():
-                if isinstance(model, AnalyticalModel) and (empty or model.data_):
-                    yield f'{prefix}{output}_{kind}', model
 
 
 def _matrix(product: Products) -> FloatArray:
@@ -292,10 +273,10 @@ def save_bundle(
             'outputs': _contents(bundle.causal.models, bundle.arm, arrays, CAUSAL)}
     if arrays:
         content['elm.npz'] = dump_npz(arrays)
-    names, products = pack(_sets(bundle))
-    if names:
-        content[FILE] = dump_npz(products)
-        parts['data'] = names
+    kept = {name: model for name, model in _analytical(bundle).items() if model.data_}
+    if kept:
+        content[FILE] = dump_npz(pack(kept))
+        parts['data'] = {name: [SUM] for name in kept}
     body = dump_yaml({
         'format': FORMAT, 'version': VERSION, 'written_by': f'tudor_dynamics {__version__}',
         'arm': {'name': bundle.arm.name, 'digest': bundle.arm.digest},
@@ -344,10 +325,12 @@ def _arm_files(arm: Arm) -> dict[str, bytes]:
     return {'arm.yaml': dump_yaml(content).encode(), **files}
 
 
-def _sets(bundle: ModelBundle) -> dict[str, dict[str, dict[str, Model]]]:
-    """Give the models, and those for the robot, by the beginning of their arrays' names."""
-    return {'': bundle.models, **(
-        {} if bundle.causal is None else {CAUSAL: bundle.causal.models})}
+def _analytical(bundle: ModelBundle) -> dict[str, AnalyticalModel]:
+    """Give the models that may keep data, by the beginning of their arrays' names."""
+    sets = {'': bundle.models, CAUSAL: {} if bundle.causal is None else bundle.causal.models}
+    return {f'{prefix}{output}_{kind}': model for prefix, models in sets.items()
+            for output, kinds in models.items() for kind, model in kinds.items()
+            if isinstance(model, AnalyticalModel)}
 
 
 def load_bundle(
@@ -405,18 +388,27 @@ def load_bundle(
         raise ModelError(str(err), place=path / 'model.yaml', remedy=AGAIN) from None
     bundle = ModelBundle(own, head.preprocessing, models, head.facts, causal, head.digest)
     if with_data and FILE in content:
-        unpack(_sets(bundle), head.data, content[FILE], path / FILE)
+        unpack({name: model for name, model in _analytical(bundle).items() if name in head.data},
+               content[FILE], path / FILE)
     return bundle
 
 
 def _models(
     arm: Arm, part: ModelsPart, arrays: dict[str, FloatArray], prefix: str,
 ) -> dict[str, dict[str, Model]]:
-    own = {name.removeprefix(prefix): array for name, array in arrays.items()
-           if name.startswith(prefix)}
-    return {output: {kind: _model(arm, output, kind, content, own)
-                     for kind, content in kinds.items()}
-            for output, kinds in part.outputs.items()}
+    found: dict[str, dict[str, Model]] = {}
+    for output, kinds in part.outputs.items():
+        found[output] = {}
+        for kind, content in kinds.items():
+            if kind not in KINDS:
+                msg = (f'model kind {kind!r}; this version reads {", ".join(KINDS)}: update '
+                       'tudor_dynamics')
+                raise ModelError(msg)
+            begin = f'{prefix}{output}_{kind}_'
+            own = {name.removeprefix(begin): array for name, array in arrays.items()
+                   if name.startswith(begin)}
+            found[output][kind] = KINDS[kind].model.from_dict({**content, **own}, arm, output)
+    return found
 
 
 def _arm(content: Any, known: dict[str, bytes], path: Path) -> Arm:
@@ -426,15 +418,3 @@ def _arm(content: Any, known: dict[str, bytes], path: Path) -> Arm:
         msg = f'{path}: its arm has the URDF {urdf!r}; expected arm.urdf, with a checksum'
         raise ModelError(msg)
     return arm_from_dict(content, base=path, source=str(path / 'arm.yaml'))
-
-
-def _model(
-    arm: Arm, output: str, kind: str, content: dict[str, Any], arrays: dict[str, FloatArray],
-) -> Model:
-    if kind not in KINDS:
-        msg = f'model kind {kind!r}; this version reads {", ".join(KINDS)}: update tudor_dynamics'
-        raise ModelError(msg)
-    prefix = f'{output}_{kind}_'
-    own = {name.removeprefix(prefix): array for name, array in arrays.items()
-           if name.startswith(prefix)}
-    return KINDS[kind].model.from_dict({**content, **own}, arm, output)

@@ -232,7 +232,8 @@ def _full(arm: Arm, model: AnalyticalModel, solution: BodySolution) -> FullParam
                            standard_errors=np.full(len(kept), np.nan))
         groups.append(Group(BaseSet(group.base.channels, kept, tuple(
             columns[i] for i in kept)), estimate, constants))
-    return FullParameters(arm, solution, columns, model.of_groups(model.regressor, groups))
+    return FullParameters(arm, solution, columns, AnalyticalModel(
+        model.regressor, model.n_joints, estimator=model.estimator, groups=groups))
 
 
 # -- What two models or descriptions say of one arm: body by body, and of a recording

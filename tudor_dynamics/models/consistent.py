@@ -251,6 +251,7 @@ class BodyProblem:
                 self.free[channel] = best / max(float(np.linalg.norm(factor[:, -1])), 1e-300)
         self.parts.sort(key=lambda part: part[0])
         self.sizes = self._sizes()
+        self.end = self.first + len(self.sizes)  # of the drives, where the constants begin
         self.data = self._joined()
         speeds = _mean_sizes(model, products, DAMPING)
         self.speeds = PEAK * np.where(speeds > 0.0, speeds, 1.0 / PEAK)
@@ -282,17 +283,16 @@ class BodyProblem:
 
     def _split(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Give full parameters, logarithms of constants, log-Cholesky parameters."""
-        end = self.first + len(self.sizes)
         logs = self.prior.center + self.prior.width * x[:self.first].reshape(-1, PARAMETERS)
         constants = np.zeros(self.n_channels)
-        constants[list(self.unknown)] = x[end:]
+        constants[list(self.unknown)] = x[self.end:]
         full = np.concatenate([*(parameters_of(log) for log in logs),
-                               self.sizes * x[self.first:end]])
+                               self.sizes * x[self.first:self.end]])
         return full, constants, logs
 
     def start(self) -> FloatArray:
         """Begin with the bodies as described, and drives and constants that suit them best."""
-        x = np.zeros(self.first + len(self.sizes) + len(self.unknown))
+        x = np.zeros(self.end + len(self.unknown))
         full, _, _ = self._split(x)
         for channel, matrix, target in self.parts:
             own = np.flatnonzero(np.linalg.norm(matrix[:, self.first:], axis=0) > 0.0)
@@ -303,7 +303,7 @@ class BodyProblem:
             if channel in self.unknown:
                 share = max(float(best[-1]), 1e-3 * float(np.linalg.norm(target))
                             / max(float(np.linalg.norm(bodies)), 1e-300))
-                x[self.first + len(self.sizes) + self.unknown.index(channel)] = -np.log(share)
+                x[self.end + self.unknown.index(channel)] = -np.log(share)
         return x
 
     def residual(self, x: FloatArray) -> FloatArray:
@@ -313,23 +313,16 @@ class BodyProblem:
         for channel, matrix, target in self.data:
             factor = np.where(self.scaled, np.exp(-constants[channel]), 1.0)
             found.append(self.trusted * (matrix @ (full * factor) - target))
-        taken = self.steps @ x[self.first:self.first + len(self.sizes)]
-        end = self.first + len(self.sizes)
-        logs = x[end:]
+        drives, logs = x[self.first:self.end], x[self.end:]
         mean = logs.mean(keepdims=True) if len(logs) else logs
         return np.concatenate([
-            *found, x[:self.first], x[self.first:end] / WIDTH_DRIVE, (logs - mean) / PRIOR_WIDTH,
-            mean / WIDTH_CONSTANT, self.strict * np.minimum(taken, 0.0)])
+            *found, x[:self.first], drives / WIDTH_DRIVE, (logs - mean) / PRIOR_WIDTH,
+            mean / WIDTH_CONSTANT, self.strict * np.minimum(self.steps @ drives, 0.0)])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Differentiate `residual`, shape (n_residuals, n_unknowns): x (unknowns,)."""
-        full, constants, logs = self._split(x)
-        end = self.first + len(self.sizes)
-        inner = np.zeros((len(full), end))
-        for i, log in enumerate(logs):
-            part = slice(PARAMETERS * i, PARAMETERS * (i + 1))
-            inner[part, part] = slopes_of(log) * self.prior.width[i]
-        inner[self.first:, self.first:] = np.diag(self.sizes)
+        (full, constants, logs), end = self._split(x), self.end
+        inner = linalg.block_diag(*self._slopes(logs), np.diag(self.sizes))
         found = []
         for channel, matrix, _ in self.data:
             factor = np.where(self.scaled, np.exp(-constants[channel]), 1.0)
@@ -350,6 +343,10 @@ class BodyProblem:
         energy[active, self.first:end] = self.strict * self.steps[active]
         return np.vstack([*found, own, mean, energy])
 
+    def _slopes(self, logs: FloatArray) -> list[FloatArray]:
+        """Differentiate the parameters of each body by its unknowns, (10, 10)."""
+        return [slopes_of(log) * width for log, width in zip(logs, self.prior.width, strict=True)]
+
     def reweigh(self, x: FloatArray) -> None:
         """Take the noise of each channel from what bodies that can exist leave over of it."""
         full, constants, _ = self._split(x)
@@ -369,26 +366,23 @@ class BodyProblem:
     def solution(self, x: FloatArray) -> BodySolution:
         """Give the parameters with their errors; several samples of data count as one."""
         full, constants, logs = self._split(x)
-        end = self.first + len(self.sizes)
         jacobian = self.jacobian(x)[:-len(self.steps) or None]
         rows = sum(len(matrix) for _, matrix, _ in self.data)
         jacobian[:rows] /= np.sqrt(CORRELATED)
-        information = jacobian.T @ jacobian
-        covariance = linalg.pinvh(information)
-        errors, widths = np.empty((2, self.n_bodies, PARAMETERS))
-        for i, log in enumerate(logs):
+        covariance = linalg.pinvh(jacobian.T @ jacobian)
+        errors = np.empty((self.n_bodies, PARAMETERS))
+        for i, slope in enumerate(self._slopes(logs)):
             part = slice(PARAMETERS * i, PARAMETERS * (i + 1))
-            slope = slopes_of(log) * self.prior.width[i]
             errors[i] = np.sqrt(np.diag(slope @ covariance[part, part] @ slope.T))
-            before = slopes_of(self.prior.center[i]) * self.prior.width[i]
-            widths[i] = np.sqrt(np.sum(before ** 2, axis=1))
+        widths = np.array([np.sqrt(np.sum(slope ** 2, axis=1))
+                           for slope in self._slopes(self.prior.center)])
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         relative = np.zeros(self.n_channels)
-        relative[list(self.unknown)] = deviation[end:]
+        relative[list(self.unknown)] = deviation[self.end:]
         drives = raised(full[self.first:], self.columns[self.first:], self.rows)
         return BodySolution(
             full[:self.first].reshape(-1, PARAMETERS), drives, np.exp(constants), errors,
-            self.sizes * deviation[self.first:end], relative, widths, self.prior.described,
+            self.sizes * deviation[self.first:self.end], relative, widths, self.prior.described,
             self.speeds, self.loads, self.errors(full, np.exp(constants)), self.free)
 
 

@@ -22,7 +22,7 @@ ridge regression with lambda.
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -38,8 +38,6 @@ from tudor_dynamics.typing import FloatArray
 ROWS_AT_A_TIME = 2048
 MAX_HIDDEN = 100_000
 ARRAYS = ('input_range', 'output_range', 'input_weights', 'biases', 'output_weights')
-
-Machine = TypeVar('Machine', bound='ExtremeLearningMachine')
 
 
 class ElmPart(BundlePart):
@@ -100,7 +98,7 @@ class ExtremeLearningMachine(MemorylessModel):
                    ridge=settings.elm_ridge, seed=settings.elm_seed,
                    payload_range=settings.payloads)
 
-    def fit_blocks(self: Machine, blocks: Blocks) -> Machine:
+    def fit_blocks(self, blocks: Blocks) -> ExtremeLearningMachine:
         if self.hidden < 1 or not self.ridge >= 0 or self.seed < 0:
             raise FitError(f'hidden is {self.hidden}, ridge {self.ridge}, seed {self.seed}; '
                            'expected at least one neuron, a ridge and a seed of 0 or more')

@@ -137,22 +137,14 @@ class Estimate:
     variances: FloatArray = field(repr=False)  # residual variance of each channel, (channels,)
 
 
-def _factor(products: list[Products], weights: FloatArray) -> FloatArray:
-    """Square-root information matrix of the weighted, stacked channels, ``[R, Q'y]``."""
-    factors = [p.triangle for p in products]
-    if all(factor is not None for factor in factors):
-        stacked = np.vstack([np.sqrt(w) * t for w, t in zip(weights, factors, strict=True)
-                             if t is not None])
-        return triangle(stacked)
-    gram = sum(w * p.gram for w, p in zip(weights, products, strict=True))
-    return np.asarray(gram)
-
-
 def _solve(products: list[Products], weights: FloatArray, prior: float = 0.0) -> tuple[
         FloatArray, FloatArray, float, tuple[int, ...]]:
     """Solve once for given channel weights: parameters, inverse information, condition, unseen."""
-    factor = _factor(products, weights)
-    triangular = all(product.triangle is not None for product in products)
+    factors = [product.triangle for product in products if product.triangle is not None]
+    triangular = len(factors) == len(products)
+    factor = (triangle(np.vstack([np.sqrt(w) * t for w, t in zip(weights, factors, strict=True)]))
+              if triangular else
+              np.asarray(sum(w * p.gram for w, p in zip(weights, products, strict=True))))
     p = factor.shape[1] - 1
     left, right = factor[:, :p], factor[:, p]
     scale = np.linalg.norm(left, axis=0) if triangular else np.sqrt(np.diag(left)[:p])
@@ -160,12 +152,10 @@ def _solve(products: list[Products], weights: FloatArray, prior: float = 0.0) ->
     seen = scale > 1e-12 * float(np.max(scale, initial=0.0))
     safe = np.where(seen, scale, 1.0)
     if triangular:
-        u, s, vt = np.linalg.svd(left / safe, full_matrices=False)
-        values, vectors = s, vt.T
-        projected = u.T @ right
+        u, values, vt = np.linalg.svd(left / safe, full_matrices=False)
+        vectors, projected = vt.T, u.T @ right
     else:
-        scaled = left[:p] / np.outer(safe, safe)
-        squares, vectors = linalg.eigh(scaled)
+        squares, vectors = linalg.eigh(left[:p] / np.outer(safe, safe))
         values = np.sqrt(np.maximum(squares, 0.0))
         projected = np.divide(vectors.T @ (right[:p] / safe), values, where=values > 0,
                               out=np.zeros(p))
@@ -173,16 +163,14 @@ def _solve(products: list[Products], weights: FloatArray, prior: float = 0.0) ->
     floor = largest / (UNEXCITED_CONDITION if triangular else LARGEST_GRAM_CONDITION * 10.0)
     good = values > max(floor, 1e-300)
     information = np.where(good, values, 1.0) ** 2
-    information = information + np.where(prior > NEGLIGIBLE * information, prior, 0.0)
+    information += np.where(prior > NEGLIGIBLE * information, prior, 0.0)
     parameters = vectors @ (np.where(good, values / information, 0.0) * projected) / safe
     covariance = (vectors * np.where(good, 1.0 / information, 0.0)) @ vectors.T
     covariance = covariance / np.outer(safe, safe)
     # columns without any signal are reported, but say nothing about the others' conditioning
     rest = np.sort(values)[int(np.sum(~seen)):]
     condition = float(largest / rest[0]) if len(rest) and rest[0] > 0 else np.inf
-    hidden = np.zeros(p)
-    for k in np.flatnonzero(~good):
-        hidden = np.maximum(hidden, np.abs(vectors[:, k]))
+    hidden = np.abs(vectors[:, ~good]).max(axis=1, initial=0.0)
     unexcited = tuple(int(i) for i in np.flatnonzero((hidden > 0.1) | ~seen))
     return parameters, covariance, condition, unexcited
 
@@ -213,10 +201,8 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
     if rows <= p:
         raise FitError(f'{rows} samples for {p} parameters; record longer or decimate less')
     weights = np.ones(len(products))
-    variances = weights
-    passes = 3 if weighted and len(products) > 1 else 1
-    for _ in range(passes):
-        parameters, inverse, condition, unexcited = _solve(products, weights)
+    for _ in range(3 if weighted and len(products) > 1 else 1):
+        parameters, *_ = _solve(products, weights)
         # each channel pays for its share of the parameters
         freedom = 1.0 - p / rows
         noise = np.array([
@@ -226,25 +212,27 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
         if weighted:
             weights = 1.0 / variances
     size = float(np.mean(noise / variances if weighted else noise))
-    parameters, inverse, condition, unexcited = _solve(
+    parameters, covariance, condition, unexcited = _solve(
         products, weights, _prior(products, weights, size))
-    covariance = inverse
     if not weighted:
         # equal weights, but each channel brings in noise of its own size
         spread = sum(v * product.gram[:p, :p] for v, product in zip(
             variances, products, strict=True))
-        covariance = inverse @ spread @ inverse
+        covariance = covariance @ spread @ covariance
+    return Estimate(parameters, _errors(covariance, unexcited), condition, unexcited, variances)
+
+
+def _errors(covariance: FloatArray, unexcited: tuple[int, ...]) -> FloatArray:
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     errors[list(unexcited)] = np.inf  # their share of the pseudo-inverse says nothing about them
-    return Estimate(parameters, errors, condition, unexcited, variances)
+    return errors
 
 
 def expected(products: list[Products], variances: FloatArray) -> Estimate:
     """Say how well data of such variances (channels,) will show parameters, whatever they are."""
     _, covariance, condition, unexcited = _solve(products, 1.0 / variances)
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    errors[list(unexcited)] = np.inf
-    return Estimate(np.full(len(errors), np.nan), errors, condition, unexcited, variances)
+    return Estimate(np.full(len(covariance), np.nan), _errors(covariance, unexcited), condition,
+                    unexcited, variances)
 
 
 def huber_weights(residuals: FloatArray) -> FloatArray:
@@ -295,10 +283,13 @@ def find_constants(
     products: Sequence[Products], scaled: NDArray[np.bool_], unknown: Sequence[int],
 ) -> Constants:
     """Find the torque constants of some of the channels that share their parameters."""
+    from scipy import optimize  # slow to import, and few arms need it
+
     problem = _Problem(products, scaled, list(unknown))
     logs = np.zeros(len(unknown))
     for _ in range(CONSTANT_PASSES):
-        logs = problem.minimise(logs)
+        logs = np.asarray(optimize.minimize(
+            problem.cost, logs, jac=True, method='BFGS', options={'gtol': 1e-4}).x)
         problem.weigh(logs)
     return problem.constants(logs)
 
@@ -317,8 +308,8 @@ class _Problem:
         self.floor = 1e-12 * power / self.counts + 1e-300
         self.weights = self.counts / np.maximum(power, 1e-300)
 
-    def parameters(self, logs: FloatArray) -> tuple[list[FloatArray], FloatArray]:
-        """Give the scaled Gram matrices, and the parameters that are best for them."""
+    def residual(self, logs: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray]:
+        """Give scaled Gram matrices, ``[-parameters, 1]``, and the squares of each channel."""
         scales = np.zeros(len(self.grams))
         scales[self.unknown] = -logs
         grams = []
@@ -335,12 +326,7 @@ class _Problem:
         except linalg.LinAlgError:
             raise FitError('the torque constants cannot be found together with the parameters',
                            remedy='record more motion, or give effort.torque_constant') from None
-        return grams, best / size
-
-    def residual(self, logs: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray]:
-        """Give Gram matrices, ``[-parameters, 1]``, and the sum of squares of each channel."""
-        grams, best = self.parameters(logs)
-        vector = np.append(-best, 1.0)
+        vector = np.append(-(best / size), 1.0)
         return grams, vector, np.array([max(0.0, float(vector @ g @ vector)) for g in grams])
 
     def cost(self, logs: FloatArray) -> tuple[float, FloatArray]:
@@ -355,19 +341,6 @@ class _Problem:
         return (value + float(centred @ centred) / PRIOR_WIDTH ** 2,
                 slope + 2.0 * centred / PRIOR_WIDTH ** 2)
 
-    @property
-    def absolute(self) -> bool:
-        """Say whether a channel with a known unit is the measure of all."""
-        return len(self.unknown) < len(self.grams)
-
-    def minimise(self, logs: FloatArray) -> FloatArray:
-        """Go to the least cost."""
-        from scipy import optimize  # slow to import, and few arms need it
-
-        found = optimize.minimize(self.cost, logs, jac=True, method='BFGS',
-                                  options={'gtol': 1e-4})
-        return np.asarray(found.x)
-
     def weigh(self, logs: FloatArray) -> None:
         """Weight each channel by the inverse of its residual variance."""
         self.weights = 1.0 / np.maximum(self.residual(logs)[2] / self.counts, self.floor)
@@ -379,7 +352,7 @@ class _Problem:
         hessian = np.array([self.cost(logs + shift)[1] - self.cost(logs - shift)[1]
                             for shift in CONSTANT_STEP * np.eye(n)]) / (4.0 * CONSTANT_STEP)
         free = np.arange(n)
-        if not self.absolute:
+        if n == len(self.grams):  # no channel with a known unit is the measure of all
             measure = int(np.argmax(np.diag(hessian)))
             logs, free = logs - logs[measure], np.delete(free, measure)
         errors, values = np.zeros(len(self.grams)), np.ones(len(self.grams))

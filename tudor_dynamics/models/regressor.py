@@ -146,9 +146,9 @@ class EffortRegressor(Regressor):
         dq = motion[:, n:2 * n] @ self._coupling.speeds.T
         ddq = motion[:, 2 * n:] @ self._coupling.speeds.T
         rows = np.zeros((len(motion), n, len(self.columns))) if out is None else out
-        self._bodies.rows(motion, rows[:, :, :self._n_bodies])
-        self._coupling.mix(rows[:, :, :self._n_bodies])
         bodies = rows[:, :, :self._n_bodies]
+        self._bodies.rows(motion, bodies)
+        self._coupling.mix(bodies)
         for i, joint in enumerate(self._joints):
             load = None
             if term_names(joint, loaded=True):
@@ -280,9 +280,7 @@ def random_inputs(
     return np.hstack([motion, more])
 
 
-def independent_columns(
-    matrix: FloatArray, tolerance: float = RELATIVE_TOLERANCE,
-) -> tuple[NDArray[np.intp], FloatArray]:
+def independent_columns(matrix: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
     """Take each column that is no combination, mixture (kept, columns), of those before it."""
     largest = float(np.max(np.linalg.norm(matrix, axis=0), initial=0.0))
     basis = np.zeros((matrix.shape[0], 0))
@@ -292,7 +290,7 @@ def independent_columns(
         for _ in range(2):  # twice is enough (Kahan): orthogonal to rounding
             column = column - basis @ (basis.T @ column)
         norm = float(np.linalg.norm(column))
-        if norm > tolerance * largest * np.sqrt(matrix.shape[1]):
+        if norm > RELATIVE_TOLERANCE * largest * np.sqrt(matrix.shape[1]):
             basis = np.column_stack([basis, column / norm])
             kept.append(i)
     if not kept:
@@ -349,7 +347,7 @@ def base_sets(regressor: Regressor, n_joints: int, *, seed: int = 0) -> tuple[Ba
 
 # -- Units of outputs and of parameters, for tables and model files
 
-_BODY = {'m': 'kg', 'mx': 'kg m', 'my': 'kg m', 'mz': 'kg m', 'Ia': 'kg m^2'}
+_BODY = {'m': 'kg', 'mx': 'kg m', 'my': 'kg m', 'mz': 'kg m'}
 
 
 def output_units(arm: Arm, output: str) -> dict[str, str]:
@@ -365,10 +363,7 @@ def parameter_unit(column: str, unit: str, *, scaled: bool, prismatic: bool) -> 
     force, length = ('N', 'm') if prismatic else ('N m', 'rad')
     if kind in TERMS:
         return TERMS[kind].unit.format(f=unit, x=length)
-    if kind == 'Ia' and prismatic:
-        body = 'kg'
-    else:
-        body = _BODY.get(kind, 'kg m^2')
+    body = 'kg' if kind == 'Ia' and prismatic else _BODY.get(kind, 'kg m^2')
     return f'{body} ({unit})/({force})' if scaled else body
 
 

@@ -104,8 +104,6 @@ RIGID_GEAR = 30.0
 DRIVE_NUDGE = 1e-4
 # Below it the approximation of a delay is as good as none [s].
 LEAST_DELAY = 1e-4
-# Poles above it are those of delays and drives [Hz].
-HIGHEST = 40.0
 # Poles below this part of the first frequency belong to means and position loops.
 SLOW = 0.3
 # Between nodes along a joint, where there are not too many [rad].

@@ -30,12 +30,12 @@ from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.control.schedule import columns_of, Mode, Point, Schedule, ScheduleFile
 from tudor_dynamics.control.settings import INTEGRAL_SHARE
 from tudor_dynamics.errors import ModelError, UsageError
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle import elastic_of, ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, follow_motions, moment_rows
 from tudor_dynamics.models.elastic.kernel import Z
-from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
+from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel
 from tudor_dynamics.models.settings import (
-    AFTER_MOVE, DRIVE_NUDGE, EVERY, FACTORS, FINER, HALVINGS, HIGHEST, LEAST_DELAY,
+    AFTER_MOVE, DRIVE_NUDGE, EVERY, FACTORS, FINER, HALVINGS, LEAST_DELAY,
     LONGEST_DELAY, LOOKS, MEAN, MOVE_SAMPLE, NOTHING, POSES, ROOM, SHORTEST_DELAY, SLOW,
     SPACING, STIFFNESS)
 from tudor_dynamics.signals.shaping import Profile, refine
@@ -115,9 +115,8 @@ class TunedArm:
         self.arm = arm
         self.dampers = [item for item in arm.spec.damper.joints
                         if item.joint in arm.active_joints]
-        units = {gauge.name: gauge.unit for gauge in arm.gauges}
-        self.scale = np.array([STRAIN_SCALE.get(units[item.gauge], 0.0)
-                               for item in self.dampers])
+        self._index = index = [arm.gauge_names.index(item.gauge) for item in self.dampers]
+        self.scale = np.array([STRAIN_SCALE.get(arm.gauges[i].unit, 0.0) for i in index])
         """Units of the gauges per m/m, shape (n_damped,)."""
         if not self.scale.all():
             raise ModelError('a gauge of the damper measures no strain', place=arm.source,
@@ -126,8 +125,6 @@ class TunedArm:
         self._driven, self._loose = driven_arm(arm, values), driven_arm(arm, values)
         plays = {name: 0.0 for name in self._driven.parameters if name.startswith('play(')}
         self._driven.set_parameters(plays)
-        index = [arm.gauge_names.index(item.gauge) for item in self.dampers]
-        self._index = index
         self._gain, self._offset = self._gauges(model)[:, index] / self.scale
         motors = {motor.joint: motor.reflected_inertia for motor in arm.spec.motors}
         self.rotor = np.array([motors.get(name, 0.0) for name in arm.active_joints])
@@ -246,9 +243,7 @@ def loop_matrix(small: SmallMotion, loop: FeedbackLoop) -> FloatArray:
 class LoopDamping:
     """How a loop oscillates."""
 
-    frequency: float  # of the first mode's worst damped oscillation [Hz], or NaN
-    first: float  # its damping ratio, 1 where nothing oscillates there
-    others: float  # least damping ratio of what oscillates faster, up to 40 Hz
+    first: float  # least damping ratio of the first mode, 1 where nothing oscillates there
     decay: float  # of what dies out slowest [1/s]; negative where it grows
 
 
@@ -256,17 +251,11 @@ def loop_damping(matrix: FloatArray, first: float, second: float) -> LoopDamping
     """Judge a loop by its poles: matrix (n, n), first, second [Hz]."""
     poles = np.linalg.eigvals(matrix)
     size = np.abs(poles) / (2.0 * math.pi)
-    oscillates = poles.imag > 1e-6 * np.abs(poles)
-    border = math.sqrt(first * second)
-    slow = oscillates & (size > SLOW * first) & (size <= border)
-    fast = oscillates & (size > border) & (size < HIGHEST)
+    slow = ((poles.imag > 1e-6 * np.abs(poles)) & (size > SLOW * first)
+            & (size <= math.sqrt(first * second)))
     ratio = -poles.real / np.maximum(np.abs(poles), 1e-12)
-    worst = int(np.argmin(np.where(slow, ratio, np.inf)))
-    return LoopDamping(
-        float(size[worst]) if slow.any() else math.nan,
-        float(ratio[worst]) if slow.any() else 1.0,
-        float(ratio[fast].min()) if fast.any() else 1.0,
-        float(-poles.real.max()))
+    return LoopDamping(float(ratio[slow].min()) if slow.any() else 1.0,
+                       float(-poles.real.max()))
 
 
 # -- A schedule of gains over payload and pose: the damping ratio asked for, as far as the loop
@@ -419,17 +408,17 @@ def halved(low: float, high: float, below: Callable[[float], bool]) -> tuple[flo
 def choose_factor(judge: Judge, wish: Wish) -> tuple[float, float]:
     """Choose the factor of the described gains at one node."""
     best, reached, before = 0.0, judge(0.0, wish.delay).first, 0.0
-    for factor in FACTORS:
-        if not judge.holds(float(factor), wish.delay):
+    for factor in FACTORS.tolist():
+        if not judge.holds(factor, wish.delay):
             break
-        ratio = judge(float(factor), wish.delay).first
+        ratio = judge(factor, wish.delay).first
         if ratio >= wish.damping_ratio:
-            _, high = halved(before, float(factor), lambda middle: judge(
+            _, high = halved(before, factor, lambda middle: judge(
                 middle, wish.delay).first < wish.damping_ratio)
             return high, judge(high, wish.delay).first
         if ratio > reached:
-            best, reached = float(factor), ratio
-        before = float(factor)
+            best, reached = factor, ratio
+        before = factor
     return best, reached
 
 

@@ -34,11 +34,11 @@ from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import (
     add, Chain, cholesky, cross, forward, rotation_at, solve, sub, turn, Vector, vector_at)
 from tudor_dynamics.models.base import Model, SAME, SLIDING
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle import elastic_of, ModelBundle
 from tudor_dynamics.models.elastic.arm import Response
 from tudor_dynamics.models.elastic.kernel import (
     DDZ, driven_of, DZ, FORCE, gear, Gears, needed, shorten, STIFFNESS, Z)
-from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
+from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel
 from tudor_dynamics.online.settings import HELD_WITHIN, LEAST_LEVER, NEWTON_SETTLED, NEWTON_STEPS
 from tudor_dynamics.signals.motion_profile import states
 from tudor_dynamics.typing import finite_array, FloatArray
@@ -433,7 +433,8 @@ class Feedforward:
             assert self._deflected is not None
             if torque is None:
                 torque = self._deflected.under(motion, reach=False).torque
-            found = self._model.outputs(Response(np.zeros((len(motion), 0)), torque), felt)
+            found = self._model.prepared()(
+                Response(np.zeros((len(motion), 0)), torque), felt)
         else:
             found = self._model.predict(felt)
             more = self.payload - self._known

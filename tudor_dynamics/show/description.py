@@ -33,9 +33,9 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import (
     ArmSpec, InertiaPart, MotorSpec, SensorSpec, STATE_KEYS, validation_message)
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle import elastic_of, ModelBundle
 from tudor_dynamics.models.comparison import FullParameters
-from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
+from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel
 from tudor_dynamics.models.elastic.parameters import in_words, physical_unit
 from tudor_dynamics.models.friction import DAMPING, FRICTION
 from tudor_dynamics.models.regressor import column_unit

@@ -43,12 +43,11 @@ from tudor_dynamics.identification.validation import (
     GOOD_FIT, Grade, LARGEST_CONDITION, USABLE_FIT, Validation)
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle import KINDS, ModelBundle
 from tudor_dynamics.models.comparison import (
     body_row, described_bodies, described_parameters_of, full_parameters_of, relative_errors)
 from tudor_dynamics.models.elastic.model import driven_arm
 from tudor_dynamics.models.elastic.parameters import in_words
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.models.settings import INNER_STEP
 from tudor_dynamics.show.figures import (

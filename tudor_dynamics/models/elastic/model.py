@@ -35,7 +35,6 @@ from tudor_dynamics.errors import ModelError, NotFittedError, SimulationError
 from tudor_dynamics.models.base import (
     BundlePart, check_motion, check_payload, Coefficient, CoefficientPart, Flag, Model, Noise,
     Payloads, Range, read, SLIDING, Text)
-from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.models.friction import (
@@ -71,12 +70,6 @@ def effort_rows(arm: Arm, response: Response, motion: FloatArray) -> list[FloatA
 
 Outputs = Callable[[Response, FloatArray], FloatArray]
 """Response and ``[q, dq, ddq]`` of the same samples to outputs, shape (n_samples, n_channels)."""
-
-
-def strain_outputs(coefficients: tuple[FloatArray, ...]) -> Outputs:
-    """Prepare the strain: a gain times the moment that bends each gauge, and an offset."""
-    gains, offsets = np.array(coefficients).T.copy()
-    return lambda response, motion: np.asarray(response.moment * gains + offsets)
 
 
 def effort_outputs(arm: Arm, coefficients: tuple[FloatArray, ...]) -> Outputs:
@@ -248,23 +241,17 @@ class ElasticModel(Model):
         if self._driven is None:
             self._driven = driven_arm(self.arm, self.values)
         response = follow_motion(self._driven, motion[:, :self.n_joints], dt, before)
-        return self.outputs(response, motion)
+        return self.prepared()(response, motion)
 
     def prepared(self) -> Outputs:
         """Prepare what turns moments and torques into outputs."""
         if self.coefficients_ is None:
             msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
             raise NotFittedError(msg)
-        return (strain_outputs(self.coefficients_) if self.output == 'strain' else
-                effort_outputs(self.arm, self.coefficients_))
-
-    def outputs(self, response: Response, motion: FloatArray) -> FloatArray:
-        """
-        Turn what gauges and gears feel into outputs, shape (n_samples, n_channels).
-
-        ``motion`` is ``[q, dq, ddq]`` of the same samples, shape (n_samples, 3 n_joints).
-        """
-        return self.prepared()(response, motion)
+        if self.output == 'effort':
+            return effort_outputs(self.arm, self.coefficients_)
+        gains, offsets = np.array(self.coefficients_).T.copy()
+        return lambda response, motion: np.asarray(response.moment * gains + offsets)
 
     def follow(self, stretch: Stretch) -> FloatArray:
         return self.along(stretch.motion, stretch.dt, stretch.before)
@@ -352,12 +339,6 @@ class ElasticModel(Model):
             for item in part.channels) for value in ('value', 'standard_error'))
         model.noise_ = np.array([item.residual_std for item in part.channels])
         return model
-
-
-def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
-    """Find the elastic model of an output; None where there is no such model in the bundle."""
-    model = bundle.models.get(output, {}).get('elastic')
-    return model if isinstance(model, ElasticModel) else None
 
 
 # -- Elastic models sample by sample, with or without an observer that measured strain corrects

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import SimulationError
@@ -50,18 +50,19 @@ class Physics:
 
     def __init__(self, arm: Arm, mechanism: Mechanism, springs: FloatArray) -> None:
         self.arm, self.mechanism, self.springs = arm, mechanism, springs
+        self.motors = {motor.joint: motor for motor in arm.spec.motors}
+        self.links = {link.joint: link for link in arm.spec.links}
         self.parts = self._parts()
         self.lag = 0.0
         self.owners: dict[Owner, tuple[str, ...]] = {
             'link': tuple(mechanism.beams), 'part': tuple(name for name in self.parts if name),
             'tip': ('',), 'joint': arm.active_joints, 'arm': ('',)}
         self._built = {joint: self.beam(joint).copy() for joint in mechanism.beams}
-        drawn_in = {link.joint for link in arm.spec.links
-                    if link.flexible is not None and link.flexible.stretch}
         for joint in mechanism.beams:
             self.beam(joint)[at.EA] = 0.0  # beams keep their length: the kernel sees to it
+            flexible = self.links[joint].flexible
             # below zero: linear beams, which nothing draws in
-            self.beam(joint)[at.STRETCH] = 0.0 if joint in drawn_in else -1.0
+            self.beam(joint)[at.STRETCH] = 0.0 if flexible and flexible.stretch else -1.0
 
     def _parts(self) -> dict[str, LumpedMass]:
         mechanism, found = self.mechanism, dict[str, LumpedMass]()
@@ -134,27 +135,17 @@ class ParameterKind:
     bounds: tuple[float, float] = (0.0, math.inf)  # smallest and largest possible value
 
 
-class Spring(NamedTuple):
-    """Stiffness and damping of a gear as described; None where it is rigid."""
-
-    stiffness: float | None
-    damping: float
-
-
-def _spring(physics: Physics, joint: str) -> Spring:
-    """Take the gear of the motor, or else the spring of the joint."""
-    spec = physics.arm.spec
-    motor = next((motor for motor in spec.motors if motor.joint == joint), None)
-    link = next((link for link in spec.links if link.joint == joint), None)
+def _spring(physics: Physics, joint: str) -> tuple[float | None, float]:
+    """Give stiffness (None: rigid) and damping of a gear, by motor, or else by link."""
+    motor, link = physics.motors.get(joint), physics.links.get(joint)
     if link is not None and link.joint_stiffness is not None and (
             motor is None or motor.stiffness is None):
-        return Spring(link.joint_stiffness, link.joint_damping)
-    return Spring(None, 0.0) if motor is None else Spring(motor.stiffness, motor.damping)
+        return link.joint_stiffness, link.joint_damping
+    return (None, 0.0) if motor is None else (motor.stiffness, motor.damping)
 
 
 def _play(physics: Physics, joint: str) -> float:
-    return next((0.5 * motor.backlash for motor in physics.arm.spec.motors
-                 if motor.joint == joint), 0.0)
+    return 0.5 * physics.motors[joint].backlash if joint in physics.motors else 0.0
 
 
 def _bend(physics: Physics, joint: str, value: float) -> None:
@@ -208,8 +199,7 @@ PHYSICAL: dict[str, ParameterKind] = {
         width=1.5, least=0.05, adds=1, early=True),
     'gear': ParameterKind(
         'joint', 'N m/rad', 'stiffness of the gear of {}',
-        lambda physics, joint: (_spring(physics, joint).stiffness
-                                or RIGID_GEAR * physics.stiffest),
+        lambda physics, joint: _spring(physics, joint)[0] or RIGID_GEAR * physics.stiffest,
         _in_gear(at_gear.STIFF), width=1.0, adds=-1, early=True, unit_along='N/m'),
     'play': ParameterKind(
         'joint', 'rad', 'backlash of the gear of {}, half of it', _play,
@@ -219,11 +209,11 @@ PHYSICAL: dict[str, ParameterKind] = {
         lambda physics, joint: EDGE, _round, width=0.5),
     'tight': ParameterKind(
         'joint', 'N m s/rad', 'damping of the gear of {}, teeth in touch',
-        lambda physics, joint: _spring(physics, joint).damping,
+        lambda physics, joint: _spring(physics, joint)[1],
         _in_gear(at_gear.TIGHT), width=1.5, least=0.1, early=True, unit_along='N s/m'),
     'loose': ParameterKind(
         'joint', 'N m s/rad', 'damping of the gear of {}, inside the backlash',
-        lambda physics, joint: _spring(physics, joint).damping,
+        lambda physics, joint: _spring(physics, joint)[1],
         _in_gear(at_gear.LOOSE), width=2.0, least=0.1, early=True, unit_along='N s/m'),
     'alpha': ParameterKind(
         'arm', '1/s', 'structural damping of the links, per mass',

@@ -20,7 +20,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from tudor_dynamics.control.shaped_motion import SHAPINGS
-from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.bundle import KINDS
 from tudor_dynamics.online.feedforward import AT_REST, POSITIONS, UNITS
 
 JOINT_STATES = 'joint_states'
