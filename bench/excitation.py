@@ -45,9 +45,9 @@ from tables import show  # noqa: E402
 from tudor_dynamics.arm.description import arm_from_dict, load_arm  # noqa: E402
 from tudor_dynamics.cli.main import main as tudor  # noqa: E402
 from tudor_dynamics.identification.excitation import (  # noqa: E402
-    covariance_of, mean_error, played)
+    covariance_of, Information, mean_error, played)
 from tudor_dynamics.identification.excitation_plan import (  # noqa: E402
-    best_series, bounds_of, default_highest, information_of, make_plan, Order, target_of_arm)
+    best_series, bounds_of, default_highest, make_plan, Order, target_of_arm)
 from tudor_dynamics.models.analytical import AnalyticalModel  # noqa: E402
 from tudor_dynamics.models.regressor import base_sets, random_inputs  # noqa: E402
 from tudor_dynamics.signals.motion_profile import aprbs_motion, fourier_motion  # noqa: E402
@@ -132,7 +132,7 @@ def criteria():
     rows = {}
     for arm in arms()[:2]:
         target = wanted(arm)
-        information, bounds = information_of(target), bounds_of(target)
+        information, bounds = Information(target.models, target.noise.size), bounds_of(target)
         for name, criterion in (('mean logarithm of the errors', mean_error),
                                 ('determinant of the covariance', determinant),
                                 ('condition number', condition)):
@@ -196,7 +196,7 @@ def gain():
     rows = []
     for arm in arms():
         target = wanted(arm)
-        information, bounds = information_of(target), bounds_of(target)
+        information, bounds = Information(target.models, target.noise.size), bounds_of(target)
         planned = [best_series(information, bounds, order_of(arm, 60, seed)).motion[::EVERY]
                    for seed in range(2)]
         own = [errors(information, motion) for motion in planned]

@@ -340,17 +340,18 @@ class Prediction:
     ) -> Figure:
         """Draw a channel of the first bag: measured, predicted by each model, and the residual."""
         # plots are slow to import, and most predictions are read
-        from tudor_dynamics.show.figures import channel_series, liveliest
-        from tudor_dynamics.show.pictures import draw_signal, picture_path, PRINT, style
+        from tudor_dynamics.show.figures import liveliest, signal_figure
+        from tudor_dynamics.show.pictures import draw, picture_path, style
 
         target = None if path is None else picture_path(path)
         output = output or ('strain' if 'strain' in self.outputs else next(iter(self.outputs)))
         kinds = _known(self.outputs, output, 'output')
         first = next(iter(kinds.values()))
-        series = _known(channel_series(self.arm, output, kinds), channel or first.channels[0],
-                        'channel')
-        with style(PRINT):
-            figure = draw_signal(series, liveliest(first.traces[0], self.data))
+        name = _known({name: name for name in first.channels}, channel or first.channels[0],
+                      'channel')
+        with style():
+            figure = draw(signal_figure(self.arm, output, kinds, name,
+                                        liveliest(first.traces[0], self.data)))
             if target is not None:
                 write_figure(figure, target)
         return figure

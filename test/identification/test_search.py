@@ -25,9 +25,10 @@ from sample_arms import arm_of, SIX_ROWS
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import Limits, SelfCollision
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.identification.excitation import Bounds, Efforts, known_efforts, series, TOUCH
+from tudor_dynamics.identification.excitation import (
+    Bounds, Efforts, Information, known_efforts, series, TOUCH)
 from tudor_dynamics.identification.excitation_plan import (
-    best_aprbs, best_series, bounds_of, information_of, make_plan, Order, target_of_arm)
+    best_aprbs, best_series, bounds_of, make_plan, Order, target_of_arm)
 from tudor_dynamics.signals.motion_profile import fourier_motion, motion_limits
 
 URDF = """<robot name="box">
@@ -95,7 +96,7 @@ def test_within_limits_and_better_than_chance():
     assert (np.abs(moved.ddq) <= limits.acceleration * (1 + 1e-9)).all()
     assert (moved.q >= bounds.range.lower - 1e-9).all()
     assert (moved.q <= bounds.range.upper + 1e-9).all()
-    information = information_of(wanted)
+    information = Information(wanted.models, wanted.noise.size)
     chance = [information.cost(fourier_motion(
         bounds.range, limits, 30.0, seed, 0.01).motion[::5])[0] for seed in range(3)]
     own = information.cost(np.hstack([moved.q, moved.dq, moved.ddq])[::5])[0]
@@ -128,7 +129,7 @@ def test_links_do_not_touch(kind, tmp_path):
     wanted, links = target(arm), SelfCollision(arm)
     assert links.near(np.array([0.0, 2.8]), 0.1).distance < 0.0  # the fore-arm in the column
     bounds = bounds_of(wanted, links)
-    reference = kind(information_of(wanted), bounds, Order(
+    reference = kind(Information(wanted.models, wanted.noise.size), bounds, Order(
         12.0, 0.7, 0.02, 15 if kind is best_series else 60, 1))
     found = bounds.beyond(reference.motion)
     assert found.clearance >= TOUCH and np.ptp(reference.q, axis=0).min() > 0.5

@@ -151,7 +151,7 @@ def test_free_motion_is_that_of_the_simulator():
     """One second under torques that carry the arm and shake it: drives and strain."""
     arm = drawing_in()
     bundle, _, xml = exported(arm)
-    described = arm_from_dict(load_yaml(description_of(bundle).text), base=arm.source,
+    described = arm_from_dict(load_yaml(description_of(bundle)[0]), base=arm.source,
                               source='again.yaml')
     torques = {'j1': lambda t: 6.5 + 4.0 * math.sin(9.0 * t),
                'j2': lambda t: 1.0 + 2.0 * math.sin(14.0 * t)}

@@ -26,7 +26,7 @@ from tudor_dynamics.identification.detection import (
     CollisionScore, DetectedEvent, KnownPush, MethodResult, roc_of, Truth, WatchedBag)
 from tudor_dynamics.online.detector import CollisionEvent
 from tudor_dynamics.show.figures import event_figure, LOWEST, roc_figure
-from tudor_dynamics.show.pictures import draw_events, draw_roc, MOST, write_picture
+from tudor_dynamics.show.pictures import draw, draw_events, MOST, write_picture
 
 BEGIN = 1_700_000_000_000_000_000
 
@@ -90,10 +90,11 @@ def test_nothing_found_and_nothing_watched() -> None:
 
 def test_the_curve_of_a_method() -> None:
     """A line with its band, and a point with its interval for the thresholds in force."""
-    curve, now = roc_figure({'strain': result(watched()).roc})['panels'][0]['traces']
+    plot = roc_figure({'strain': result(watched()).roc})
+    curve, now = plot['panels'][0]['traces']
     assert curve['name'] == 'strain' and now['name'] == 'strain, threshold in force'
     assert now['x'] == [0.0] and now['y'] == [100.0]
-    assert draw_roc([result(watched())]).axes[0].get_ylabel() == 'pushes found of 1 [%]'
+    assert draw(plot).axes[0].get_ylabel() == 'pushes found of 1 [%]'
 
 
 @pytest.mark.parametrize('suffix', ['png', 'svg'])

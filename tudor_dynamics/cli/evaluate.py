@@ -93,8 +93,8 @@ def run_collisions(args: argparse.Namespace) -> int:
     if args.pushes and len(args.pushes) != len(args.bags):
         raise UsageError(f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give '
                          'one for each, in their order')
-    from tudor_dynamics.show.pictures import (  # plots are slow to import
-        draw_events, draw_roc, picture_path, write_picture)
+    from tudor_dynamics.show.figures import roc_figure  # plots are slow to import
+    from tudor_dynamics.show.pictures import draw, draw_events, picture_path, write_picture
 
     plot = picture_path(args.roc) if args.roc else None
     picture = picture_path(args.plot) if args.plot else None
@@ -121,7 +121,7 @@ def run_collisions(args: argparse.Namespace) -> int:
         if not any(truth.known for truth in truths):
             msg = '--roc needs to know the pushes; give --pushes FILE.csv, --truth TOPIC or --free'
             raise UsageError(msg)
-        write_picture(plot, draw_roc, results)
+        write_picture(plot, draw, roc_figure({item.method: item.roc for item in results}))
     if picture is not None:
         write_picture(picture, draw_events, results)
     if args.report:

@@ -101,9 +101,9 @@ def _content(
     elastic = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if args.to == 'arm':
         beside = out.with_suffix('.urdf')
-        described = description_of(bundle, beside.name)
+        text, left_out = description_of(bundle, beside.name)
         urdf = {} if bundle.arm.urdf is None else {beside: bundle.arm.urdf}
-        return {**urdf, out: described.text}, described.left_out, None
+        return {**urdf, out: text}, left_out, None
     if args.to == 'mjcf' and elastic is not None and not args.rigid:
         drives = elastic_drives(bundle)
         return {out: elastic_mjcf(elastic, drives)}, not_in_mjcf(elastic, drives), None

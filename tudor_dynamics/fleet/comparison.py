@@ -63,7 +63,6 @@ WEIGHTLESS = 0.02
 class Measure:
     """Something that is linear in the parameters of a model."""
 
-    # What it is, of which joint or gauge.
     name: str
     channel: str
     unit: str  # unit of its values
@@ -78,13 +77,11 @@ class Measure:
 class Quantity:
     """A number of one arm at one date."""
 
-    # What it is, of which joint or gauge.
     name: str
     channel: str
-    unit: str  # unit of its value
-    # Value and its standard error.
+    unit: str
     value: float
-    error: float
+    error: float  # standard error
 
 
 def measures(
@@ -147,16 +144,11 @@ def quantities(
 
 def rings(arm: Arm, bag: BagData) -> list[tuple[str, float, float]]:
     """Find oscillations [Hz] of gauges that die out while the joints stand still."""
-    found = []
-    for stretch in bag.stretches:
-        if stretch.strain is None:
-            continue
-        for part in standstills(stretch.t, stretch.states.dq):
-            for name, column in zip(arm.gauge_names, stretch.strain[part].T, strict=True):
-                mode = clear_ring(column, bag.recording.dt)[1]
-                if mode is not None:
-                    found.append((name, mode.frequency, mode.damping))
-    return found
+    return [(name, mode.frequency, mode.damping)
+            for stretch in bag.stretches if stretch.strain is not None
+            for part in standstills(stretch.t, stretch.states.dq)
+            for name, column in zip(arm.gauge_names, stretch.strain[part].T, strict=True)
+            if (mode := clear_ring(column, bag.recording.dt)[1]) is not None]
 
 
 def ring_quantities(measured: Sequence[tuple[str, float, float]]) -> list[Quantity]:
@@ -330,12 +322,12 @@ WORDS = {'unlike': 'differs from the others', 'drift': 'drifts', 'aged': 'its mo
 class Observation:
     """A number of an arm at a date."""
 
-    arm: str  # name of the arm
-    date: datetime.date  # when it was recorded
+    arm: str
+    date: datetime.date
     # What it was found in: `effort`, `strain`, `ring` of the strain at rest, or the `elastic`
     # model.
     output: str
-    quantity: Quantity  # what it is, with its standard error
+    quantity: Quantity
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values."""
@@ -349,11 +341,9 @@ class Observation:
 class Named:
     """Something that an arm is named for."""
 
-    # Which arm; one of `WORDS`.
     arm: str
-    kind: str
-    # Quantity and channel; unit of the values.
-    what: str
+    kind: str  # one of `WORDS`
+    what: str  # quantity and channel
     unit: str
     # Its value; that of the other arms, of its first date, or of its validation.
     value: float

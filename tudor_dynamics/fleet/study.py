@@ -23,6 +23,7 @@ from dataclasses import asdict, dataclass, field, replace
 import datetime
 from functools import lru_cache
 import hashlib
+from itertools import chain
 import json
 from pathlib import Path
 
@@ -183,14 +184,12 @@ def stiffnesses(
     jobs: int, progress: Callable[[int], None],
 ) -> tuple[list[Observation], list[Unused]]:
     """Search for the stiffnesses of arms over time; what was found before is taken up."""
-    whens = [sorted(when for when in bags if when[0] == name) for name in tasks]
-    found = in_processes(_over_time, [
-        (task, tuple(bags[when] for when in mine))
-        for task, mine in zip(tasks.values(), whens, strict=True)], jobs, progress)
+    whens = {name: sorted(when for when in bags if when[0] == name) for name in tasks}
+    found = in_processes(_over_time, [(task, tuple(bags[when] for when in whens[name]))
+                                      for name, task in tasks.items()], jobs, progress)
     seen: list[Observation] = []
     unused: list[Unused] = []
-    for when, answer in ((when, answer) for mine, some in zip(whens, found, strict=True)
-                         for when, answer in zip(mine, some, strict=True)):
+    for when, answer in zip(chain(*whens.values()), chain(*found), strict=True):
         if isinstance(answer, str):
             unused.append(Unused(f'{when[0]} {when[1]}', f'no stiffness: {answer}'))
         else:
@@ -289,11 +288,11 @@ class _Study:
 
     def done(self) -> Fleet:
         """Go through all bags."""
+        first = next(iter(self.arms.values()))
         if self.run.elastic:
-            check_arm(next(iter(self.arms.values())))
+            check_arm(first)
         self._see()
         sample = self._sample()
-        first = next(iter(self.arms.values()))
         self.chosen = chosen = choose(first, sample, first.spec.preprocessing, FitSettings(),
                                       self.progress, summable=True)
         outputs = common_outputs(sample)
@@ -324,11 +323,11 @@ class _Study:
         read = lru_cache(load_arm)  # load_plan has seen to it that each has a description
         arms = {item.name: read(self.run.base / str(item.arm or self.plan.arm))
                 for item in self.plan.arms}
-        first = next(iter(arms.values()))
+        (first, one), *_ = arms.items()
         for name, arm in arms.items():
-            if (arm.active_joints, arm.gauge_names) != (first.active_joints, first.gauge_names):
-                raise UsageError(f'{name} has other joints or gauges than {next(iter(arms))}: a '
-                                 'fleet is of one kind', remedy='make a plan for each kind')
+            if arm.channels != one.channels:
+                raise UsageError(f'{name} has other joints or gauges than {first}: a fleet is of '
+                                 'one kind', remedy='make a plan for each kind')
         return arms
 
     def _see(self) -> None:
@@ -398,21 +397,19 @@ class _Study:
                      for _, fact in pairs if isinstance(fact, Unused)}
             good = {sight.choice.path for sight in used}
             self.unused += [Unused(bag, why) for bag, why in wrong.items() if bag not in good]
+            date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
             try:
-                self._fit(tasks[name], date, used)
+                if len(used) < 2:
+                    raise FitError(f'{len(used)} usable parts of bags, 2 are needed',
+                                   remedy='record more')
+                date.models = {output: found for (_, output), found in fold_models(
+                    Summing(tasks[name], tuple(date.sights))).items()}
             except TudorError as err:
                 self.unused.append(Unused(f'{name} {when}', err.advice))
                 del self.dates[name, when]
         if not self.dates:
             raise FitError(f'no arm has bags that can be used: {self.unused[0]}',
                            remedy='correct the plan')
-
-    def _fit(self, task: Task, date: _Date, used: Sequence[SurveyedBag]) -> None:
-        date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
-        if len(used) < 2:
-            raise FitError(f'{len(used)} usable parts of bags, 2 are needed', remedy='record more')
-        date.models = {output: found for (_, output), found in fold_models(
-            Summing(task, tuple(date.sights))).items()}
 
     def _rings(self) -> list[Observation]:
         if not any(arm.gauges for arm in self.arms.values()):
@@ -438,9 +435,8 @@ class _Study:
 
     def _models(self) -> dict[str, str]:
         """Make a bundle of each arm's last date."""
-        last: dict[str, datetime.date] = {}
-        for name, date in self.dates:
-            last[name] = max(last.get(name, date), date)
+        last = {name: max(date for arm, date in self.dates if arm == name)
+                for name, _ in self.dates}
         tasks = self._tasks(())
         asked = [(name, tasks[name], tuple(self.dates[name, date].whole), self.run.out.absolute())
                  for name, date in last.items()]

@@ -20,7 +20,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from tudor_dynamics.arm.description import Arm
@@ -30,6 +29,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import check_budget, SignalError
 from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.comparison import described_bodies
 from tudor_dynamics.models.estimation import expected, rescaled
 from tudor_dynamics.models.regressor import column_unit, EffortRegressor, Regressor
 from tudor_dynamics.signals.motion_profile import fade, Reference, states
@@ -124,28 +124,20 @@ LEAST = 1e-12
 what a motion does not show at all is expensive, not infinite."""
 
 
-@dataclass(frozen=True, eq=False)
 class _Group:
     """Channels with common parameters, and what brings their rows to units of the noise."""
 
-    channels: list[int]
-    kept: NDArray[np.intp]
-    factor: FloatArray
-
-    @classmethod
-    def of(cls, model: AnalyticalModel, noise: FloatArray, place: int) -> _Group:
-        """Give one group of a model."""
+    def __init__(self, model: AnalyticalModel, noise: FloatArray, place: int) -> None:
         base = model.base_[place]
-        channels = list(base.channels)
-        factor = np.repeat(1.0 / noise[channels, None], len(base.kept), axis=1)
+        self._channels, self._kept = list(base.channels), base.kept
+        self._factor = np.repeat(1.0 / noise[self._channels, None], len(base.kept), axis=1)
         constants = model.groups_[place].constants if model.groups_ else None
         if constants is not None:
-            factor[:, model.regressor.scaled[base.kept]] /= constants.values[:, None]
-        return cls(channels, base.kept, factor)
+            self._factor[:, model.regressor.scaled[base.kept]] /= constants.values[:, None]
 
     def rows(self, rows: FloatArray) -> FloatArray:
         """Pick the group's own rows, in units of the noise."""
-        return rows[:, self.channels][:, :, self.kept] * self.factor
+        return rows[:, self._channels][:, :, self._kept] * self._factor
 
 
 Criterion = Callable[[Sequence[FloatArray]], tuple[float, list[FloatArray]]]
@@ -173,28 +165,24 @@ class Information:
         for output, model in models.items():
             model.regressor.assume(None)
             self._parts.append((model.regressor, [
-                _Group.of(model, noise[output], place) for place in range(len(model.base_))]))
+                _Group(model, noise[output], place) for place in range(len(model.base_))]))
 
     def matrices(self, motion: FloatArray) -> list[FloatArray]:
         """Give the information matrix of each group of channels of all models."""
-        found = [(regressor.rows(motion), groups) for regressor, groups in self._parts]
-        return [_square(group.rows(rows)) for rows, groups in found for group in groups]
+        return [_square(group.rows(rows)) for regressor, groups in self._parts
+                for rows in [regressor.rows(motion)] for group in groups]
 
     def cost(
         self, motion: FloatArray, criterion: Criterion = mean_error,
     ) -> tuple[float, FloatArray]:
         """Judge a motion (samples, 3 joints); gives the slope by each of its values, too."""
         rows = [regressor.rows(motion) for regressor, _ in self._parts]
-        cost, slopes = criterion([
-            covariance_of(_square(group.rows(rows_)))
-            for rows_, (_, groups) in zip(rows, self._parts, strict=True) for group in groups])
-        slope = np.zeros_like(motion)
-        place = 0
-        for rows_, (regressor, groups) in zip(rows, self._parts, strict=True):
-            pulls = []
-            for group in groups:
-                pulls.append(2.0 * (group.rows(rows_) @ slopes[place]))
-                place += 1
+        own = [[group.rows(rows_) for group in groups]
+               for rows_, (_, groups) in zip(rows, self._parts, strict=True)]
+        cost, slopes = criterion([covariance_of(_square(part)) for parts in own for part in parts])
+        slope, by_group = np.zeros_like(motion), iter(slopes)
+        for rows_, parts, (regressor, groups) in zip(rows, own, self._parts, strict=True):
+            pulls = [2.0 * (part @ next(by_group)) for part in parts]
             for k in range(motion.shape[1]):
                 moved = motion.copy()
                 moved[:, k] += STEP
@@ -317,12 +305,11 @@ def known_efforts(arm: Arm, parameters: FloatArray | None = None) -> Efforts | N
             for joint in arm.joints if joint.effort.unit == 'A'})
     largest, regressor = EFFORT * effort_limits(arm), EffortRegressor(arm)
     if parameters is None:
-        inertias = list(arm.model.inertias)[1:]
-        if not sum(float(inertia.mass) for inertia in inertias) > 0.0:
+        bodies = list(described_bodies(arm).values())
+        if not any(body[0] > 0.0 for body in bodies):
             return None
-        bodies = np.concatenate([inertia.toDynamicParameters() for inertia in inertias])
         parameters = np.zeros((len(arm.joints), len(regressor.columns)))
-        parameters[:, :len(bodies)] = bodies
+        parameters[:, :10 * len(bodies)] = np.concatenate(bodies)
     if not np.isfinite(largest).any():
         return None
     return Efforts(regressor, parameters, largest)

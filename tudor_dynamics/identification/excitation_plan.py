@@ -40,8 +40,7 @@ from tudor_dynamics.identification.excitation import (
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.friction import sliding
-from tudor_dynamics.models.regressor import (
-    base_sets, EffortRegressor, regressor_of, StrainRegressor)
+from tudor_dynamics.models.regressor import base_sets, Regressor, regressor_of
 from tudor_dynamics.signals.motion_profile import (
     aprbs, follow_targets, joint_range, motion_limits, Reference, states, Targets)
 from tudor_dynamics.typing import FloatArray
@@ -76,14 +75,11 @@ def excitation_report(arm: Arm, reference: Reference) -> Conditions:
     """Judge a motion by the regressors of an arm."""
     every = max(int(round(1.0 / (REPORT_RATE * reference.dt))), 1)
     motion, joints = reference.motion[::every], len(arm.active_joints)
-    return {'effort': _conditions(EffortRegressor(arm), motion, joints),
-            'strain': _conditions(StrainRegressor(arm, 'exact'), motion, joints)
-            if arm.gauges else []}
+    return {output: _conditions(regressor_of(arm, output, 'exact'), motion, joints)
+            if output == 'effort' or arm.gauges else [] for output in OUTPUTS}
 
 
-def _conditions(
-    regressor: EffortRegressor | StrainRegressor, motion: FloatArray, joints: int,
-) -> list[GroupCondition]:
+def _conditions(regressor: Regressor, motion: FloatArray, joints: int) -> list[GroupCondition]:
     rows = regressor.rows(motion)
     result = []
     for group, base in zip(regressor.groups, base_sets(regressor, joints), strict=True):
@@ -371,17 +367,13 @@ def bounds_of(target: Target, links: SelfCollision | None = None) -> Bounds:
                   known_efforts(target.arm, target.parameters), links)
 
 
-def information_of(target: Target) -> Information:
-    """Give what judges motions by what they show."""
-    return Information(target.models, target.noise.size)
-
-
 def make_plan(
     target: Target, order: Order, *, kind: str = 'fourier', links: SelfCollision | None = None,
-    report: Callable[[float], bool] = lambda _: False, criterion: Criterion = mean_error,
+    report: Report = lambda _: False, criterion: Criterion = mean_error,
 ) -> Plan:
     """Search for the motion that shows best what is to be identified."""
-    bounds, information = bounds_of(target, links), information_of(target)
+    bounds = bounds_of(target, links)
+    information = Information(target.models, target.noise.size)
     reference = (best_series(information, bounds, order, report, criterion) if kind == 'fourier'
                  else best_aprbs(information, bounds, order, report))
     return plan_of(target, reference, bounds)
@@ -437,12 +429,7 @@ class PlanFolder:
 
 def plan_head(plan: Plan, arm: Arm, facts: dict[str, Any], *, stated: bool) -> dict[str, Any]:
     """Say what is planned, and was asked for, as plain values: the content of ``plan.json``."""
-    joints = arm.active_joints
-
-    def by_joint(values: Any) -> dict[str, float]:
-        return dict(zip(joints, (round(float(value), 6) for value in values), strict=True))
-    names = arm.channels
-    errors = []
+    names, errors = arm.channels, []
     for item in plan.expected:
         row = asdict(item)
         value = row.pop('value')
@@ -453,10 +440,9 @@ def plan_head(plan: Plan, arm: Arm, facts: dict[str, Any], *, stated: bool) -> d
         'noise': {output: dict(zip(names[output], size.tolist(), strict=True))
                   for output, size in plan.noise.size.items()},
         'noise_of': 'residuals' if plan.noise.residual else 'samples', 'noise_stated': stated,
-        'part_of_limits': {
-            'position': by_joint(plan.beyond.position), 'velocity': by_joint(plan.beyond.velocity),
-            'acceleration': by_joint(plan.beyond.acceleration),
-            'effort': by_joint(plan.beyond.effort)},
+        'part_of_limits': {limit: dict(zip(arm.active_joints, (
+            round(value, 6) for value in getattr(plan.beyond, limit).tolist()), strict=True))
+            for limit in ('position', 'velocity', 'acceleration', 'effort')},
         'expected': errors}
 
 

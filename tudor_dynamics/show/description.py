@@ -25,7 +25,6 @@ import math
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from pydantic import ValidationError
 
 from tudor_dynamics._version import __version__
@@ -34,7 +33,7 @@ from tudor_dynamics.arm.schema import (
     ArmSpec, InertiaPart, MotorSpec, SensorSpec, STATE_KEYS, validation_message)
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import elastic_of, ModelBundle
-from tudor_dynamics.models.comparison import FullParameters
+from tudor_dynamics.models.comparison import described_bodies, FullParameters
 from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel
 from tudor_dynamics.models.elastic.parameters import in_words, physical_unit
 from tudor_dynamics.models.friction import DAMPING, FRICTION
@@ -91,20 +90,16 @@ def elastic_friction(arm: Arm, joint: str, terms: dict[str, float]) -> Simple:
 # What the elastic model knows and a description has no key for is not guessed into another one: it
 # is left out, and named.
 
+KEYS = {'joints': 'name', 'links': 'joint', 'motors': 'joint', 'sensors': 'gauge'}
+"""What the entries of the lists of a description go by."""
 LIKE = 1e-3
 """Part by which damping inside the play may differ from that of the teeth and be left unsaid."""
 
 
-@dataclass(frozen=True)
-class Description:
-    """An arm description."""
-
-    text: str  # all of the file, as YAML
-    left_out: tuple[str, ...]  # identified, but without a place here
-
-
-def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> Description:
-    """Describe an arm as its elastic model has found it."""
+def description_of(
+    bundle: ModelBundle, urdf: str = 'arm.urdf',
+) -> tuple[str, tuple[str, ...]]:
+    """Describe an arm as its elastic model has found it, as YAML; name what has no place there."""
     model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if model is None:
         raise ModelError('a description is written from an elastic model, and the bundle '
@@ -131,7 +126,7 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> Description:
     head += [f'# Not in here: {what}.' for what in writer.left_out]
     text = '\n'.join(head) + '\n' + yaml.safe_dump(content, sort_keys=False,
                                                    default_flow_style=None, width=99)
-    return Description(text, tuple(writer.left_out))
+    return text, tuple(writer.left_out)
 
 
 class _Writer:
@@ -144,22 +139,17 @@ class _Writer:
         self.said: list[str] = []
         self.left_out: list[str] = []
 
-    def _found(self, section: str, key: str, name: str) -> dict[str, Any] | None:
-        return next((entry for entry in self.content.get(section, ()) if entry[key] == name), None)
+    def _found(self, section: str, name: str) -> dict[str, Any] | None:
+        return next((entry for entry in self.content.get(section, ())
+                     if entry[KEYS[section]] == name), None)
 
-    def _motor(self, joint: str) -> dict[str, Any] | None:
-        return self._found('motors', 'joint', joint)
-
-    def _entry(self, section: str, key: str, name: str) -> dict[str, Any]:
+    def _entry(self, section: str, name: str) -> dict[str, Any]:
         """Give an entry of a list; a new one where there is none."""
-        entry = self._found(section, key, name)
+        entry = self._found(section, name)
         if entry is None:
-            entry = {key: name}
+            entry = {KEYS[section]: name}
             self.content.setdefault(section, []).append(entry)
         return entry
-
-    def _link(self, joint: str) -> dict[str, Any]:
-        return self._entry('links', 'joint', joint)
 
     def physical(self) -> None:
         """Write the physical parameters."""
@@ -186,7 +176,7 @@ class _Writer:
                 self.left_out.append(line)
 
     def _beam(self, joint: str) -> dict[str, Any]:
-        return self._link(joint)['flexible']
+        return self._entry('links', joint)['flexible']
 
     def _bending(self, joint: str, value: float) -> None:
         material = self._beam(joint)['material']
@@ -207,14 +197,14 @@ class _Writer:
         _weigh(self.content['payload'], value)
 
     def _gear(self, key: str, joint: str, value: float) -> None:
-        motor = self._motor(joint)
+        motor = self._found('motors', joint)
         if motor is None:
-            self._link(joint)[f'joint_{key}'] = value
+            self._entry('links', joint)[f'joint_{key}'] = value
         else:
             motor[key] = value
 
     def _play(self, joint: str, value: float) -> None:
-        motor = self._motor(joint)
+        motor = self._found('motors', joint)
         if motor is not None:
             motor['backlash'] = 2.0 * value
         elif value > 0.0:
@@ -225,16 +215,17 @@ class _Writer:
 
     def drive(self, joint: str, drive: ElasticDrive) -> None:
         """Write rotor, friction and torque constant of a joint, and say what has no place."""
-        terms, motor = drive.terms, self._motor(joint)
+        terms, motor = drive.terms, self._found('motors', joint)
         ways = {name: both_ways(terms, name) for name in (DAMPING, FRICTION)}
         used = {'Ia', DAMPING, f'{DAMPING}+', f'{DAMPING}-'}
         rotor = max(terms.get('Ia', 0.0), 0.0)
         viscous = [max(value, 0.0) for value in ways[DAMPING]]
         if motor is None:
-            self._link(joint).update(hub_inertia=rotor, viscous_friction=sum(viscous) / 2.0)
+            self._entry('links', joint).update(hub_inertia=rotor,
+                                               viscous_friction=sum(viscous) / 2.0)
         else:
             used |= {FRICTION, f'{FRICTION}+', f'{FRICTION}-'}
-            unit = self._found('joints', 'name', joint)
+            unit = self._found('joints', joint)
             if unit is not None and unit.get('effort', {}).get('unit') == 'A':
                 motor['torque_constant'] = drive.constant / (
                     motor['gear_ratio'] * motor.get('efficiency', 1.0))
@@ -254,7 +245,7 @@ class _Writer:
         """Write gain and offset of each gauge."""
         assert strain.coefficients_ is not None
         for gauge, (gain, offset) in zip(strain.channels, strain.coefficients_, strict=True):
-            sensor = self._entry('sensors', 'gauge', gauge)
+            sensor = self._entry('sensors', gauge)
             sensor.update(gain=float(gain), offset=float(offset))
             SensorSpec.model_validate(sensor)
 
@@ -316,9 +307,7 @@ def csv_of(full: FullParameters) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow(['parameter', 'value', 'standard_error', 'unit', 'source', 'described'])
-    described = np.concatenate([
-        np.asarray(pin.Inertia(inertia).toDynamicParameters())
-        for inertia in list(full.arm.model.inertias)[1:]])
+    described = np.concatenate(list(described_bodies(full.arm).values()))
     channels = full.model.channels
     for i, (name, value, error, source) in enumerate(zip(
             full.columns, values.tolist(), errors.tolist(), full.sources(), strict=True)):

@@ -136,19 +136,6 @@ def decimated(t: FloatArray, *signals: FloatArray) -> tuple[FloatArray, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class ComparedSignal:
-    """One channel of a bag with what the models say of it."""
-
-    # Output, channel and its unit.
-    output: str
-    name: str
-    unit: str
-    t: FloatArray  # time since the start of the bag, (samples,) [s]
-    measured: FloatArray  # measured output of the channel, (samples,)
-    predicted: dict[str, FloatArray]  # prediction of each kind of model
-
-
-@dataclass(frozen=True, eq=False)
 class JointPositions:
     """One joint's positions, in training and in validation."""
 
@@ -169,27 +156,34 @@ def scale(reference: FloatArray, others: Sequence[FloatArray]) -> tuple[float, f
     return bottom - pad, top + pad
 
 
-def _reach(errors: dict[str, FloatArray], percentile: float) -> float:
+def _reach(errors: Sequence[FloatArray], percentile: float) -> float:
     """Scale that shows nearly all errors, unless one model's are far larger than another's."""
-    sizes = [float(np.percentile(np.abs(x), percentile)) for x in errors.values()]
+    sizes = [float(np.percentile(np.abs(x), percentile)) for x in errors]
     return min(max(sizes), 4.0 * min(sizes)) or max(sizes) or 1.0
 
 
-def signal_figure(series: ComparedSignal, stretch: tuple[float, float]) -> Plot:
-    """Draw measured against predicted, and the residual; stretch [s]: to be looked at first."""
-    residuals = {kind: series.measured - values for kind, values in series.predicted.items()}
-    t, measured, *values = decimated(series.t, series.measured, *(
-        series.predicted[kind] for kind in residuals), *residuals.values())
-    kinds = list(residuals)
+def signal_figure(
+    arm: Arm, output: str, judged: Mapping[str, Validation], channel: str,
+    stretch: tuple[float, float],
+) -> Plot:
+    """
+    Draw measured against predicted, and the residual, of a channel of the first validation bag.
+
+    judged: what each kind of model makes of the output; stretch [s]: to be looked at first.
+    """
+    first, unit = next(iter(judged.values())), output_units(arm, output)[channel]
+    i, kinds, shown = first.channels.index(channel), list(judged), first.traces[0]
+    measured = shown.measured[:, i]
+    predicted = [item.traces[0].predicted[:, i] for item in judged.values()]
+    residuals = [measured - values for values in predicted]
+    t, *drawn = decimated(shown.t, measured, *predicted, *residuals)
     bound = 1.1 * _reach(residuals, 99.8)
     return {'columns': 1, 'linked': True, 'stretch': stretch, 'panels': [
-        panel('', '', label(series.output, series.unit),
-              *(trace(name, t, x, name) for name, x in zip(
-                  ['measured', *kinds], [measured, *values], strict=False)),
-              ylim=scale(series.measured, list(series.predicted.values()))),
-        panel('measured − predicted', 'time [s]', label('residual', series.unit),
-              *(trace(kind, t, x, kind) for kind, x in zip(
-                  kinds, values[len(kinds):], strict=True)), height=120, ylim=(-bound, bound))]}
+        panel('', '', label(output, unit), *(trace(name, t, x, name) for name, x in zip(
+            ['measured', *kinds], drawn, strict=False)), ylim=scale(measured, predicted)),
+        panel('measured − predicted', 'time [s]', label('residual', unit), *(
+            trace(kind, t, x, kind) for kind, x in zip(
+                kinds, drawn[1 + len(kinds):], strict=True)), height=120, ylim=(-bound, bound))]}
 
 
 def error_figure(arm: Arm, output: str, judged: Mapping[str, Validation]) -> Plot:
@@ -199,7 +193,7 @@ def error_figure(arm: Arm, output: str, judged: Mapping[str, Validation]) -> Plo
         errors = {kind: np.concatenate([
             trace.measured[:, i] - trace.predicted[:, i] for trace in item.traces])
             for kind, item in judged.items()}
-        bound = _reach(errors, 99.5)
+        bound = _reach([*errors.values()], 99.5)
         edges = np.linspace(-bound, bound, SIGNAL_BINS + 1)
         # what lies beyond is counted in the outermost bins, not dropped
         panels.append(panel(pretty_name(name), label('error', units[name]), '% of samples', *(
@@ -212,18 +206,6 @@ def error_figure(arm: Arm, output: str, judged: Mapping[str, Validation]) -> Plo
 DETAIL = 10.0
 """Length of the stretch shown in detail [s]."""
 MAX_PAIRS = 3
-
-
-def channel_series(
-    arm: Arm, output: str, judged: Mapping[str, Validation],
-) -> dict[str, ComparedSignal]:
-    """Collect what the models of one output, by kind, say of the first validation bag."""
-    first, units = next(iter(judged.values())), output_units(arm, output)
-    t, measured = first.traces[0].t, first.traces[0].measured
-    return {name: ComparedSignal(
-        output, name, units[name], t, measured[:, i],
-        {kind: item.traces[0].predicted[:, i] for kind, item in judged.items()})
-        for i, name in enumerate(first.channels)}
 
 
 def _speed(trace: Trace, data: Sequence[BagData]) -> FloatArray:
@@ -275,9 +257,6 @@ def coverage(result: FitResult) -> list[dict[str, Any]]:
 
     The share of the validation samples ``outside`` the training range is in percent.
     """
-    def peaks(data: Sequence[BagData], signal: str) -> list[float]:
-        return np.max(np.abs(_kept(data, signal)), axis=0).tolist() if data else []
-
     rows = []
     for axis in joint_axes(result):
         low, high = float(axis.training.min()), float(axis.training.max())
@@ -289,7 +268,8 @@ def coverage(result: FitResult) -> list[dict[str, Any]]:
         rows.append(row)
     for prefix, data in (('', result.training), ('test_', result.test)):
         for name, signal in (('speed', 'dq'), ('acceleration', 'ddq')):
-            for row, peak in zip(rows, peaks(data, signal), strict=False):
+            peaks = np.abs(_kept(data, signal)).max(axis=0, initial=0.0)
+            for row, peak in zip(rows, peaks.tolist(), strict=False):
                 row[prefix + name] = peak
     return rows
 
@@ -348,6 +328,8 @@ WIDE = 4.0
 """Ratio of largest to smallest from which a scale is one of factors."""
 
 ORDINAL = ('first', 'second')
+SHOWN = (('frequency', 1.0, 'frequency [Hz]'), ('damping', 100.0, 'damping ratio [%]'))
+"""What a mode has, the factor that it is drawn with, and its title."""
 
 
 def mode_figure(
@@ -356,9 +338,8 @@ def mode_figure(
     """Draw frequency and damping ratio of the first modes over one joint or two."""
     names = [label(*names) for names in axes_labels]
     panels = []
-    for values, title, what, factor in (
-            (found.frequency, 'frequency [Hz]', 'frequency', 1.0),
-            (100.0 * found.damping, 'damping ratio [%]', 'damping', 100.0)):
+    for what, factor, title in SHOWN:
+        values = factor * getattr(found, what)
         if len(found.joints) == 1:
             middle = 0.5 * (found.edges[0][1:] + found.edges[0][:-1])
             panels.append(panel('', names[0], title, *(
@@ -380,8 +361,7 @@ def mode_figure(
 def ringdown_figure(ringdowns: Sequence[Ringdown]) -> Plot:
     """Draw predicted against measured ring-downs."""
     panels = []
-    for what, factor, title in (('frequency', 1.0, 'frequency [Hz]'),
-                                ('damping', 100.0, 'damping ratio [%]')):
+    for what, factor, title in SHOWN:
         every, traces = [factor * getattr(r.measured, what) for r in ringdowns], []
         for look, name, words in (('held', 'held', 'joints held'),
                                   ('moved', 'simulated', 'along the measured motion')):

@@ -51,7 +51,7 @@ from tudor_dynamics.models.elastic.parameters import in_words
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.models.settings import INNER_STEP
 from tudor_dynamics.show.figures import (
-    arm_figure, channel_series, coverage, decimated, density_figure, encoded, error_figure,
+    arm_figure, coverage, decimated, density_figure, encoded, error_figure,
     event_figure, joint_axes, joint_pairs, label, liveliest, mode_figure, number, pair_figure,
     panel, Plot, pretty_unit, ringdown_figure, roc_figure, signal_figure, threshold_figure, trace)
 
@@ -97,9 +97,7 @@ class Overall:
     sentence: str  # verdict in a sentence
 
 
-def overall(
-    fitted: Sequence[FittedOutput], detects: Grade | None = None,
-) -> Overall:
+def overall(fitted: Sequence[FittedOutput], detects: Grade | None = None) -> Overall:
     """Sum the verdicts up."""
     fitted = headline(fitted)
     names = {level: [f'{item.output} {KINDS[item.kind].label}' for item in fitted
@@ -112,13 +110,12 @@ def overall(
             Grade.DO_NOT_USE: 'None of the models predicts well enough to be relied on.'}
         only = levels[0]
         if only is Grade.DO_NOT_USE and detects is Grade.GOOD:
-            return Overall(Grade.USABLE.name.lower(), 'usable to detect collisions',
+            return Overall('usable', 'usable to detect collisions',
                            sentence[only] + ' But they detect collisions: see below.')
         return Overall(only.name.lower(), only.value, sentence[only])
     text = '; '.join(f'{level.value}: {", ".join(names[level])}' for level in levels) + '.'
-    worst = Grade.USABLE
     word = 'usable in part' if names[Grade.DO_NOT_USE] else 'usable'
-    return Overall(worst.name.lower(), word, text[0].upper() + text[1:])
+    return Overall('usable', word, text[0].upper() + text[1:])
 
 
 def coefficient_groups(item: FittedOutput, arm: Arm) -> list[dict[str, Any]]:
@@ -282,8 +279,8 @@ def _output(result: FitResult, assessment: Assessment, output: str) -> dict[str,
     return {
         'key': output, 'title': TITLES[output], 'units': units,
         'unit': unit if set(units.values()) == {unit} else '', 'fitted': fitted, 'bag': trace.bag,
-        'signals': [(name, signal_figure(series, stretch)) for name, series
-                    in channel_series(result.arm, output, judged).items()],
+        'signals': [(name, signal_figure(result.arm, output, judged, name, stretch))
+                    for name in fitted[0].validation.channels],
         'errors': error_figure(result.arm, output, judged),
         'limits': next((found for found in limits if found is not None), None),
         'groups': [group for item in fitted for group in coefficient_groups(item, result.arm)]}

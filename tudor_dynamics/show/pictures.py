@@ -16,13 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, ParamSpec
 
-import matplotlib
 from matplotlib.figure import Figure
+from matplotlib.style import context
 import numpy as np
 
 from tudor_dynamics.arm.limits import Limits
@@ -31,8 +31,7 @@ from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.detection import MethodResult
-from tudor_dynamics.show.figures import (
-    ComparedSignal, event_figure, Plot, roc_figure, signal_figure)
+from tudor_dynamics.show.figures import event_figure, Plot
 from tudor_dynamics.signals.motion_profile import states
 from tudor_dynamics.typing import FloatArray
 
@@ -63,13 +62,9 @@ OTHER: dict[str, Any] = {'color': '#7a4fa3', 'linewidth': 1.1, 'linestyle': (0, 
 """Of a look that is not among these."""
 
 
-@contextmanager
-def style(settings: Any) -> Iterator[None]:
-    """Draw in a style, whatever the user's matplotlibrc says."""
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(settings)
-        yield
+def style() -> AbstractContextManager[None]:
+    """Draw in that style, whatever the user's matplotlibrc says."""
+    return context(PRINT, after_reset=True)
 
 
 def plain_text(setter: Any, text: str) -> None:
@@ -121,11 +116,6 @@ def draw(plot: Plot) -> Figure:
     return figure
 
 
-def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
-    """Draw measured against predicted, and the residual; the stretch [s] is shaded."""
-    return draw(signal_figure(series, stretch))
-
-
 def draw_events(results: Sequence[MethodResult]) -> Figure:
     """Draw ratios, pushes and events of the first bags, all methods below each other."""
     panels = []
@@ -140,11 +130,6 @@ def draw_events(results: Sequence[MethodResult]) -> Figure:
     return draw({'columns': 1, 'panels': panels})
 
 
-def draw_roc(results: Sequence[MethodResult]) -> Figure:
-    """Draw pushes found against false events."""
-    return draw(roc_figure({item.method: item.roc for item in results}))
-
-
 def picture_path(path: str | Path) -> Path:
     """Refuse a file name that no plot can be written to."""
     if Path(path).suffix not in SUFFIXES:
@@ -156,7 +141,7 @@ def write_picture(
     path: Path, draw: Callable[P, Figure], *args: P.args, **options: P.kwargs,
 ) -> None:
     """Draw in the style of figures that are files of their own; written whole or not at all."""
-    with style(PRINT):
+    with style():
         write_figure(draw(*args, **options), path)
 
 

@@ -177,7 +177,6 @@ class _Element:
     attributes: dict[str, str]
     begin: int
     inside: int = 0
-    close: int = 0
     end: int = 0
     parts: list[_Element] = field(default_factory=list)
 
@@ -220,10 +219,8 @@ def _elements(text: bytes) -> _Element:
 
     def end(name: str) -> None:
         element = stack.pop()
-        if text[element.inside - 2:element.inside] == b'/>':
-            element.close = element.end = element.inside
-        else:
-            element.close, element.end = parser.CurrentByteIndex, tag_end()
+        empty = text[element.inside - 2:element.inside] == b'/>'
+        element.end = element.inside if empty else tag_end()
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.Parse(text, True)

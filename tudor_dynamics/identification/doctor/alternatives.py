@@ -53,7 +53,6 @@ class Alternative:
     size: float | None = None  # scale of an effort, ratio of a coupling, or angle of gravity
     # Output to a matrix after its channels, (channels, channels); none for the output as it is.
     mixed: Mapping[str, FloatArray] = field(default_factory=dict)
-    gravity: FloatArray | None = None  # of another direction, (3,) [m/s^2]
     mended: Callable[[Recording], Recording] = lambda it: it  # its positions and stamps
     late: Mapping[str, Delay] = field(default_factory=dict)  # outputs that come late
     arm: Arm | None = None  # other description
@@ -103,13 +102,18 @@ def _swapped(n: int, i: int, j: int) -> FloatArray:
     return np.eye(n)[order]
 
 
-def _of_motion(case: Case, mixed: FloatArray) -> dict[str, Explained]:
-    return case.explained(case.motion @ np.kron(np.eye(3), mixed))
-
-
 def _turned(recording: Recording, mixed: FloatArray) -> Recording:
     dq = recording.dq
     return replace(recording, q=recording.q @ mixed, dq=None if dq is None else dq @ mixed)
+
+
+def _moved(
+    case: Case, kind: str, channels: tuple[str, ...], mixed: FloatArray, what: str = '',
+    size: float | None = None,
+) -> Alternative:
+    """Try other positions: mixed (joints, joints)."""
+    return Alternative(case, kind, channels, case.explained(case.motion @ np.kron(
+        np.eye(3), mixed)), what, size=size, mended=partial(_turned, mixed=mixed))
 
 
 def shared_efforts(case: Case) -> tuple[int, ...]:
@@ -141,14 +145,14 @@ def tilted(case: Case, gravity: FloatArray) -> Alternative:
         f'gravity along {axis_name(g)} explains the outputs, not that of the '
         f'description, {axis_name(own)}',
         f'gravity: {[float(x) for x in g]}, or correct alpha of the first D-H row', angle,
-        gravity=gravity, arm=arm)
+        arm=arm)
 
 
 def refined(start: Alternative) -> Alternative:
     """Turn gravity away from an axis as far as this reduces the residuals."""
     best, step = start, settings.FIRST_TURN
     while step > settings.LAST_TURN:
-        g = np.asarray(best.gravity)
+        g = np.array((best.arm or start.case.arm).spec.gravity)
         size = float(np.linalg.norm(g))
         across = np.linalg.svd(g[None, :])[2][1:] * size
         top = max((tilted(start.case, size * v / np.linalg.norm(v)) for v in
@@ -171,11 +175,9 @@ def directions(case: Case) -> Iterator[Alternative]:
         flip = _scaled(len(names), i, -1.0)
         turned = [{'effort': flip}] if i in shared else []
         if len(case.now) > 1:
-            explained = _of_motion(case, flip)
+            moved = _moved(case, 'joint_sign', (name,), flip, f'position of {name} {words}', -1.0)
             for mixed in ({}, *turned):
-                yield Alternative(case, 'joint_sign', (name,), explained,
-                                  f'position of {name} {words}', '', -1.0, mixed,
-                                  mended=partial(_turned, mixed=flip))
+                yield replace(moved, mixed=mixed)
         for mixed in turned:
             yield Alternative(case, 'effort_sign', (name,), case.usual,
                               f'effort of {name} {words}', '', -1.0, mixed)
@@ -188,11 +190,8 @@ def scales(case: Case) -> Iterator[Alternative]:
         return
     for i, name in enumerate(names):
         for scale in settings.JOINT_SCALES if case.moves[i] else ():
-            mixed = _scaled(len(names), i, scale)
-            yield Alternative(
-                case, 'joint_scale', (name,), _of_motion(case, mixed),
-                f'{name} moves about {scale:.3g} times what its positions say', '', scale,
-                mended=partial(_turned, mixed=mixed))
+            yield _moved(case, 'joint_scale', (name,), _scaled(len(names), i, scale),
+                         f'{name} moves about {scale:.3g} times what its positions say', scale)
 
 
 def clocks(case: Case) -> Iterator[Alternative]:
@@ -295,12 +294,11 @@ def exchanges(case: Case) -> Iterator[Alternative]:
         if not case.moves[[i, j]].any():
             continue
         swap = _swapped(n, i, j)
-        explained = _of_motion(case, swap)
+        moved = _moved(case, 'joints_exchanged', (names[i], names[j]), swap)
         for what, mixed in ([('positions', {}), ('names', {'effort': swap})]
                             if 'effort' in case.outputs else [('names', {})]):
-            yield Alternative(case, 'joints_exchanged', (names[i], names[j]), explained,
-                              f'{what} of {names[i]} and {names[j]} are exchanged', mixed=mixed,
-                              mended=partial(_turned, mixed=swap))
+            yield replace(moved, mixed=mixed,
+                          what=f'{what} of {names[i]} and {names[j]} are exchanged')
     for output, what in (('effort', 'efforts'), ('strain', 'gauges')):
         if output in case.outputs:
             names = case.bodies[output].channels
@@ -372,7 +370,7 @@ def choose(case: Case) -> list[Alternative]:
         for item in candidates(case):
             if item.kind not in best or item.gain > best[item.kind].gain:
                 best[item.kind] = item
-    return [refined(item) if item.gravity is not None else item
+    return [refined(item) if item.kind == 'gravity_axis' else item
             for item in sorted(best.values(), key=lambda item: -item.gain)[:settings.LIKELIEST]
             if item.gain >= case.brevity * (
                 settings.BEND_GAIN if item.kind in settings.BENDS else settings.LEAST_GAIN)]

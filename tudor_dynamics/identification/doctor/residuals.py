@@ -27,7 +27,7 @@ from tudor_dynamics.identification.doctor.alternatives import Alternative
 from tudor_dynamics.identification.doctor.case import (
     Decimated, Delay, Explained, gain, relative, share_of)
 from tudor_dynamics.identification.doctor.findings import Finding, found
-from tudor_dynamics.identification.doctor.readings import SINGULAR, until
+from tudor_dynamics.identification.doctor.samples import SINGULAR, until
 from tudor_dynamics.identification.ringdowns import (
     oscillation, power_density, SMALLEST_AMPLITUDE)
 from tudor_dynamics.typing import FloatArray
