@@ -92,7 +92,7 @@ def free_port() -> int:
 
 
 def test_page() -> None:
-    """The page is that of the last drawing, with names as they are; a port that is taken is said."""
+    """The page is that of the last drawing, names as they are; a port that is taken is said."""
     view, port = LiveView('arm <b>'), free_port()
     with shown(view, port, terminal=False) as draw:
         url = f'http://127.0.0.1:{port}/'
