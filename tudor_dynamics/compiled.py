@@ -46,13 +46,11 @@ Function = TypeVar('Function', bound=Callable[..., object])
 
 PACKAGE = Path(__file__).parent
 _CONFIG: Any = numba.config
-MARKS = b'\n@compiled\n', b'\n@with_lanes('
-"""What a file with inner loops contains."""
+MARKS = b'\n@compiled\n', b'\n@with_lanes('  # what a file with inner loops contains
 OTHERS = Path(__file__).name, 'vectors.py', 'settings.py'
 """Files that say how to compile, and those with numbers that inner loops of others use."""
 
-KEPT = 'tudor_dynamics-'
-"""How directories with compiled functions begin."""
+KEPT = 'tudor_dynamics-'  # how directories with compiled functions begin
 
 
 def kernel_files() -> dict[Path, bytes]:

@@ -27,8 +27,7 @@ import difflib
 from pathlib import Path
 import warnings
 
-MAX_MESSAGE = 1500
-"""Characters of a message; names and values that it repeats may have any number."""
+MAX_MESSAGE = 1500  # characters of a message; names and values that it repeats may have any number
 
 
 def printable(text: str) -> str:

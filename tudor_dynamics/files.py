@@ -174,14 +174,10 @@ def write_directory(path: Path, files: Mapping[str, bytes]) -> None:
 # million digits) and for the end of the stack (brackets in brackets). Text is looked through event
 # by event before anything is made of it.
 
-MAX_DEPTH = 50
-"""Levels: the compiled loader follows any number of them until the stack ends."""
-MAX_VALUES = 300_000
-"""Keys and values, counted again wherever a reference stands for them."""
-MAX_DIGITS = 400
-"""Of a number."""
-MAX_LONG = 1000
-"""Integers of more than 64 bits."""
+MAX_DEPTH = 50  # levels: the compiled loader follows any number of them until the stack ends
+MAX_VALUES = 300_000  # keys and values, counted again wherever a reference stands for them
+MAX_DIGITS = 400  # of a number
+MAX_LONG = 1000  # integers of more than 64 bits
 
 
 class BoundedLoader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
@@ -267,14 +263,10 @@ def _refused(problem: str, event: yaml.Event) -> yaml.YAMLError:
 
 # -- Unpacking of zstd and lz4 within bounds: a few kilobytes can claim to be gigabytes
 
-ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
-"""What a zstd frame begins with (RFC 8878, 3.1.1)."""
-MAX_RATIO = 64
-"""Times its own size that a compressed file may unpack to ..."""
-FREE_BYTES = 64 << 20
-"""... or to this, whichever is more."""
-MAX_PIECE = 64 << 20
-"""Largest chunk or message that is unpacked or read at once [bytes]."""
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'  # what a zstd frame begins with (RFC 8878, 3.1.1)
+MAX_RATIO = 64  # times its own size that a compressed file may unpack to ...
+FREE_BYTES = 64 << 20  # ... or to this, whichever is more.
+MAX_PIECE = 64 << 20  # largest chunk or message that is unpacked or read at once [bytes]
 
 
 class Damaged(ValueError):

@@ -66,8 +66,7 @@ if TYPE_CHECKING:
 
 # -- From the names of bags to judged models: what ``tudor fit`` and ``td.fit`` have in common
 
-HELD_OUT = 0.4
-"""Part at the end of an only bag that is kept for validation."""
+HELD_OUT = 0.4  # part at the end of an only bag that is kept for validation
 
 
 class HeldBags:

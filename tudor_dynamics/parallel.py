@@ -46,17 +46,14 @@ Result = TypeVar('Result')
 Count = Callable[[int], None]
 """Called with the number of steps that a piece of work has done since the last call."""
 
-GRACE = 10.0
-"""For a worker to end by itself once its parent has gone [s]."""
-LOOK = 0.2
-"""Time between two looks at the progress, or for the parent [s]."""
+GRACE = 10.0  # for a worker to end by itself once its parent has gone [s]
+LOOK = 0.2  # time between two looks at the progress, or for the parent [s]
 STEPS, PROCESS = range(2)
 QUIET = 'ignore:resource_tracker:UserWarning'
 """Loky clears away what a killed process has left; a warning of it is of no use to anybody."""
 
 
-_cluster: Cluster | None = None
-"""Other machines that do the work; None where it is done here."""
+_cluster: Cluster | None = None  # other machines that do the work; None where it is done here
 _watched = _working = False
 
 
@@ -212,10 +209,8 @@ def _end(*_: object) -> None:
 
 
 ADDRESS = re.compile(r'(tcp|tls|ws|wss)://(\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):\d{1,5}')
-TIMEOUT = 10.0
-"""For a scheduler to answer [s]."""
-AHEAD = 4
-"""Pieces that are under way, for each of the cluster's threads."""
+TIMEOUT = 10.0  # for a scheduler to answer [s]
+AHEAD = 4  # pieces that are under way, for each of the cluster's threads
 LIBRARIES = ('numpy', 'scipy', 'numba', 'pin')
 """What results depend on, besides the package itself."""
 

@@ -45,10 +45,8 @@ then not quite so in the model, and base parameters appear that only that differ
 columns of 4e-6, coefficients of 5e4 (measured on `ROUNDED` of test/arm/test_open_and_rounded.py).
 Where an arm was measured to be off by less than a milliradian, its dynamics do not feel it.
 """
-PRINTED = 1e-6
-"""Smaller differences are those of printed digits, and not reported [rad]."""
-SHOWN = 3
-"""Angles that one note names."""
+PRINTED = 1e-6  # smaller differences are those of printed digits, and not reported [rad]
+SHOWN = 3  # angles that one note names
 
 
 def exact(angle: float) -> float:

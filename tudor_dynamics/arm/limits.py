@@ -46,8 +46,7 @@ UNLIMITED = 1e8
 """From here on a limit is none: continuous joints of a URDF have 1e9 [rad, rad/s or N m]."""
 PLANNED_SPEED = 2.0 / 3.0
 """Part of the speed limit that is planned where the description does not say."""
-PLANNED_ACCELERATION = 1.0 / 3.0
-"""The same of the acceleration, of which the damper needs more."""
+PLANNED_ACCELERATION = 1.0 / 3.0  # the same of the acceleration, of which the damper needs more
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,10 +179,8 @@ MAX_SRDF_BYTES = 20_000_000
 MESHES = ('.stl', '.dae', '.obj')
 POSES, ALWAYS = 200, 0.9
 """Random poses, and the part of them at which a pair overlaps that is left out."""
-RADIUS = 0.05
-"""Of capsules in place of links without shapes [m]."""
-THICK = 20.0
-"""Of walls, which are boxes [m]."""
+RADIUS = 0.05  # of capsules in place of links without shapes [m]
+THICK = 20.0  # of walls, which are boxes [m]
 Wall = tuple[FloatArray, FloatArray]
 """Normal that points to the arm's side (3,), and a point (3,) [m], in the base frame."""
 

@@ -67,10 +67,8 @@ class Spec(BaseModel):
 
 NEWTON_METRE = ('N m', 'Nm', 'N*m', 'N·m', 'N⋅m', 'N.m')
 """Spellings of one unit; the first is used everywhere."""
-MAX_INDEX = 1000
-"""Values of an array that may be named."""
-AUTO = 'auto'
-"""What stands for a key that is left open: the same as no key."""
+MAX_INDEX = 1000  # values of an array that may be named
+AUTO = 'auto'  # what stands for a key that is left open: the same as no key
 FrictionTerm = Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square', 'load',
                        'presliding']
 FRICTION_TERMS: tuple[str, ...] = get_args(FrictionTerm)
@@ -843,8 +841,7 @@ class ArmSpec(Spec):
                         'here')
 
 
-MAX_PARTS = 8
-"""Mistakes that one message names."""
+MAX_PARTS = 8  # mistakes that one message names
 
 
 def validation_message(err: ValidationError) -> str:

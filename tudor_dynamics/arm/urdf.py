@@ -36,10 +36,8 @@ from tudor_dynamics.files import read_text
 
 
 MAX_URDF_BYTES = 20_000_000
-MAX_ELEMENTS = 100_000
-"""XML elements of all kinds."""
-MAX_DEPTH = 50
-"""Levels of XML elements; a URDF has six."""
+MAX_ELEMENTS = 100_000  # XML elements of all kinds
+MAX_DEPTH = 50  # levels of XML elements; a URDF has six
 MAX_LINKS = 1000
 """Links, and joints with the fixed ones: Pinocchio's parser ends the process at some thousands."""
 

@@ -45,14 +45,11 @@ IMU = 'sensor_msgs/msg/Imu'
 FLOAT64_MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 DYNAMIC_JOINT_STATE = 'control_msgs/msg/DynamicJointState'
 
-HEADER = 4
-"""Bytes of the encapsulation header."""
-MAX_PADDING = 3
-"""Bytes that a middleware may append to fill up to four."""
+HEADER = 4  # bytes of the encapsulation header
+MAX_PADDING = 3  # bytes that a middleware may append to fill up to four
 FIELDS = ('position', 'velocity', 'effort')
 POINT_FIELDS = ('positions', 'velocities', 'accelerations', 'effort')
-MAX_NAMES = 1000
-"""Names in a message; a hundred joints are described at most."""
+MAX_NAMES = 1000  # names in a message; a hundred joints are described at most
 
 
 class CdrError(ValueError):
@@ -200,8 +197,7 @@ def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     return cursor.finish(frame_id, names, fields, spare)
 
 
-DATA = 'data'
-"""Name of the only field of a Float64MultiArray."""
+DATA = 'data'  # name of the only field of a Float64MultiArray
 
 
 def array_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:

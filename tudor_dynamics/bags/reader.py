@@ -464,8 +464,7 @@ def read_planned(
 
 
 BOOL = 'std_msgs/msg/Bool'
-BOOL_BYTES = 5
-"""A Bool after its encapsulation header."""
+BOOL_BYTES = 5  # A Bool after its encapsulation header
 
 
 def _messages(

@@ -40,8 +40,7 @@ from tudor_dynamics.files import (
 
 METADATA = 'metadata.yaml'
 MAX_METADATA_BYTES = 10_000_000
-MAX_VERSION = 9
-"""Of Jazzy."""
+MAX_VERSION = 9  # of Jazzy
 STORAGES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 """Suffixes of storage files, and what their format is called."""
 
@@ -111,8 +110,7 @@ def _counts(information: dict[str, Any]) -> dict[str, int]:
     return counts
 
 
-DEEPEST = 4
-"""Folders within folders that are looked into."""
+DEEPEST = 4  # folders within folders that are looked into
 
 
 def natural(path: Path) -> list[tuple[int, int, str]]:
@@ -324,8 +322,7 @@ def _storage(file: Path, *, unfinished: bool = False) -> McapFile | SqliteFile:
 HOT_JOURNAL = bytes.fromhex('d9d505f920a163d7')
 """Begin of a rollback journal that counts (https://www.sqlite.org/fileformat.html, 3)."""
 MAX_TOPICS = 4096
-MAX_NAME = 255
-"""Characters in the name of a topic or type, as in DDS."""
+MAX_NAME = 255  # characters in the name of a topic or type, as in DDS
 
 
 def _topics(file: Path, compression: str | None, unfinished: set[Path]) -> list[TopicInfo]:

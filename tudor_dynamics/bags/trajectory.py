@@ -39,8 +39,7 @@ from tudor_dynamics.typing import FloatArray
 
 Points = Sequence[Sequence[float]]
 MAX_TABLE_BYTES = 50_000_000
-LARGEST = 1e12
-"""What no joint reaches [rad, m, s]: squares of more are no numbers."""
+LARGEST = 1e12  # what no joint reaches [rad, m, s]: squares of more are no numbers
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 MOST_MESSAGES = 100_000
 SECOND = 1_000_000_000

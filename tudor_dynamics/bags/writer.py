@@ -110,8 +110,7 @@ class SqliteSaver:
 
 
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
-METADATA_VERSION: Literal[9] = 9
-"""Of metadata.yaml, as Jazzy writes it."""
+METADATA_VERSION: Literal[9] = 9  # of metadata.yaml, as Jazzy writes it
 FAILURES = (OSError, sqlite3.Error)
 """What a storage raises where the disk takes no more; SQLite has its own way."""
 
@@ -267,8 +266,7 @@ def _full(topic: str) -> str:
     return topic if topic.startswith('/') else f'/{topic}'
 
 
-RESERVE, RESERVED = 'reserve', 1 << 20
-"""File and bytes that are kept for index and metadata."""
+RESERVE, RESERVED = 'reserve', 1 << 20  # file and bytes that are kept for index and metadata
 
 
 class LiveWriter:

@@ -48,8 +48,7 @@ from tudor_dynamics.identification.validation import Grade, Score
 
 LEAST_TEXT = 10
 """Characters that a column of text keeps at least; longer text goes on in the next line."""
-GAP = 2
-"""Blanks between columns."""
+GAP = 2  # blanks between columns
 
 
 SILENCE = 3.0

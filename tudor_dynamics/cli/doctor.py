@@ -42,10 +42,8 @@ It looks at versions, ROS 2, clock, processor, rights and space, and says what t
 is missing. A report of a bug should have its output.
 exit codes: 0 nothing to do; 1 something to do.
 """
-LAST_DOMAIN = 101
-"""The ports of larger ones are among those that Linux gives to any program."""
-FIRST_YEAR = 2024
-"""A clock that is set is not before it."""
+LAST_DOMAIN = 101  # the ports of larger ones are among those that Linux gives to any program
+FIRST_YEAR = 2024  # a clock that is set is not before it
 
 
 @dataclass(frozen=True)

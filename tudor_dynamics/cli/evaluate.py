@@ -48,10 +48,8 @@ from tudor_dynamics.online.detector import DetectorSettings, Rates, time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
 
 
-LONGEST_DEBOUNCE = 60.0
-"""A push that lasts longer is none [s]."""
-TOO_WIDE = 10.0
-"""Times what was promised: where even more would be no surprise, nothing is known."""
+LONGEST_DEBOUNCE = 60.0  # a push that lasts longer is none [s]
+TOO_WIDE = 10.0  # times what was promised: where even more would be no surprise, nothing is known
 
 
 # -- Options of ``tudor evaluate --collisions``, apart from what they need

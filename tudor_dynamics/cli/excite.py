@@ -103,8 +103,7 @@ reached. `tudor record --trajectory PLAN` plays it in simulation. exit codes: 0 
 input.
 """
 
-RANDOM = 3
-"""Random motions that the planned one is compared with."""
+RANDOM = 3  # random motions that the planned one is compared with
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -44,8 +44,7 @@ Without --arm, joints, efforts and strains are guessed from the topics. The exit
 bag that can be read, even if nothing can be learned from it, and 2 for one that cannot.
 """
 
-REAL_TIME = 1e8
-"""Stamps before this are no dates, but times since some start [s]."""
+REAL_TIME = 1e8  # stamps before this are no dates, but times since some start [s]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

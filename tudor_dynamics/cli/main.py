@@ -77,8 +77,7 @@ SUBCOMMANDS = {name: text for group in GROUPS.values() for name, text in group.i
 
 OK, NOT_GOOD_ENOUGH, WRONG_INPUT, DEFECT = 0, 1, 2, 70
 """Exit codes; the last one, EX_SOFTWARE of sysexits.h, is for errors that nobody expected."""
-DEBUG = 'TUDOR_DEBUG'
-"""Environment variable; where it is set, such an error keeps its traceback."""
+DEBUG = 'TUDOR_DEBUG'  # environment variable; where it is set, such an error keeps its traceback
 
 
 class Parser(argparse.ArgumentParser):

@@ -48,10 +48,8 @@ changes are loads; --payload-of then says what is carried at the end. exit codes
 shows whether there is a load; 1 a bag has no information, or the truth is more than three
 standard deviations away; 2 wrong input.
 """
-FAR = 3.0
-"""Standard deviations from which on an estimate is wrong."""
-EACH = 10
-"""Samples of which JSON has one."""
+FAR = 3.0  # standard deviations from which on an estimate is wrong
+EACH = 10  # samples of which JSON has one
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

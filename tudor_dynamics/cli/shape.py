@@ -33,8 +33,7 @@ examples:
 damped. TRAJECTORY is a CSV file or a bag, as for `tudor feedforward`, from rest to
 rest. Speeds and accelerations stay within those given; corners are cut.
 """
-OFF = (-0.05, 0.0, 0.05)
-"""Relative errors of the frequency for which it is said what remains."""
+OFF = (-0.05, 0.0, 0.05)  # relative errors of the frequency for which it is said what remains
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

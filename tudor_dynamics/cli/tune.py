@@ -47,10 +47,8 @@ exit codes: 0 done; 1 the ratio is missed by more than 20 % somewhere, because t
 position loop allows no more (the schedule is written, with what can be had there); 2 wrong input
 """
 
-MISSED = 0.2
-"""Part of the damping ratio by which it may be missed."""
-GRID = 5
-"""Payloads between the ends of a model's range, both included."""
+MISSED = 0.2  # part of the damping ratio by which it may be missed
+GRID = 5  # payloads between the ends of a model's range, both included
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

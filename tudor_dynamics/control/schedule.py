@@ -88,12 +88,9 @@ def columns_of(joints: tuple[str, ...], damped: tuple[str, ...], modes: int) -> 
 # for, the strain that the load and the accelerations of a motion make there, and the first modes.
 # ``tudor tune`` computes it from the elastic model; damper and planner read it without that.
 
-MAX_BYTES = 20_000_000
-"""Of a file."""
-MAX_NODES = 10_000
-"""Of a grid."""
-LARGEST_GAIN = 1e6
-"""Of a damper [rad/s per m/m]."""
+MAX_BYTES = 20_000_000  # of a file
+MAX_NODES = 10_000  # of a grid
+LARGEST_GAIN = 1e6  # of a damper [rad/s per m/m]
 Axis = Annotated[tuple[Finite, ...], Field(min_length=1, max_length=200)]
 
 

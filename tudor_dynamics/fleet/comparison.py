@@ -47,16 +47,11 @@ from tudor_dynamics.typing import FloatArray
 # are linear in the parameters. Residuals are coloured, and the standard errors of least squares
 # too small; those here are of the jackknife over parts of the recordings (Kuensch, 1989).
 
-POSES = 500
-"""Poses at which weight is looked at."""
-SLOW = 0.1
-"""Of its largest speed, below which a joint counts as at rest."""
-FEWEST_PARTS = 4
-"""Parts of the data for a standard error."""
-FEWEST_RINGS = 3
-"""Ring-downs for one."""
-WEIGHTLESS = 0.02
-"""Of what an output measures, below which weight is nothing to compare by."""
+POSES = 500  # poses at which weight is looked at
+SLOW = 0.1  # of its largest speed, below which a joint counts as at rest
+FEWEST_PARTS = 4  # parts of the data for a standard error
+FEWEST_RINGS = 3  # ring-downs for one
+WEIGHTLESS = 0.02  # of what an output measures, below which weight is nothing to compare by
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,16 +201,13 @@ def _figures(parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, Float
 # with; their scatter is that of their median absolute deviation, wider where they are few. What
 # differs by less than a tenth is nothing that anybody would mend, however certain it is.
 
-RELEVANT = 0.1
-"""Part of a quantity that a difference must be."""
+RELEVANT = 0.1  # part of a quantity that a difference must be
 OUTLIER_SIGMAS = 5.0
 """Standard errors that it must be: many numbers of many arms are looked at, and errors from few
 parts are themselves uncertain. With it at most two of a hundred fleets of like arms name anybody
 (test/fleet/test_unlike.py)."""
-FEWEST_OTHERS = 3
-"""Arms that an arm is compared with."""
-FEWEST_DATES = 3
-"""Dates that make a drift."""
+FEWEST_OTHERS = 3  # arms that an arm is compared with
+FEWEST_DATES = 3  # dates that make a drift
 FEW = 4.0
 """Widens the scatter of few arms: their median absolute deviation may be small by chance; checked
 with OUTLIER_SIGMAS, by the same test."""
@@ -439,10 +431,8 @@ def _series(items: Sequence[Observation], start: datetime.date) -> History:
 
 # -- The page of a fleet: which arms are named, and each quantity of all arms over time
 
-LOOKS = 6
-"""Looks of arms that are named, in `templates/report.js`; those of others are grey."""
-MOST = 200
-"""Arms that a figure draws, besides those that are named."""
+LOOKS = 6  # looks of arms that are named, in `templates/report.js`; those of others are grey
+MOST = 200  # arms that a figure draws, besides those that are named
 
 
 def page_of(fleet: Fleet) -> str:

@@ -56,10 +56,8 @@ from tudor_dynamics.typing import Progress
 
 # -- The plan of a fleet: which arms, their bags by date
 
-LARGEST = 5_000_000
-"""Bytes of a plan."""
-FORBIDDEN = '/\\\0'
-"""Characters that the name of a folder cannot have."""
+LARGEST = 5_000_000  # bytes of a plan
+FORBIDDEN = '/\\\0'  # characters that the name of a folder cannot have
 
 
 class FleetArm(Spec):
@@ -172,8 +170,7 @@ def _stands(out: Path) -> bool:
 # What a search has found is kept with the sums of the bags, under a name of all that it depends
 # on: bags, arm, filters, sources, and the date before, where the search began.
 
-SEARCHED_WITH = (*passes.PARTS, 'mechanics')
-"""Parts of the package that a search depends on."""
+SEARCHED_WITH = (*passes.PARTS, 'mechanics')  # parts of the package that a search depends on
 Physical = tuple[PhysicalParameter, ...]
 Dates = tuple[Task, tuple[Sequence[SurveyedBag], ...]]
 """What is asked of an arm, and its bags date by date."""
@@ -240,10 +237,8 @@ def _read(content: bytes | None) -> Physical | None:
 When = tuple[str, datetime.date]
 """Arm and date."""
 
-SAMPLE = 8
-"""Bags of all arms that filters and friction are chosen by."""
-PARTS = 6
-"""Parts of the data of a date, at least: for standard errors."""
+SAMPLE = 8  # bags of all arms that filters and friction are chosen by
+PARTS = 6  # parts of the data of a date, at least: for standard errors
 
 
 @dataclass(frozen=True)

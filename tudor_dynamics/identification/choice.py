@@ -47,8 +47,7 @@ from tudor_dynamics.typing import FloatArray, Progress
 # of every part that may be left out, the products of all columns are kept, and to leave a part out
 # is a subtraction.
 
-PARTS = 5
-"""Parts that a few recordings are divided into; of more recordings each is a part."""
+PARTS = 5  # parts that a few recordings are divided into; of more recordings each is a part
 
 
 class Column(NamedTuple):
@@ -277,8 +276,7 @@ def paid(before: FloatArray, after: FloatArray) -> bool:
 
 # -- Friction terms for each joint: added one after the other, as long as left-out parts pay
 
-ROUNDS = 3
-"""Additions that a joint may get."""
+ROUNDS = 3  # additions that a joint may get
 SWITCHES = (0.05, 0.25, 5.0)
 """Speeds of the smoothed sign that are tried, in that of the description."""
 HYSTERESIS = (0.01, 0.05)

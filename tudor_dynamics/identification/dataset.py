@@ -42,8 +42,7 @@ from tudor_dynamics.signals.preprocessing import (
 
 # -- Where a recording moves, but for standstill in the middle
 
-STANDSTILL = 2e-3
-"""Part of the largest motion of any joint that is no motion yet."""
+STANDSTILL = 2e-3  # part of the largest motion of any joint that is no motion yet
 STANDSTILL_KEPT = 0.5
 """Standstill before and after the motion that stays, for ringing and breaking away [s]."""
 

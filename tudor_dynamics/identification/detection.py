@@ -47,18 +47,12 @@ from tudor_dynamics.typing import FloatArray
 #
 # Where nothing is known, an event is neither right nor false.
 
-FORCE = 0.01
-"""Less is no push [N]."""
-MERGE = 0.1
-"""Pauses of the force that do not end a push [s]."""
-TOPIC = 'applied_wrench'
-"""Where forces that were applied on purpose are recorded."""
-LARGEST_TOLERANCE = 1.0
-"""A push that is marked by eye is not farther off [s]."""
-LONGEST = 1e9
-"""Later no bag has a push [s]: stamps count nanoseconds in 64 bits."""
-MAX_TABLE = 10_000_000
-"""Bytes of a table of pushes that are read."""
+FORCE = 0.01  # less is no push [N]
+MERGE = 0.1  # pauses of the force that do not end a push [s]
+TOPIC = 'applied_wrench'  # where forces that were applied on purpose are recorded
+LARGEST_TOLERANCE = 1.0  # a push that is marked by eye is not farther off [s]
+LONGEST = 1e9  # later no bag has a push [s]: stamps count nanoseconds in 64 bits
+MAX_TABLE = 10_000_000  # bytes of a table of pushes that are read
 
 
 @dataclass(frozen=True)
@@ -185,12 +179,9 @@ def truth_of_file(path: str | Path, bag: BagData) -> Truth:
 # A push counts as found if an event falls between its start and shortly after its end. Its latency
 # runs from the start of the force to the sample at which the detector is sure.
 
-RECENT = 60
-"""Estimates of a contact before an event that may belong to it: 0.3 s at 200 Hz."""
-LATE = 0.3
-"""After the end of a push an event still counts as found [s]."""
-AFTERMATH = 2.0
-"""After the end of a push an event is no false alarm: the arm still rings [s]."""
+RECENT = 60  # estimates of a contact before an event that may belong to it: 0.3 s at 200 Hz
+LATE = 0.3  # after the end of a push an event still counts as found [s]
+AFTERMATH = 2.0  # after the end of a push an event is no false alarm: the arm still rings [s]
 
 
 @dataclass(frozen=True)

@@ -80,14 +80,10 @@ class Straight:
 
 # -- What the search for elastic parameters is given: stretches of recordings, and what is known
 
-RUN_IN = 6.0
-"""Left out where a stretch begins in motion whose past is unknown [s]."""
-SETTLE = 0.5
-"""Left out at the beginning of each stretch [s]."""
-STILL = 0.02
-"""Speed below which a stretch begins at rest [rad/s or m/s]."""
-LEAST_SECONDS = 8.0
-"""Strain below which nothing can be said of oscillations [s]."""
+RUN_IN = 6.0  # left out where a stretch begins in motion whose past is unknown [s]
+SETTLE = 0.5  # left out at the beginning of each stretch [s]
+STILL = 0.02  # speed below which a stretch begins at rest [rad/s or m/s]
+LEAST_SECONDS = 8.0  # strain below which nothing can be said of oscillations [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -444,15 +440,12 @@ class Problem:
 
 # -- What a search for elastic parameters amounts to: weights, values, honest standard errors
 
-HUBER = 2.0
-"""Errors beyond this many standard deviations count less."""
-TOGETHER = 0.25
-"""Errors nearer than this count as one in the search, against the prior [s]."""
+HUBER = 2.0  # errors beyond this many standard deviations count less
+TOGETHER = 0.25  # errors nearer than this count as one in the search, against the prior [s]
 SMOOTH = 1.0
 """How strongly simulations are drawn for standard errors [1/s]: slopes of an arm that follows
 positions alone over its plays are rough, and rough slopes promise too much."""
-CLUSTER = 2.0
-"""Errors nearer than this belong together, for the standard errors [s]."""
+CLUSTER = 2.0  # errors nearer than this belong together, for the standard errors [s]
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,7 @@ LADDER = 4.0 ** np.arange(-4.0, 1.0)
 """Dampings that are tried at once, relative to the last that was best."""
 LONGER = (1.5, 2.0, 3.0)
 """Multiples of the least damped step that are tried with them: as many in all as run together."""
-LEAST = 0.1
-"""Damping below which nothing changes: the prior holds each unknown with 1."""
+LEAST = 0.1  # damping below which nothing changes: the prior holds each unknown with 1
 
 
 def minimised(
@@ -100,10 +99,8 @@ def _step(
 
 # -- Improving the parameters of an elastic arm from where they are, in one search or several
 
-GAIN = 0.3
-"""Typical change of a gauge's gain, as a logarithm."""
-FARTHEST = 6.0
-"""From the prior's centre, in its standard deviations."""
+GAIN = 0.3  # typical change of a gauge's gain, as a logarithm
+FARTHEST = 6.0  # from the prior's centre, in its standard deviations
 
 
 @dataclass(frozen=True)
@@ -161,18 +158,14 @@ FACTORS = np.exp(np.linspace(-0.9, 0.9, 37))
 STARTS = {None: 3, 0.5: 1, 0.8: 1}
 """By the share of compliance that lies in the gears, first as described: factors to be improved
 before one is chosen."""
-THIN = 2
-"""Of the factors with other shares than described, every so manieth is tried."""
-EXCERPT = 60.0
-"""Length of what starts are compared on, all pieces together [s]."""
+THIN = 2  # of the factors with other shares than described, every so manieth is tried
+EXCERPT = 60.0  # length of what starts are compared on, all pieces together [s]
 PIECES = 4
 STEPS, MORE = 5, 3
 """With which each is improved, and then the best: between a gear and its link a compliance is
 shared out slowly."""
-CANDIDATES = 2
-"""Best starts, of different shares, that are improved further."""
-COARSE = 5e-3
-"""Inner step while starts are compared [s]."""
+CANDIDATES = 2  # best starts, of different shares, that are improved further
+COARSE = 5e-3  # inner step while starts are compared [s]
 
 
 def _pieces(records: Sequence[Record]) -> list[Record]:
@@ -275,8 +268,7 @@ def _peaks(
 # simulated arm is drawn towards the measured strain less and less: each begins where the one
 # before has left errors small enough. It is drawn to the last: see ``LAST``.
 
-ENOUGH = 100.0
-"""Length of what the first stages are done on [s]."""
+ENOUGH = 100.0  # length of what the first stages are done on [s]
 FIRST = (SearchPhase(2.0, COARSE, 6, 1e-3), SearchPhase(1.0, COARSE, 6, 1e-3))
 """On part of the records: from where the scan ends, errors must be forgotten soon."""
 JUDGED = (FIRST[1], SearchPhase(0.7, INNER_STEP, 7, 1e-3))
@@ -286,8 +278,7 @@ LAST = (SearchPhase(0.7, INNER_STEP, 7, 1e-3), SearchPhase(0.7, INNER_STEP, 7, 1
 A last phase in which nothing draws, as the model will be used, explains the training bags better
 and those of a real arm worse; of an arm that crosses its plays undamped, parameters that differ by
 a tenth of their standard errors explain a recording better or worse by points of fit."""
-LATE = 0.03
-"""Lag of the gauges that is tried [s]: without, damping of the links takes its place."""
+LATE = 0.03  # lag of the gauges that is tried [s]: without, damping of the links takes its place
 CLEARLY = 0.9
 """Part of the error that another start must not exceed: less says nothing about unseen motion."""
 AS_GOOD, APART = 1.05, 0.2
@@ -295,10 +286,8 @@ AS_GOOD, APART = 1.05, 0.2
 which they differ by more than the latter, as a logarithm."""
 
 
-RIGID_SHARE = 0.1
-"""Of a link's compliance: a gear that has less is tried as rigid, without play."""
-FAR_PLAY = 2.0
-"""From the described play, in deviations of the prior: such a play is tried as none."""
+RIGID_SHARE = 0.1  # of a link's compliance: a gear that has less is tried as rigid, without play
+FAR_PLAY = 2.0  # from the described play, in deviations of the prior: such a play is tried as none
 LEARNED = 2.0 / 3.0
 """Part of the recordings that simple gears are identified from, and the others again, before both
 are judged by the rest, where simple ones may be worse by `AS_GOOD`."""

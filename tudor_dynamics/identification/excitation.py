@@ -44,10 +44,8 @@ from tudor_dynamics.typing import FloatArray
 # repeat, and the band of frequencies is what is bounded (Swevers et al., IEEE T-RA 13, 1997,
 # repeat a short period instead, which costs freedom that a search may use).
 
-REST = 1.0
-"""Rest at both ends: filters settle [s]."""
-FADE = 3.0
-"""Way from rest into the series and back [s]."""
+REST = 1.0  # rest at both ends: filters settle [s]
+FADE = 3.0  # way from rest into the series and back [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +115,7 @@ def series(
 # its own sample alone, so that a gradient costs 3 n_joints evaluations whatever the motion is made
 # of.
 
-STEP = 1e-6
-"""Step of difference quotients [rad, rad/s, rad/s^2 or m, m/s, m/s^2]."""
+STEP = 1e-6  # step of difference quotients [rad, rad/s, rad/s^2 or m, m/s, m/s^2]
 LEAST = 1e-12
 """Part of the largest eigenvalue of a scaled information matrix that every direction is given:
 what a motion does not show at all is expensive, not infinite."""
@@ -275,12 +272,9 @@ def expected_errors(
 # Positions, speeds, accelerations and efforts are ratios to their limits; distances between links
 # fall short of a clearance. A penalty grows with the square of what is beyond.
 
-CLEARANCE = 0.02
-"""Distance that links are to keep from each other [m]."""
-TOUCH = 0.005
-"""Distance that is taken for a collision: motion is looked at sample by sample [m]."""
-EFFORT = 0.8
-"""Part of the largest effort that is planned: friction and tracking need the rest."""
+CLEARANCE = 0.02  # distance that links are to keep from each other [m]
+TOUCH = 0.005  # distance that is taken for a collision: motion is looked at sample by sample [m]
+EFFORT = 0.8  # part of the largest effort that is planned: friction and tracking need the rest
 
 
 @dataclass(frozen=True, eq=False)

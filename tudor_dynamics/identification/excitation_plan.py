@@ -48,8 +48,7 @@ from tudor_dynamics.typing import FloatArray
 
 # -- How well a motion excites the parameters of an arm: condition numbers before it is run
 
-REPORT_RATE = 20.0
-"""Rate at which the motion is looked at [Hz]."""
+REPORT_RATE = 20.0  # rate at which the motion is looked at [Hz]
 
 
 @dataclass(frozen=True)
@@ -110,21 +109,17 @@ def best_seed(arm: Arm, make: Callable[[int], Reference], seeds: Sequence[int]) 
 # middle where efforts or links ask for it. An APRBS is a draw: the best of many, and of changes to
 # the best.
 
-STAGES = (10.0, 1e3, 1e4)
-"""Weights of the penalties, one after the other."""
+STAGES = (10.0, 1e3, 1e4)  # weights of the penalties, one after the other
 SAMPLES, CLOSE_SAMPLES = 4.0, 20.0
 """Samples for each period of the largest frequency, while it is searched: of what the motion
 shows, which is cheaper where they are few, and of its limits, which are passed between them
 otherwise."""
-LEAST_RATE = 5.0
-"""Samples a second at least [Hz]."""
+LEAST_RATE = 5.0  # samples a second at least [Hz]
 POSES = 100
 """Random poses from which the one with the most room between links is where a search begins."""
 HALVINGS = 12
-CHECKED = 50.0
-"""Rate at which efforts and distances between links are looked at in the end [Hz]."""
-LOOKED_AT = 20.0
-"""Rate at which an APRBS is judged [Hz]."""
+CHECKED = 50.0  # rate at which efforts and distances between links are looked at in the end [Hz]
+LOOKED_AT = 20.0  # rate at which an APRBS is judged [Hz]
 
 Report = Callable[[float], bool]
 """Told the cost of each step of a search; answers whether to stop."""
@@ -295,8 +290,7 @@ def _changed(targets: Targets, bounds: Bounds, generator: np.random.Generator) -
 # -- From an arm to the plan of a recording: the motion, what it keeps to, what it will show
 
 KINDS = ('fourier', 'aprbs')
-HIGHEST = 2.0
-"""Largest frequency of a series where links do not bend [Hz]."""
+HIGHEST = 2.0  # largest frequency of a series where links do not bend [Hz]
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,8 +396,7 @@ def judged(target: Target, trajectory: Trajectory, bounds: Bounds) -> Plan:
 FORMAT, VERSION = 'tudor_dynamics/excitation', 1
 HEAD, TABLE, BAG, PICTURE = 'plan.json', 'trajectory.csv', 'bag', 'motion.png'
 MAX_HEAD_BYTES = 20_000_000
-STAMP = 1_000_000_000
-"""Stamp of the only message [ns]; one of zero would mean "not set" in ROS."""
+STAMP = 1_000_000_000  # stamp of the only message [ns]; one of zero would mean "not set" in ROS
 
 
 class _Head(BaseModel):

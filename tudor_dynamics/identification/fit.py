@@ -84,12 +84,9 @@ def choices_to_list(made: Sequence[Choice]) -> list[dict[str, Any]]:
 # of a threshold may come from training bags as well, each predicted by a model of the others.
 
 Left = tuple[list[BagData], BagData]
-ENOUGH = 160.0
-"""Motion of which thresholds hardly profit from more [s]."""
-PARTS = 5
-"""Into which an only bag is cut."""
-SHORTEST = 4.0
-"""Parts shorter than this lose too much at their ends, in which filters settle [s]."""
+ENOUGH = 160.0  # motion of which thresholds hardly profit from more [s]
+PARTS = 5  # into which an only bag is cut
+SHORTEST = 4.0  # parts shorter than this lose too much at their ends, in which filters settle [s]
 
 
 def left_out(
@@ -169,10 +166,8 @@ class RowTrainer:
             self.sums.setdefault(output, {}))
 
 
-ELASTIC = 'elastic'
-"""The kind that learns from whole stretches; rows do for all others."""
-UNTOLD = 0.2
-"""Relative standard error beyond which a stiffness is not identifiable."""
+ELASTIC = 'elastic'  # the kind that learns from whole stretches; rows do for all others
+UNTOLD = 0.2  # relative standard error beyond which a stiffness is not identifiable
 Searches = Mapping[tuple[str, ...], Identified]
 """Names of bags to what was found of them."""
 
@@ -352,8 +347,7 @@ class ElasticTrainer:
 
 # -- From bags to models with a verdict: the offline tool's main job, without its command line
 
-DEFAULT_KINDS = ('analytical',)
-"""The elastic model takes longer, and needs to know the links."""
+DEFAULT_KINDS = ('analytical',)  # the elastic model takes longer, and needs to know the links
 
 
 @dataclass(frozen=True)

@@ -79,10 +79,8 @@ def watched(bag: BagData) -> list[Watched]:
 
 # -- How far off a load is that a model tells, on motion with a known load that it has not seen
 
-ERRORS_KIND = 'analytical'
-"""Kind of model that loads are estimated with."""
-PARTS = 4
-"""Into which all training bags are cut; each part is left out once."""
+ERRORS_KIND = 'analytical'  # kind of model that loads are estimated with
+PARTS = 4  # into which all training bags are cut; each part is left out once
 
 
 def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str, float]:

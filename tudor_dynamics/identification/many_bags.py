@@ -94,13 +94,11 @@ def light(model: AnalyticalModel) -> AnalyticalModel:
     return other
 
 
-FROM = 33
-"""Bags from which a fit is streamed without being asked to."""
+FROM = 33  # bags from which a fit is streamed without being asked to
 SAMPLE = 8
 """Bags that stay in memory, for choices, thresholds and figures; what they take is in
 bench/many_bags.py."""
-WARNED = 5
-"""Bags left out that are warned of one by one."""
+WARNED = 5  # bags left out that are warned of one by one
 
 
 @dataclass(frozen=True)

@@ -43,10 +43,8 @@ from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.signals.preprocessing import prepare
 
 
-MILD = ('standstill', 'jitter', 'rings')
-"""Findings that cost little."""
-NAMED = 20
-"""Bags that a command names one by one."""
+MILD = ('standstill', 'jitter', 'rings')  # findings that cost little
+NAMED = 20  # bags that a command names one by one
 
 
 @dataclass(frozen=True)

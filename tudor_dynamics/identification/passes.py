@@ -51,12 +51,10 @@ from tudor_dynamics.parallel import Count, in_processes, in_threads, width
 
 PARTS = ('arm', 'bags', 'signals', 'models', 'identification')
 """Parts of the package that sums depend on."""
-LARGEST = 200_000_000
-"""Bytes of what one bag came to."""
+LARGEST = 200_000_000  # bytes of what one bag came to
 NAME = re.compile(r'[0-9a-f]{24}-[0-9a-f]{16}\.(npz|json)')
 """Of a file: checksum of the bag, digest of settings and sources."""
-SUFFIX = '.sums'
-"""Of the directory next to a bundle in which sums are kept."""
+SUFFIX = '.sums'  # of the directory next to a bundle in which sums are kept
 Place = tuple[int, str]
 """Number of the filters among those of a task, and the output."""
 
@@ -299,8 +297,7 @@ class Judging(Pass[BagErrors]):
 
 
 Item = TypeVar('Item')
-EACH = 8
-"""Pieces of work for each process."""
+EACH = 8  # pieces of work for each process
 Found = list[BagFacts | Unused]
 Progress = Callable[[int], None]
 

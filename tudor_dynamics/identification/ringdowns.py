@@ -39,14 +39,10 @@ from tudor_dynamics.typing import FloatArray
 
 # -- Does the arm ring? The residual of a rigid-body model says, and at which frequency
 
-LOWEST = 0.5
-"""Below, the residual is the model's own error, not a vibration [Hz]."""
-HALF_WIDTH = 0.2
-"""Half width of a resonance, relative to its frequency: it moves with the pose."""
-SMALLEST_SHARE = 0.5
-"""Share of the residual's power above LOWEST that the resonance must have."""
-SMALLEST_AMPLITUDE = 0.02
-"""Rms of the resonance relative to the signal's standard deviation."""
+LOWEST = 0.5  # below, the residual is the model's own error, not a vibration [Hz]
+HALF_WIDTH = 0.2  # half width of a resonance, relative to its frequency: it moves with the pose
+SMALLEST_SHARE = 0.5  # share of the residual's power above LOWEST that the resonance must have
+SMALLEST_AMPLITUDE = 0.02  # rms of the resonance relative to the signal's standard deviation
 
 
 @dataclass(frozen=True)
@@ -129,12 +125,9 @@ def find_ringing(
 
 # -- Frequencies and damping of an elastic arm, joints held, over the poses that its bags cover
 
-CELLS = 18
-"""Of the map along each joint."""
-MOVING = 1e-3
-"""Range of positions above which a joint counts as moving [rad or m]."""
-MODES = 2
-"""Modes wanted: links and gears have more, but bags hardly show them."""
+CELLS = 18  # of the map along each joint
+MOVING = 1e-3  # range of positions above which a joint counts as moving [rad or m]
+MODES = 2  # modes wanted: links and gears have more, but bags hardly show them
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,16 +214,12 @@ def enclosed(visited: NDArray[np.bool_]) -> NDArray[np.bool_]:
 # The model is asked twice: linearised with the joints held at that pose, and simulated along the
 # measured motion, so that play and joints that give way count as they did.
 
-STILL = 0.02
-"""Speed below which a joint stands still [rad/s or m/s]."""
-LEAST_SECONDS = 1.2
-"""Shortest standstill that is looked at: three periods of 2.5 Hz [s]."""
-MOST_SECONDS = 4.0
-"""Of a standstill, from its beginning: later there is mostly noise [s]."""
+STILL = 0.02  # speed below which a joint stands still [rad/s or m/s]
+LEAST_SECONDS = 1.2  # shortest standstill that is looked at: three periods of 2.5 Hz [s]
+MOST_SECONDS = 4.0  # of a standstill, from its beginning: later there is mostly noise [s]
 LEAST_SHARE = 0.8
 """Share of the strain's variance, less a drift, that an oscillation must explain to count."""
-SAME = 2.0
-"""Frequencies farther apart than this factor are not the same oscillation."""
+SAME = 2.0  # frequencies farther apart than this factor are not the same oscillation
 
 
 @dataclass(frozen=True)

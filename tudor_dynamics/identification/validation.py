@@ -229,10 +229,8 @@ def part_errors(model: AnalyticalModel, part: list[list[Products]]) -> FloatArra
 
 # -- What no model can explain: the noise of the sensors, after the filters of a fit
 
-ORDER = 5
-"""Differences that leave nothing of a motion, and all of white noise."""
-NORMAL = 0.6827
-"""Share of a normal distribution within one standard deviation."""
+ORDER = 5  # differences that leave nothing of a motion, and all of white noise
+NORMAL = 0.6827  # share of a normal distribution within one standard deviation
 
 
 def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -> FloatArray:
@@ -260,10 +258,8 @@ def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -
 # time, so that leaving out single samples at random shows a model nearly the same samples twice.
 # That split is offered for comparison, and called optimistic.
 
-STANDING = 0.02
-"""Slower joints stand [rad/s or m/s]."""
-SLOW = 0.05
-"""The same as a share of the largest speed, where that is less."""
+STANDING = 0.02  # slower joints stand [rad/s or m/s]
+SLOW = 0.05  # the same as a share of the largest speed, where that is less
 
 
 Case = tuple[Model, BagData]
@@ -363,8 +359,7 @@ GOOD_FIT = 85.0
 USABLE_FIT = 60.0
 USABLE_ERROR = 15.0
 """Relative error up to which a model is of use where the output hardly varies [%]."""
-NOISE_LIMITED = 1.25
-"""Times the noise of the sensor up to which no model does much better."""
+NOISE_LIMITED = 1.25  # times the noise of the sensor up to which no model does much better
 LARGEST_CONDITION = 1e4
 LARGEST_GAP = 10.0
 

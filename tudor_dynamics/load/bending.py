@@ -85,10 +85,8 @@ def smoothed(items: Iterable[Watched], cutoff: float, step: float = FINE) -> lis
 # It shows loads only. A touch makes links ring as well, so it would hide half of what a detector
 # looks for.
 
-FACT = 'bent_links'
-"""Where facts of a bundle have it."""
-KIND = 'analytical'
-"""Kind of model that shows loads."""
+FACT = 'bent_links'  # where facts of a bundle have it
+KIND = 'analytical'  # kind of model that shows loads
 
 
 class BentPart(BundlePart):

@@ -44,8 +44,7 @@ from tudor_dynamics.typing import FloatArray
 # simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
 # matrix", Econometrica 55(3), 1987) over a window that is longer than an oscillation.
 
-FLAT = 1e-9
-"""Part of a row's size below which it is nothing but rounding."""
+FLAT = 1e-9  # part of a row's size below which it is nothing but rounding
 
 
 @dataclass(frozen=True, eq=False)

@@ -208,8 +208,7 @@ def run_loop(
 # ``run`` takes a whole reference and is compiled from end to end; ``step`` is the same for one
 # step, for a process that gets its references one by one.
 
-CHUNK = 2000
-"""Steps between two looks from outside."""
+CHUNK = 2000  # steps between two looks from outside
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,10 +82,8 @@ def speed_after(step: AlphaStep, dz: Any, old_acc: Any, acc: Any) -> Any:
 
 # -- Accelerations that a step begins with: as they went on, by the order that served best before
 
-PAST = 4
-"""Accelerations that are kept."""
-ORDERS = 4
-"""Polynomials to choose from: constant to cubic."""
+PAST = 4  # accelerations that are kept
+ORDERS = 4  # polynomials to choose from: constant to cubic
 
 
 @compiled

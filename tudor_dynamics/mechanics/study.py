@@ -49,8 +49,7 @@ COLOURS = ('#1f5fa8', '#c8502d', '#3a8a4f', '#7a52a0')
 STYLES = ('-', (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
 """Lines that can be distinguished in grey, too."""
 AXES = ('x', 'y', 'z')
-HIGHEST = 150.0
-"""Frequency up to which spectra are drawn [Hz]."""
+HIGHEST = 150.0  # frequency up to which spectra are drawn [Hz]
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,8 +49,7 @@ from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 1024
 """Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""
-WHOLE = 'all'
-"""Name of data that are one part."""
+WHOLE = 'all'  # name of data that are one part
 
 
 class BasePart(CoefficientPart):

@@ -33,8 +33,7 @@ from tudor_dynamics.models.friction import FrictionStates, LiveFriction
 from tudor_dynamics.signals.preprocessing import Stretch, TrainingBlock
 from tudor_dynamics.typing import FloatArray
 
-SAME = 1e-6
-"""Payloads that differ by less are the same [kg]."""
+SAME = 1e-6  # payloads that differ by less are the same [kg]
 
 
 # -- What models learn from: blocks of motion with their outputs, checked

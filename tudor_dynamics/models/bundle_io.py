@@ -50,8 +50,7 @@ MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000
              'elm.npz': 200_000_000, 'data.npz': 200_000_000}
 FORMAT = 'tudor_dynamics/model'
 VERSION = 1
-MARK = 'checksum: '
-"""Begins the last line of ``model.yaml``, a checksum over all before it."""
+MARK = 'checksum: '  # begins the last line of ``model.yaml``, a checksum over all before it
 
 
 AGAIN = 'fit the model again'
@@ -177,8 +176,7 @@ def read_facts(path: str | Path) -> dict[str, Any]:
 # With them full parameters are found that the data themselves prefer.
 
 FILE = 'data.npz'
-SUM = 'sum'
-"""What is kept."""
+SUM = 'sum'  # what is kept
 
 
 def pack(models: Mapping[str, AnalyticalModel]) -> dict[str, FloatArray]:
@@ -227,8 +225,7 @@ def _matrix(product: Products) -> FloatArray:
 
 # -- Writing and reading model bundles
 
-CAUSAL = 'causal_'
-"""Begin of the names of arrays of the models for the robot."""
+CAUSAL = 'causal_'  # begin of the names of arrays of the models for the robot
 
 
 def save_bundle(

@@ -241,8 +241,7 @@ class StrainRegressor(Regressor):
 # motion excites the parameters is another question, answered where they are estimated.
 
 SHOWN_TERMS = 4
-PAYLOAD = 'payload*'
-"""Begin of the names of columns that count for each kilogram of payload."""
+PAYLOAD = 'payload*'  # begin of the names of columns that count for each kilogram of payload
 
 
 @dataclass(frozen=True, eq=False)

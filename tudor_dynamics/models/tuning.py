@@ -266,8 +266,7 @@ def loop_damping(matrix: FloatArray, first: float, second: float) -> LoopDamping
 # to where links and position loop begin to fight; the smallest factor that gives what was asked
 # for is taken, or the best one. A factor that would excite at twice the delay is none.
 
-MODES = 2
-"""In the schedule."""
+MODES = 2  # in the schedule
 
 
 @dataclass(frozen=True)

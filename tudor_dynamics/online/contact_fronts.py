@@ -45,8 +45,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 ACROSS, MOMENT, ALONG = range(3)
-PRESSING = 3
-"""How many there are."""
+PRESSING = 3  # how many there are
 
 
 def gauge_gain(arm: Arm, model: Model | None) -> FloatArray:

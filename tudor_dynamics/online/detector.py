@@ -129,8 +129,7 @@ class Excess:
 
 USUAL, STICTION, LEVEL, WIDENING, FRICTION, HELD, RISING, FALLING, CONTACT = range(9)
 """Rows of what is known of each channel: as learned; followed; in force at present."""
-COLLISION = CONTACT + 3
-"""Ratios of a level: residual, onset, accumulated onset."""
+COLLISION = CONTACT + 3  # ratios of a level: residual, onset, accumulated onset
 CHANNEL_ROWS = COLLISION + 3
 REACH, DIRECTION, LATELY = range(3)
 """Rows of what is known of each joint."""
@@ -277,8 +276,7 @@ class Level(IntEnum):
     COLLISION = 2
 
 
-LEVELS = Level.CONTACT, Level.COLLISION
-"""Those that have a threshold."""
+LEVELS = Level.CONTACT, Level.COLLISION  # those that have a threshold
 
 
 @dataclass(frozen=True)

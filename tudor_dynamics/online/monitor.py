@@ -501,8 +501,7 @@ class Monitor:
 # from the disk at the first call in each process, for tens of milliseconds. Samples would be lost
 # meanwhile.
 
-PERIOD = 10_000_000
-"""Time between samples [ns]."""
+PERIOD = 10_000_000  # time between samples [ns]
 
 
 def warm_up(bundle: ModelBundle, settings: MonitorSettings) -> None:

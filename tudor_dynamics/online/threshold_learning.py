@@ -41,8 +41,7 @@ from tudor_dynamics.online.thresholds import (
 from tudor_dynamics.typing import FloatArray
 
 
-DIGITS = 10
-"""Digits of the numbers in a bundle."""
+DIGITS = 10  # digits of the numbers in a bundle
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Size = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Matrix = tuple[tuple[Number, ...], ...]

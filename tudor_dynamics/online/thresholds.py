@@ -33,8 +33,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 Positive = Annotated[float, Field(gt=0.0)]
-NEVER = -2**62
-"""A stamp before all others [ns]."""
+NEVER = -2**62  # a stamp before all others [ns]
 
 
 @compiled

@@ -34,10 +34,8 @@ from tudor_dynamics.online.contact_fronts import gauge_gain
 from tudor_dynamics.online.settings import FORCE_CHANGE, POSE_CHANGE
 from tudor_dynamics.typing import FloatArray
 
-RATE = 500.0
-"""Of sensors and commands [Hz]."""
-GAP = 0.015
-"""Below the tip, where the floor is put [m]."""
+RATE = 500.0  # of sensors and commands [Hz]
+GAP = 0.015  # below the tip, where the floor is put [m]
 
 
 @dataclass(frozen=True, eq=False)

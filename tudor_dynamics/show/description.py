@@ -44,8 +44,7 @@ import yaml
 
 # -- What an elastic model says of the drives of an arm: torque constants, rotors, friction
 
-SPEED = 1.0
-"""Up to which friction counts, where a description has no limit [rad/s or m/s]."""
+SPEED = 1.0  # up to which friction counts, where a description has no limit [rad/s or m/s]
 
 
 @dataclass(frozen=True)
@@ -262,8 +261,7 @@ def _weigh(part: dict[str, Any], mass: float) -> None:
 
 # -- Write identified parameters as tables: for controllers, and for people
 
-DIGITS = 6
-"""Significant digits of what is for people."""
+DIGITS = 6  # significant digits of what is for people
 
 
 def yaml_of(full: FullParameters) -> str:

@@ -49,8 +49,7 @@ from tudor_dynamics.typing import FloatArray
 
 Plot = dict[str, Any]
 """A figure, a panel or a trace, as plain values."""
-LONGEST_NAME = 40
-"""Characters of a name in a figure."""
+LONGEST_NAME = 40  # characters of a name in a figure
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -86,8 +85,7 @@ def label(name: str, unit: str = '') -> str:
     return f'{pretty_name(name)} [{pretty_unit(unit)}]' if unit else pretty_name(name)
 
 
-MAX_POINTS = 2000
-"""Points a signal keeps at most: the extremes of each stretch of samples."""
+MAX_POINTS = 2000  # points a signal keeps at most: the extremes of each stretch of samples
 SIGNAL_BINS = 60
 
 
@@ -203,8 +201,7 @@ def error_figure(arm: Arm, output: str, judged: Mapping[str, Validation]) -> Plo
     return {'columns': 3, 'panels': panels}
 
 
-DETAIL = 10.0
-"""Length of the stretch shown in detail [s]."""
+DETAIL = 10.0  # length of the stretch shown in detail [s]
 MAX_PAIRS = 3
 
 
@@ -275,8 +272,7 @@ def coverage(result: FitResult) -> list[dict[str, Any]]:
 
 
 COVERAGE_BINS = 40
-MAX_DOTS = 700
-"""Validation samples shown as dots, evenly chosen."""
+MAX_DOTS = 700  # validation samples shown as dots, evenly chosen
 
 
 def _edges(axis: JointPositions) -> FloatArray:
@@ -324,8 +320,7 @@ def shades(x: FloatArray, y: FloatArray, values: FloatArray, name: str, **more: 
 
 # -- The elastic model: its first modes, and ring-downs
 
-WIDE = 4.0
-"""Ratio of largest to smallest from which a scale is one of factors."""
+WIDE = 4.0  # ratio of largest to smallest from which a scale is one of factors
 
 ORDINAL = ('first', 'second')
 SHOWN = (('frequency', 1.0, 'frequency [Hz]'), ('damping', 100.0, 'damping ratio [%]'))
@@ -421,10 +416,8 @@ def arm_figure(arm: Arm, q: FloatArray) -> Plot:
 
 # -- Collisions: residuals against thresholds, ratios with pushes and events, and the ROC
 
-ALLOWED = 1.0
-"""False alarms per hour for which thresholds are drawn."""
-LOWEST = 0.05
-"""Ratios below are drawn there."""
+ALLOWED = 1.0  # false alarms per hour for which thresholds are drawn
+LOWEST = 0.05  # ratios below are drawn there
 
 
 def threshold_figure(

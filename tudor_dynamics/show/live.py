@@ -34,12 +34,9 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.online.detector import time_of_day
 from tudor_dynamics.typing import FloatArray
 
-DRAWN = 0.1
-"""Time between two pictures [s]."""
-HISTORY, EVENTS = 30, 6
-"""Seconds and events that are shown."""
-BAR = 12
-"""Characters of a ratio of 2."""
+DRAWN = 0.1  # time between two pictures [s]
+HISTORY, EVENTS = 30, 6  # seconds and events that are shown
+BAR = 12  # characters of a ratio of 2
 STEPS = '\u2581\u2582\u2583\u2584\u2585\u2586\u2587'
 ABOVE = '\u2588'
 COLOURS = {'free': 'green', 'contact': 'yellow', 'collision': 'bold red'}

@@ -56,10 +56,8 @@ from tudor_dynamics.show.figures import (
     panel, Plot, pretty_unit, ringdown_figure, roc_figure, signal_figure, threshold_figure, trace)
 
 
-UNCERTAIN = 30.0
-"""Relative standard error above which a coefficient is marked [%]."""
-SHOWN = 50
-"""Bags that a page lists."""
+UNCERTAIN = 30.0  # relative standard error above which a coefficient is marked [%]
+SHOWN = 50  # bags that a page lists
 GOOD_CONDITION = 100.0
 """Condition number up to which least squares is said to be well conditioned (Gautier)."""
 
@@ -297,8 +295,7 @@ def _ringing(result: FitResult) -> list[dict[str, Any]]:
 
 # -- The section on the elastic model, with its modes and ring-downs
 
-MOST_ROWS = 24
-"""Ring-downs in the table; the figure has all."""
+MOST_ROWS = 24  # ring-downs in the table; the figure has all
 NOT_SHOWN = 'not shown by these bags'
 
 
@@ -435,8 +432,7 @@ def evaluation_page(
                     findings=evaluated.findings, loads=loads)
 
 
-MOST = 6
-"""Bags whose ratios a page draws."""
+MOST = 6  # bags whose ratios a page draws
 
 
 def collision_page(

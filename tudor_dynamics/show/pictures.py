@@ -74,8 +74,7 @@ def plain_text(setter: Any, text: str) -> None:
 
 # -- Figures of a page, as files
 
-MOST = 6
-"""Bags that are drawn at most."""
+MOST = 6  # bags that are drawn at most
 SUFFIXES = ('.png', '.svg', '.pdf')
 
 
@@ -189,8 +188,7 @@ def draw_schedule(schedule: Schedule, fixed: FloatArray) -> Figure:
     return figure
 
 
-SHOWN = 20.0
-"""Samples a second that are drawn [Hz]."""
+SHOWN = 20.0  # samples a second that are drawn [Hz]
 
 
 def draw_motion(

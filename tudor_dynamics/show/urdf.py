@@ -46,10 +46,8 @@ def row(values: FloatArray) -> str:
 
 # -- Friction as most programs know it: damping, and a torque against the motion
 
-SPEEDS = 20
-"""Evenly over those of a joint, at which friction is compared, in each direction."""
-CLOSE = 0.01
-"""Part of friction by which two numbers may miss it without a word."""
+SPEEDS = 20  # evenly over those of a joint, at which friction is compared, in each direction
+CLOSE = 0.01  # part of friction by which two numbers may miss it without a word
 
 
 @dataclass(frozen=True)
@@ -163,8 +161,7 @@ def _described(root: ElementTree.Element) -> dict[str, pin.Inertia]:
 
 # -- Write what was identified into the user's URDF, and touch nothing else in it
 
-REACH = 2.0 * np.pi
-"""Limits of the joints of a new URDF, which needs some [rad or m]."""
+REACH = 2.0 * np.pi  # limits of the joints of a new URDF, which needs some [rad or m]
 TAG = re.compile(rb'<(?:[^>"\']|"[^"]*"|\'[^\']*\')*>')
 """A '>' in quotes does not end it."""
 

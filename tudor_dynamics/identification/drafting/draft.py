@@ -47,10 +47,8 @@ import yaml
 
 
 MAX_BYTES = 100_000
-MAX_ROWS = 101
-"""A hundred joints and a flange."""
-LARGEST_ANGLE = 2 * math.pi + 1e-6
-"""An angle of a table that is larger was given in degrees [rad]."""
+MAX_ROWS = 101  # a hundred joints and a flange
+LARGEST_ANGLE = 2 * math.pi + 1e-6  # an angle of a table that is larger was given in degrees [rad]
 KINDS = ('revolute', 'continuous', 'prismatic')
 QUARTERS = re.compile(r'([+-]?)(\d+(?:\.\d+)?\*)?pi(?:/(\d+(?:\.\d+)?))?')
 EXPECTED = ('expected rows `a alpha d theta` [m, rad, m, rad], base first, with the name of the '
@@ -465,10 +463,8 @@ def answer(draft: Draft, path: tuple[str | int, ...], value: Any) -> None:
                 other['unit'] = value
 
 
-UNBOUNDED = 1e6
-"""Range or speed from which on a URDF limits nothing [rad or m, and per s]."""
-WIDTH = 99
-"""Of remarks [characters]."""
+UNBOUNDED = 1e6  # range or speed from which on a URDF limits nothing [rad or m, and per s]
+WIDTH = 99  # of remarks [characters]
 LEFT_TO_FIT = """\
 # Friction, filters and estimator are left to tudor fit, which chooses by parts of the bags that it
 # leaves out, and says in its report what each choice brought. To fix them, for each joint:

@@ -94,10 +94,8 @@ def spread(
     return Samples(model, index, np.concatenate(motions), np.concatenate(measured))
 
 
-SIZE = 9.81
-"""Of gravity [m/s^2]."""
-USUAL = (0.0, 0.0, -SIZE)
-"""Of a base that stands upright."""
+SIZE = 9.81  # of gravity [m/s^2]
+USUAL = (0.0, 0.0, -SIZE)  # of a base that stands upright
 OTHERS = {'none': (0.0, 0.0, 0.0), '-x': (-SIZE, 0.0, 0.0), 'x': (SIZE, 0.0, 0.0),
           '-y': (0.0, -SIZE, 0.0), 'y': (0.0, SIZE, 0.0), 'z': (0.0, 0.0, SIZE)}
 """Axes of the base, and an arm that gravity does not reach. Which way along an axis shows where

@@ -106,8 +106,7 @@ def moment_rows(
 # each flexible link bent by one element in the planes that gauges see. One cubic element carries a
 # link's static shape under any end load exactly and its first mode within 0.5 %.
 
-SAMPLE = 0.01
-"""Sample time that deviations of measurements belong to [s]."""
+SAMPLE = 0.01  # sample time that deviations of measurements belong to [s]
 NO_GAINS = np.zeros((1, 3, 0, 0))
 """Of an arm that follows positions alone."""
 
@@ -306,8 +305,7 @@ class DrivenArm:
 
 # -- Several arms of one description, or several motions of one arm, side by side
 
-TOO_FAR = 1e6
-"""Where a state has gone beyond all bounds, as in ``kernel.advance``."""
+TOO_FAR = 1e6  # where a state has gone beyond all bounds, as in ``kernel.advance``
 
 
 @with_lanes(4)

@@ -153,8 +153,7 @@ UNUSABLE = {
     'duplicate_stamp': 'its stamps are repeated',
     'backward_stamp': 'its stamps go backwards'}
 """Drops that are the fault of who sends, and what they mean."""
-OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)
-"""Topics that every node has."""
+OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)  # topics that every node has
 
 
 def weak(depth: int = DEPTH) -> QoSProfile:

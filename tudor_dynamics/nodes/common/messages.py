@@ -90,8 +90,7 @@ def force_marker(header: Header, contact: ContactEstimate) -> Marker:
     return marker
 
 
-MOTION = ('positions', 'velocities', 'accelerations')
-"""Fields of a point that make up a motion."""
+MOTION = ('positions', 'velocities', 'accelerations')  # fields of a point that make up a motion
 
 
 class NamedReader:
