@@ -121,8 +121,7 @@ def compiled(function: Function) -> Function:
         return cast(Function, made if made is function else _once(made))  # NUMBA_DISABLE_JIT
 
 
-_ALONE: set[Path] = set()
-"""Locks that this process holds."""
+_ALONE: set[Path] = set()  # locks that this process holds
 
 
 def _once(function: Any) -> Any:

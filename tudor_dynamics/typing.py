@@ -36,8 +36,7 @@ from tudor_dynamics.errors import SignalError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 IndexArray = NDArray[np.intp]
-Progress = Callable[[str], None]
-"""Told what is done next."""
+Progress = Callable[[str], None]  # told what is done next
 
 
 def finite_array(values: ArrayLike, name: str, *shape: int | None) -> FloatArray:

@@ -41,8 +41,7 @@ from tudor_dynamics.typing import FloatArray
 OPEN = '?'
 """Stands in a description for what nobody has said yet; nothing is read from such a file."""
 SHOWN = 8  # open values that one message names
-KeyPath = tuple[str | int, ...]
-"""Keys and places in lists that lead to a value."""
+KeyPath = tuple[str | int, ...]  # keys and places in lists that lead to a value
 
 
 def open_values(content: Any, path: KeyPath = ()) -> Iterator[KeyPath]:

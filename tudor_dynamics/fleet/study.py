@@ -116,8 +116,7 @@ def load_plan(path: Path) -> FleetPlan:
 # -- What is done for each arm of a fleet in a process of its own: ring-downs, and a model
 
 Rings = list[tuple[str, float, float]]
-Asked = tuple[Task, tuple[SurveyedBag, ...]]
-"""What is asked of an arm, and its bags at a date."""
+Asked = tuple[Task, tuple[SurveyedBag, ...]]  # what is asked of an arm, and its bags at a date
 ModelPiece = tuple[str, Task, tuple[SurveyedBag, ...], Path]
 """Name of an arm, what is asked of it, bags to learn from, folder of the fleet."""
 
@@ -234,8 +233,7 @@ def _read(content: bytes | None) -> Physical | None:
 
 # -- From the plan of a fleet to what is compared: the same choices for all arms, part by part
 
-When = tuple[str, datetime.date]
-"""Arm and date."""
+When = tuple[str, datetime.date]  # arm and date
 
 SAMPLE = 8  # bags of all arms that filters and friction are chosen by
 PARTS = 6  # parts of the data of a date, at least: for standard errors

@@ -79,8 +79,7 @@ class Truth:
         return bool(self.source)
 
 
-FREE = Truth('nothing touched the arm')
-"""Truth of a recording of free motion."""
+FREE = Truth('nothing touched the arm')  # truth of a recording of free motion
 
 
 def find_truth(path: str, topic: str | None = None, clock: str = 'joint_states') -> Truth:
@@ -338,8 +337,7 @@ def poisson_interval(count: int) -> tuple[float, float]:
     return float(gammaincinv(count, 0.05)) if count else 0.0, float(gammaincinv(count + 1, 0.95))
 
 
-FACTORS = np.array([*np.geomspace(0.1, 10.0, 81), 1.0])
-"""Multiples of a threshold that are judged."""
+FACTORS = np.array([*np.geomspace(0.1, 10.0, 81), 1.0])  # multiples of a threshold that are judged
 
 
 def roc_of(watched: Sequence[WatchedBag], hours: float, grid: FloatArray = FACTORS) -> Roc:

@@ -121,8 +121,7 @@ HALVINGS = 12
 CHECKED = 50.0  # rate at which efforts and distances between links are looked at in the end [Hz]
 LOOKED_AT = 20.0  # rate at which an APRBS is judged [Hz]
 
-Report = Callable[[float], bool]
-"""Told the cost of each step of a search; answers whether to stop."""
+Report = Callable[[float], bool]  # told the cost of each step of a search; answers whether to stop
 
 
 @dataclass(frozen=True)

@@ -168,8 +168,7 @@ class RowTrainer:
 
 ELASTIC = 'elastic'  # the kind that learns from whole stretches; rows do for all others
 UNTOLD = 0.2  # relative standard error beyond which a stiffness is not identifiable
-Searches = Mapping[tuple[str, ...], Identified]
-"""Names of bags to what was found of them."""
+Searches = Mapping[tuple[str, ...], Identified]  # names of bags to what was found of them
 
 
 def check_arm(arm: Arm) -> None:

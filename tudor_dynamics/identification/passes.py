@@ -55,8 +55,7 @@ LARGEST = 200_000_000  # bytes of what one bag came to
 NAME = re.compile(r'[0-9a-f]{24}-[0-9a-f]{16}\.(npz|json)')
 """Of a file: checksum of the bag, digest of settings and sources."""
 SUFFIX = '.sums'  # of the directory next to a bundle in which sums are kept
-Place = tuple[int, str]
-"""Number of the filters among those of a task, and the output."""
+Place = tuple[int, str]  # number of the filters among those of a task, and the output
 
 
 @dataclass(frozen=True)
@@ -118,8 +117,7 @@ class Task:
             settings.shared, settings.payloads is not None])
 
 
-Part = list[list[Products]]
-"""Products of each group and channel."""
+Part = list[list[Products]]  # products of each group and channel
 
 
 @dataclass(frozen=True, eq=False)

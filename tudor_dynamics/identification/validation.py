@@ -262,8 +262,7 @@ STANDING = 0.02  # slower joints stand [rad/s or m/s]
 SLOW = 0.05  # the same as a share of the largest speed, where that is less
 
 
-Case = tuple[Model, BagData]
-"""A bag with the model that is to predict it."""
+Case = tuple[Model, BagData]  # a bag with the model that is to predict it
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,8 +39,7 @@ SAME = 1e-6  # payloads that differ by less are the same [kg]
 # -- What models learn from: blocks of motion with their outputs, checked
 
 Blocks = Callable[[], Iterable[TrainingBlock]]
-Inputs = Callable[[Stretch], FloatArray]
-"""What a model takes of a stretch, a row a sample."""
+Inputs = Callable[[Stretch], FloatArray]  # what a model takes of a stretch, a row a sample
 
 
 def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
@@ -135,8 +134,7 @@ def read(part: type[Part], content: Any, context: dict[str, Any] | None = None) 
 
 # -- The contract of models: what each of them offers, whatever is inside
 
-Range = tuple[float, float]
-"""Least and largest payload [kg]."""
+Range = tuple[float, float]  # least and largest payload [kg]
 AnyModel = TypeVar('AnyModel', bound='Model')
 SLIDING = 0.05
 """Speed at which friction has its sign, and little more than at standstill [rad/s or m/s]."""

@@ -102,8 +102,7 @@ class Coupling:
 
 (_VISCOUS, _VISCOUS_FORWARD, _VISCOUS_BACKWARD, _COULOMB, _FORWARD, _BACKWARD, _OFFSET, _STRIBECK,
  _CUBE_ROOT, _SQUARE, LOAD, PRESLIDING) = range(12)
-FIRST_STATE = PRESLIDING
-"""Codes from here on are those of columns with a state."""
+FIRST_STATE = PRESLIDING  # codes from here on are those of columns with a state
 
 
 @dataclass(frozen=True)
@@ -361,8 +360,7 @@ class LiveFriction:
 
 # -- Rotor inertia, friction and unit of each joint's effort, times their parameters, compiled
 
-NOT_KNOWN = np.empty((0, 0))
-"""States of friction where nothing is known of them."""
+NOT_KNOWN = np.empty((0, 0))  # states of friction where nothing is known of them
 
 
 class JointTerms:

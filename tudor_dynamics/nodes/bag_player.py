@@ -34,8 +34,7 @@ from tudor_dynamics.nodes.common.messages import time_message
 from tudor_dynamics.nodes.common.runner import run
 
 
-DELIVERY = Duration(seconds=2)
-"""Longest time that readers get for what was published last."""
+DELIVERY = Duration(seconds=2)  # longest time that readers get for what was published last
 
 
 def message_class(msgtype: str) -> Any:

@@ -30,8 +30,7 @@ from tudor_dynamics.nodes.common.base import Figure, TudorNode
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import RECORDER_DEPTH, SAVE, TOPICS_LOOK
 
-DELIVERY = Duration(seconds=1)
-"""Longest time that readers get for the last diagnosis."""
+DELIVERY = Duration(seconds=1)  # longest time that readers get for the last diagnosis
 IGNORED = ('/rosout', '/parameter_events')
 
 

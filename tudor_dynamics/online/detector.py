@@ -131,8 +131,7 @@ USUAL, STICTION, LEVEL, WIDENING, FRICTION, HELD, RISING, FALLING, CONTACT = ran
 """Rows of what is known of each channel: as learned; followed; in force at present."""
 COLLISION = CONTACT + 3  # ratios of a level: residual, onset, accumulated onset
 CHANNEL_ROWS = COLLISION + 3
-REACH, DIRECTION, LATELY = range(3)
-"""Rows of what is known of each joint."""
+REACH, DIRECTION, LATELY = range(3)  # rows of what is known of each joint
 LAST, ORIGIN, BEGIN, COUNT, REVERSED = range(5)
 """Places in what is counted: stamps [ns] of the last sample, of the first one of the past and of
 the last reversal of each joint; rows of the past."""

@@ -47,8 +47,7 @@ from tudor_dynamics.online.thresholds import held_friction, motion_features
 from tudor_dynamics.typing import FloatArray
 
 
-Plot = dict[str, Any]
-"""A figure, a panel or a trace, as plain values."""
+Plot = dict[str, Any]  # a figure, a panel or a trace, as plain values
 LONGEST_NAME = 40  # characters of a name in a figure
 
 

@@ -162,8 +162,7 @@ def _described(root: ElementTree.Element) -> dict[str, pin.Inertia]:
 # -- Write what was identified into the user's URDF, and touch nothing else in it
 
 REACH = 2.0 * np.pi  # limits of the joints of a new URDF, which needs some [rad or m]
-TAG = re.compile(rb'<(?:[^>"\']|"[^"]*"|\'[^\']*\')*>')
-"""A '>' in quotes does not end it."""
+TAG = re.compile(rb'<(?:[^>"\']|"[^"]*"|\'[^\']*\')*>')  # A '>' in quotes does not end it
 
 
 @dataclass

@@ -107,8 +107,7 @@ def moment_rows(
 # link's static shape under any end load exactly and its first mode within 0.5 %.
 
 SAMPLE = 0.01  # sample time that deviations of measurements belong to [s]
-NO_GAINS = np.zeros((1, 3, 0, 0))
-"""Of an arm that follows positions alone."""
+NO_GAINS = np.zeros((1, 3, 0, 0))  # of an arm that follows positions alone
 
 
 @dataclass(frozen=True, eq=False)
