@@ -65,9 +65,6 @@ GROUPS = {
         'shape': 'shape trajectories so that what the arm carries does not ring on',
         'tune': 'compute gains of damper and position loop, by payload and pose',
     },
-    'look after it': {
-        'doctor': 'say whether this machine has what nodes and commands need',
-    },
     'simulate an arm': {
         'record': 'let the simulated arm move in closed loop and record bags',
         'simulate': 'move rigid and flexible links, or list their vibrations',

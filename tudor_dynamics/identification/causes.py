@@ -32,10 +32,10 @@ from tudor_dynamics.identification.settings import (
     UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.online.black_box import Heard, messages_of, replayed
 from tudor_dynamics.online.contact import ContactEstimate
 from tudor_dynamics.online.detector import Excess
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, SOURCE
-from tudor_dynamics.online.replay import Heard, messages_of, replayed
 from tudor_dynamics.online.settings import LOST_STEP, STANDING
 from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.typing import FloatArray

@@ -12,12 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tudor doctor``: whether this machine can run the package as it is meant to run."""
+"""
+Say whether this machine has what nodes and commands need.
+
+    python tools/doctor.py [--json]
+
+It looks at versions, ROS 2, clock, processor, rights and space, and says what to do where one is
+missing. A report of a bug should have its output. Exit codes: 0 nothing to do; 1 something to do.
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 import os
@@ -25,6 +32,7 @@ from pathlib import Path
 import resource
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 
@@ -33,15 +41,6 @@ from tudor_dynamics.compiled import DIRECTORY
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES
 from tudor_dynamics.provenance import installed, provenance
 
-EXAMPLES = """\
-examples:
-  tudor doctor
-  tudor doctor --json > doctor.json
-
-It looks at versions, ROS 2, clock, processor, rights and space, and says what to do where one
-is missing. A report of a bug should have its output.
-exit codes: 0 nothing to do; 1 something to do.
-"""
 LAST_DOMAIN = 101  # the ports of larger ones are among those that Linux gives to any program
 FIRST_YEAR = 2024  # a clock that is set is not before it
 
@@ -55,13 +54,12 @@ class Check:
     remedy: str = ''
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``tudor doctor``."""
-    parser.add_argument('--json', action='store_true', help='print what was found as JSON')
-
-
-def run(args: argparse.Namespace) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Look at everything, and print it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--json', action='store_true', help='print what was found as JSON')
+    args = parser.parse_args(argv)
     made, found = provenance(), list(checks())
     remedies = [check for check in found if check.remedy]
     if args.json:
@@ -148,3 +146,7 @@ def _space(name: str, path: Path, wanted: int) -> Check:
     free = shutil.disk_usage(_existing(path)).free
     return Check(name, f'{free / 1e9:.1f} GB', '' if free > wanted else (
         f'events need up to {wanted / 1e9:.1f} GB there'))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
