@@ -785,8 +785,8 @@ class ArmSpec(Spec):
             for j, joint in enumerate(joints):
                 if (at_motors and i != j and matrix[i, j]
                         and (motor in active) != (joint in active)):
-                    raise ValueError(f'couplings: {motor!r} and {joint!r} are coupled, and what '
-                                     'is measured at their motors needs both among active_joints')
+                    raise ValueError(f'couplings: {motor!r} and {joint!r} are coupled, measured '
+                                     'at their motors; name both in active_joints, or neither')
 
     def _check_types(self) -> None:
         """Refuse a topic that is described as if it carried messages of two types."""

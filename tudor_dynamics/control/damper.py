@@ -400,8 +400,8 @@ def _compare(
     change = f'the ringing lasts {after:.2f} s instead of {before:.2f} s'
     if louder or after * settings.SIGN_DECAY >= before:
         sign, text = Sign.WRONG, (
-            f'{change}: the damper excites the link; turn the sign of the gauge (strain counts '
-            'positive for the load that the joint holds), and keep the damper off until then')
+            f'{change}: the damper excites the link; reverse the sign of the gauge in its driver '
+            '(strain is positive for the load that the joint holds); no damper until then')
     elif after <= settings.SIGN_DECAY * before:
         sign, text = Sign.RIGHT, f'{change}: the sign is right'
     else:

@@ -296,8 +296,8 @@ class JointRecord:
     def _swapped(self, j: int, k: int) -> str:
         own = self._velocity(j)
         if own is not None and own.near(1.0):
-            return (f'its commands move the positions of {self._joints[k]}, but its own velocity: '
-                    'the positions are swapped')
+            return (f'its commands move the position of {self._joints[k]} but its own velocity: '
+                    'the driver swaps positions; correct their order or names there')
         return (f'its commands move {self._joints[k]}: the order of the commands is swapped, or '
                 'that of all readings')
 

@@ -384,8 +384,8 @@ class MotionWatch:
         """Say what a joint means that moves by a part, or a multiple, of what is commanded."""
         if -2.0 * settings.STANDS < ratio < settings.STANDS:  # held against its load it gives way
             return (f'it does not move although it is commanded to ({ratio:.2g} times as far): '
-                    'encoder frozen or slipping, brake on, a driver that does not listen or takes '
-                    'degrees for radians')
+                    'the encoder stands or slips, the brake is on, or the driver ignores commands '
+                    'or divides them by 57 (degrees and radians)')
         if ratio < 0.0:
             return (f'it moves against its commands, {-ratio:.2g} times as far: its driver '
                     'negates them, or its encoder counts backwards')

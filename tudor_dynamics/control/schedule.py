@@ -161,8 +161,9 @@ class Schedule:
         shape = tuple(len(axis) for axis in axes)
         if math.prod(shape) != len(content.nodes) or any(
                 len(row) != len(content.columns) for row in content.nodes):
-            self._refuse(f'{len(content.nodes)} nodes of {len(content.nodes[0])} values for a '
-                         f'grid of {shape} with {len(content.columns)} columns')
+            sizes = sorted({len(row) for row in content.nodes})
+            self._refuse(f'{len(content.nodes)} nodes of {sizes} values for a grid of {shape}; '
+                         f'expected {math.prod(shape)} nodes of {len(content.columns)} values')
         values = np.array(content.nodes)
         self._check(values)
         self.payload = axes[0]
@@ -302,8 +303,9 @@ class Adaptation:
     @property
     def unknown(self) -> str:
         """Why no payload is known, where none is."""
-        return self._refusal or ('the payload is not known' if math.isnan(self._reported)
-                                 else f'the payload is older than {self.timeout:g} s')
+        return self._refusal or (
+            'no payload was reported: start payload_estimator' if math.isnan(self._reported) else
+            f'the last report of the payload is older than {self.timeout:g} s')
 
     def report(self) -> dict[str, str]:
         """Give what is in use as texts by name, for diagnostics."""

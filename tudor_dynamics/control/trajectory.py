@@ -89,7 +89,7 @@ class Path:
         left = trajectory.t > begin
         if not left.any():
             msg = f'{LATE}: the last was due {begin - trajectory.t[-1]:.3g} s ago'
-            raise SignalError(msg, remedy='stamp it with its start, or not at all')
+            raise SignalError(msg, remedy='set header.stamp to its start, or to 0')
         if trajectory.dq is not None and np.any(np.abs(trajectory.dq[-1]) > ROUNDING):
             raise SignalError('the last point is in motion', remedy='end the trajectory at rest')
 

@@ -349,7 +349,8 @@ class _Study:
             raise UsageError(f'bags of several payloads cannot be compared: {said}',
                              remedy='name bags of one payload in the plan')
         if not self.dates:
-            raise FitError(f'no bag can be used: {self.unused[0]}', remedy='correct the plan')
+            raise FitError(f'none of {len(self.unused)} bags can be used; the first: '
+                           f'{self.unused[0]}', remedy='correct the plan, or replace these bags')
         for date_ in self.dates.values():
             date_.sights = parted(date_.whole, PARTS)
 

@@ -118,14 +118,15 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
         return False
     others = [kind for kind in settings.kinds if kind != 'analytical']
     said = f'{bags} bags are gone through one by one'
+    fewer = '--stream' if bags < FROM else f'name fewer than {FROM} bags'
     if others or settings.random_split:
         what = '--random-split' if not others else ' and '.join(others)
-        raise UsageError(f'{said}, and {what} needs all of them at once',
-                         remedy=f'leave it out, or name fewer than {FROM} bags')
+        raise UsageError(f'{said}; {what} cannot be fitted that way',
+                         remedy=f'leave out {what}, or {fewer}')
     estimator = ESTIMATORS.get(settings.estimator)
     if estimator is not None and estimator.sample_weights is not None:
         raise UsageError(f'{said}, and the weights of {estimator.words} depend on all of them',
-                         remedy=f'use wls or ols, or name fewer than {FROM} bags')
+                         remedy=f'use wls or ols, or {fewer}')
     if bags < 2:
         raise UsageError('--stream needs two bags or more, and there is one',
                          remedy='leave --stream out')

@@ -265,10 +265,10 @@ class ErrorChange:
 
     def __str__(self) -> str:
         """Write it on one line."""
-        said = 'no longer what it was' if self.changed else 'as it was'
-        return (f'{self.output} {self.kind}, {self.channel}: {said}: error {self.now:.3g}, in '
-                f'validation {self.then:.3g}; relative {100 * self.relative_now:.1f} % after '
-                f'{100 * self.relative_then:.1f} % ({self.sigmas:+.1f} standard errors)')
+        said = 'has grown since the validation' if self.changed else 'is as in the validation'
+        return (f'{self.output} {self.kind}, {self.channel}: the error {said}: {self.now:.3g}, '
+                f'then {self.then:.3g}; {100 * self.relative_now:.1f} % and '
+                f'{100 * self.relative_then:.1f} % (growth {self.sigmas:+.1f} standard errors)')
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values."""

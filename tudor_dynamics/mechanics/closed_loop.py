@@ -444,7 +444,8 @@ class ClosedLoop:
             raise SimulationError(msg)
         wanted = np.stack(given)
         if not np.isfinite(wanted).all():
-            raise SimulationError(f'{self.arm.name}: a reference is not finite; check the motion')
+            step = int(np.argwhere(~np.isfinite(wanted))[:, 1].min())
+            raise SimulationError(f'{self.arm.name}: a reference is not finite in step {step}')
         begun = self._done
         rows = (begun + steps - 1) // every - (begun - 1) // every
         out = np.empty((rows, 6 * joints + gauges))

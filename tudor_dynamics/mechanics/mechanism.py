@@ -417,9 +417,8 @@ def build_mechanism(arm: Arm) -> Mechanism:
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
     builder = Builder(arm)
     if arm.spec.couplings is not None:
-        raise SimulationError(f'{arm.source}: couplings are described, and a simulated motor '
-                              'turns with its own joint alone; leave couplings out of a copy of '
-                              'the description to simulate the arm as if nothing were coupled')
+        raise SimulationError(f'{arm.source}: the simulator does not model couplings; remove them '
+                              'from a copy of the description to simulate the arm without them')
     if not arm.spec.links and not any(i.mass > 0 for i in list(arm.full_model.inertias)[1:]):
         raise SimulationError(f'{arm.source}: the description has no links; add links: with a '
                               'rigid or flexible entry a joint to simulate it')

@@ -212,7 +212,7 @@ class OscillationDamperNode(MovingNode):
         if controller is None or not self.active:
             return level, message
         if controller.state is State.FAULT:
-            return ERROR, f'{controller.cause}; the joints stand, ~/reset takes them up again'
+            return ERROR, f'{controller.cause}; joints are stopped: mend it, then call ~/reset'
         clock = self.clocks.fault()
         if clock:
             return ERROR, clock

@@ -105,8 +105,8 @@ class TrajectoryRelayNode(TudorNode):
 
     def _reset(self) -> str:
         if self.collision:
-            raise UsageError('a collision is still reported',
-                             remedy='look at the arm and reset the monitor')
+            raise UsageError(f'a collision is still reported on {COLLISION}', remedy='look at the '
+                             'arm, call ~/reset of the node that reports it, then this again')
         self.held = False
         return 'trajectories are taken again'
 

@@ -70,7 +70,7 @@ CHECKS = {
         'the clock was set back while recording', 'let the clock settle before recording; steer '
         'clocks slowly (chrony without steps)', 's', one_bag=True),
     'velocity_zeros': Check('velocities are all zero',
-                            'let the driver publish velocities, or none'),
+                            'let the driver measure velocities, or leave them out'),
     'velocity_late': Check(
         'velocities late', 'leave them out with preprocessing.measured_velocity: false, or mend '
         "the driver's filter", 's', RESIDUAL),

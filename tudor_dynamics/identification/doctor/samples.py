@@ -218,7 +218,7 @@ def _coarse(recording: Recording, item: Channel) -> Finding | None:
     if item.field == 'q':
         coarse = step > settings.COARSE and len(levels) > settings.COARSE_LEVELS
         return None if not coarse else item.found(
-            'coarse_positions', f' has values that are {step:.3g} apart', 0.0, step)
+            'coarse_positions', f' changes in steps of {step:.3g} rad or m', 0.0, step)
     if len(levels) > settings.LEVELS or len(item.values) < settings.LEVELS ** 2:
         return None
     return item.found('coarse_channel', f' has {len(levels)} values, {step:.3g} apart', 0.0, step)
