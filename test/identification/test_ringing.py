@@ -23,7 +23,7 @@ from scipy import signal
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagChoice, BagData
-from tudor_dynamics.identification.ringdowns import find_ringing, power_density
+from tudor_dynamics.identification.ringdowns import find_ringing
 from tudor_dynamics.signals.preprocessing import prepare, Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -101,13 +101,3 @@ def test_too_short_to_tell() -> None:
     """Under eight seconds nothing is said."""
     added = 20 * np.sin(2 * np.pi * 4.0 * np.arange(700) / RATE)[:, None] * np.ones(2)
     assert find_ringing(Rigid(), [_bag(added)], 'strain') == ()
-
-
-@pytest.mark.parametrize(('samples', 'length'), [(4000, 800), (801, 801), (3001, 799)])
-def test_power_density(samples: int, length: int) -> None:
-    """The density is that of scipy's `welch`."""
-    x = np.random.default_rng(0).normal(size=(samples, 3)).cumsum(axis=0)
-    frequency, density = signal.welch(x, RATE, nperseg=length, axis=0)
-    found_frequency, found = power_density(x, RATE, length)
-    assert np.array_equal(found_frequency, frequency)
-    assert np.max(np.abs(found - density)) < 1e-12 * np.max(density)

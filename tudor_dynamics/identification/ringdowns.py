@@ -60,22 +60,6 @@ class Ringing:
                 f'{100 * self.share:.0f} % of the residual above {LOWEST} Hz')
 
 
-def power_density(
-    x: FloatArray, rate: float, length: int,
-) -> tuple[FloatArray, FloatArray]:
-    """
-    Estimate how the power of a record is distributed (Welch, IEEE Trans. AU 15(2), 1967).
-
-    As scipy's `welch` does it: windows of Hann that overlap by half, without their means.
-    """
-    pieces = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)[::length - length // 2]
-    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-    spectra = np.fft.rfft((pieces - pieces.mean(axis=-1, keepdims=True)) * window)
-    density = (np.abs(spectra) ** 2).mean(axis=0).T / (rate * np.sum(window ** 2))
-    density[1:(length + 1) // 2] *= 2.0  # all but 0 Hz and half the sample rate
-    return np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=np.float64), density
-
-
 def oscillation(frequency: FloatArray, density: FloatArray) -> tuple[float, float, float]:
     """Give frequency [Hz], rms and share of the largest oscillation: density (frequencies,)."""
     above = frequency >= LOWEST
@@ -89,6 +73,8 @@ def find_ringing(
     model: Model, data: Sequence[BagData], output: str,
 ) -> tuple[Ringing, ...]:
     """Look for resonances in a rigid-body model's residual, at the full rate; none if damped."""
+    from scipy.signal import welch  # slow to import
+
     densities: list[FloatArray] = []
     seconds: list[float] = []
     spread: list[FloatArray] = []
@@ -102,7 +88,7 @@ def find_ringing(
             if len(measured) < length:
                 continue
             residual = measured - at.follow(s)
-            grid, density = power_density(residual, rate, length)
+            grid, density = welch(residual, rate, nperseg=length, axis=0)
             if frequency is None:
                 frequency = grid
             if len(grid) != len(frequency):
@@ -331,6 +317,9 @@ class Ring:
 
     frequency: float  # [Hz]
     damping: float  # damping ratio
+    # Standard errors of these two.
+    frequency_error: float
+    damping_error: float
     amplitude: Any  # complex, at the first sample of the rest, (joints,) [N m or N]
     noise: FloatArray  # rms of what it leaves over, (joints,)
 
@@ -392,7 +381,12 @@ def ring_of(t: FloatArray, effort: FloatArray) -> Ring | None:
     if (share < settings.RING_CLEAR or found.x[1] > settings.RING_DAMPED
             or found.x[0] < settings.RING_LOWEST or loud < settings.RING_LOUD):
         return None
-    return Ring(float(found.x[0]), float(found.x[1]), values[0] - 1j * values[1], noise)
+    # what is left is no white noise: a period counts as one sample
+    scale = 2.0 * found.cost / (len(t) * effort.shape[1]) * max(
+        1.0, 1.0 / (found.x[0] * float(np.median(np.diff(t)))))
+    off = np.sqrt(np.diag(scale * np.linalg.pinv(found.jac.T @ found.jac))).tolist()
+    return Ring(float(found.x[0]), float(found.x[1]), off[0], off[1],
+                values[0] - 1j * values[1], noise)
 
 
 def _loudest(t: FloatArray, values: FloatArray) -> float | None:

@@ -29,7 +29,7 @@ from tudor_dynamics.identification.doctor.case import (
 from tudor_dynamics.identification.doctor.findings import Finding, found
 from tudor_dynamics.identification.doctor.samples import SINGULAR, until
 from tudor_dynamics.identification.ringdowns import (
-    oscillation, power_density, SMALLEST_AMPLITUDE)
+    oscillation, SMALLEST_AMPLITUDE)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -182,12 +182,14 @@ def _step(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding |
 
 def ringing(chosen: Alternative, output: str) -> float | None:
     """Give the frequency of an oscillation that is most of a residual, faster than the motion."""
+    from scipy.signal import welch  # slow to import
+
     case, measured = chosen.case, chosen.output(output)
     rate = 1.0 / float(np.median(np.diff(case.decimated.t)))
-    frequency, densities = power_density(
+    frequency, densities = welch(
         np.hstack([chosen.explained[output].residuals(measured),
                    np.split(case.motion, 3, axis=1)[1]]),
-        rate, min(len(measured), round(settings.RINGING_SECONDS * rate)))
+        rate, nperseg=min(len(measured), round(settings.RINGING_SECONDS * rate)), axis=0)
     motion = densities[:, measured.shape[1]:].sum(axis=1)
     found = []
     for i in np.flatnonzero(case.sound[output]).tolist():
