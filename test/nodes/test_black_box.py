@@ -31,8 +31,9 @@ from tudor_dynamics.cli.main import build_parser, main
 from tudor_dynamics.cli.why import causes
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.nodes.common.base import latched
-from tudor_dynamics.nodes.monitor import MonitorNode
+from tudor_dynamics.nodes.monitor import MonitorNode, OFF
 from tudor_dynamics.online.black_box import EVENTS
+import yaml
 
 BEGIN, END = 1200, 1800
 """Samples of the bag of pushes that are played: one push, from 15.06 s on."""
@@ -100,9 +101,15 @@ def test_a_folder_that_takes_nothing(
     assert world.spin(lambda: any('cannot be written' in item.msg for item in node_log))
 
 
+@pytest.mark.parametrize('word', OFF)
 def test_off(world: World, model: Path, pushes: Recording, tmp_path: Path,
-             monkeypatch: pytest.MonkeyPatch) -> None:
+             monkeypatch: pytest.MonkeyPatch, word: str) -> None:
     """Nothing is written, and the record comes all the same."""
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
-    assert played(world, model, pushes, Path('off'))
+    assert played(world, model, pushes, Path(word))
     assert not list(tmp_path.iterdir())
+
+
+def test_the_word_passes_a_command_line() -> None:
+    """A parameter is read as YAML, to which a bare `off` is no text."""
+    assert yaml.safe_load(OFF[0]) == OFF[0]

@@ -42,7 +42,7 @@ from tudor_dynamics.online.settings import RECORDED_AFTER
 from tudor_dynamics.provenance import provenance
 
 
-OFF = 'off'
+OFF = 'none', 'off'  # a bare off is a truth value in YAML
 
 
 class BlackBox:
@@ -57,7 +57,7 @@ class BlackBox:
 
     def keeping(self, kind: Any, topic: str, take: Callable[[bytes], Any]) -> Any:
         """Keep the messages of a topic before something takes them."""
-        if self._node.value('event_bags') == OFF:
+        if self._node.value('event_bags') in OFF:
             return take
         clock, ring = self._node.get_clock(), self._ring
         name = self._node.resolve_topic_name(topic)
@@ -70,7 +70,7 @@ class BlackBox:
 
     def event(self, record: dict[str, Any]) -> None:
         """Let a bag be written in 3 s; events until then go into the same."""
-        if self._node.value('event_bags') == OFF:
+        if self._node.value('event_bags') in OFF:
             return
         if not self._pending:
             self._due = self._ring.last + round(RECORDED_AFTER * 1e9)

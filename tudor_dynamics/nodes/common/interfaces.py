@@ -144,7 +144,7 @@ DETECT = (
           'counts as dead', 's', 0.01, 600.0, dynamic=True))
 EVENT_BAGS = Param(
     'event_bags', '', 'folder for a bag of the last 30 s at each collision; empty for '
-    'tudor_dynamics/events in ROS_HOME or ~/.ros, off for none')
+    'tudor_dynamics/events in ROS_HOME or ~/.ros, none for no bags')
 AHEAD = (
     Param('unit', 'model', 'efforts as the model has them, as currents, or as torques at the '
           'joints', choices=UNITS),
