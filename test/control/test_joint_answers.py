@@ -217,7 +217,7 @@ def test_swapped_order(what: str, joint: int, rate: float, payload: float) -> No
     answer = nudge(rig, joint)
     own, other = arm().active_joints[joint], arm().active_joints[1 - joint]
     assert answer.right is False and (answer.joint, answer.answered) == (own, other), answer
-    assert f'commands move the positions of {other}' in answer.text if what == 'positions' else (
+    assert f'commands move the position of {other}' in answer.text if what == 'positions' else (
         f'{own}: its commands move {other}: the order of the commands is swapped' in answer.text)
     assert gone(rig, begin) < BOUND
 
