@@ -25,7 +25,7 @@ import pytest
 from rich.console import Console
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.online.detector import time_of_day
-from tudor_dynamics.show.live import ABOVE, HISTORY, LiveView, served, shown, Trace
+from tudor_dynamics.show.live import ABOVE, HISTORY, LiveView, RatioHistory, served, shown
 
 SECOND = 10**9
 
@@ -69,7 +69,7 @@ def test_before_anything_came() -> None:
 
 def test_history() -> None:
     """The largest ratio of each second counts; seconds without samples stay blank."""
-    trace = Trace()
+    trace = RatioHistory()
     for stamp, ratio in ((1.0, 0.1), (1.5, 2.0), (1.9, 0.1), (4.0, 0.999), (5.0, 0.0)):
         trace.add(round(stamp * SECOND), 'hub', ratio)
     text = trace.history(5 * SECOND).plain
@@ -79,7 +79,7 @@ def test_history() -> None:
 @pytest.mark.parametrize('ratio, full', [(0.0, 0), (1.0, 6), (7.0, 12)])
 def test_bar(ratio: float, full: int) -> None:
     """The mark is at the threshold, whatever the ratio."""
-    trace = Trace('hub', ratio)
+    trace = RatioHistory('hub', ratio)
     text = trace.bar().plain
     assert len(text) == 13 and text[6] == '\u2502' and text.count('\u2501') == full
 

@@ -51,7 +51,7 @@ pre {{ font: min(14px, 1.9vw)/1.4 monospace }}</style></head>
 
 
 @dataclass(slots=True)
-class Trace:
+class RatioHistory:
     """Ratios of one method over the last seconds."""
 
     channel: str = ''  # that of the newest ratio
@@ -94,7 +94,7 @@ class LiveView:
         self.title = title
         self.level, self.load, self.state = 'free', '', ''
         self.stamp = 0
-        self.traces: dict[str, Trace] = {}
+        self.traces: dict[str, RatioHistory] = {}
         self.events: deque[str] = deque(maxlen=EVENTS)
 
     def ratios(
@@ -103,7 +103,8 @@ class LiveView:
         """Take the ratios of a method to its thresholds, (channels,), at a stamp [ns]."""
         self.stamp = max(self.stamp, stamp)
         place = int(np.argmax(ratio))
-        self.traces.setdefault(method, Trace()).add(stamp, channels[place], float(ratio[place]))
+        self.traces.setdefault(method, RatioHistory()).add(
+            stamp, channels[place], float(ratio[place]))
 
     def event(self, onset: int, method: str, link: str, ratios: dict[str, float]) -> str:
         """Take an event: its onset [ns], and its ratios by channel; gives it as a line."""
