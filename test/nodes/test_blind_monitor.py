@@ -190,7 +190,7 @@ def test_without_thresholds(watched: Watched) -> None:
     assert values['not judged: no_thresholds'] == '100.0'
     watched.node._calibrate()
     level, message, _ = watched.told()
-    assert level == WARN and 'nothing may touch' in message
+    assert level == WARN and 'let nothing touch it' in message
 
 
 def test_detector_without_predictions(world: World, model: Path, recording: Any) -> None:

@@ -68,7 +68,7 @@ def test_free_motion_gives_thresholds_that_find_a_push(
     let_pass(world, node, free, last=60)
     before = node.watch.stages['strain'].thresholds
     answer = calibrate(world)
-    assert answer.success and 'nothing may touch' in answer.message
+    assert answer.success and 'let nothing touch it' in answer.message
     # stamps go on after what was fed
     later = replace(free, stamp=free.stamp + 10**9 * 60)
     let_pass(world, node, later)

@@ -177,7 +177,7 @@ def test_coverage_takes_the_worst_output() -> None:
         effort['judged'] += 1
         strain['no_neighbour'] += 1
     assert coverage.verdict.level is CoverageLevel.NONE and 'strain' in coverage.verdict.text
-    assert 'effort' not in coverage.verdict.text
+    assert 'of effort ' not in coverage.verdict.text
     assert sum(told) in (1, 2)  # to a warning, to an error
 
 
