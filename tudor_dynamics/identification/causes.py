@@ -164,7 +164,7 @@ def _load(scene: Scene) -> str:
 
 
 def _friction(scene: Scene) -> str:
-    """A joint has just begun to move, and what bends the links shows nothing."""
+    """Find a joint that has just begun to move, where what bends the links shows nothing."""
     event, joint = scene.seen.event, scene.seen.channel
     if event.method == 'strain':
         return ''
@@ -204,7 +204,7 @@ def _training(scene: Scene) -> str:
 
 
 def _touch(scene: Scene) -> str:
-    """A contact is felt most of the time: a force that lasts, or what gauges and drives share."""
+    """Find a contact most of the time: a force that lasts, or what gauges and drives share."""
     found, event = scene.seen.contact, scene.seen.event
     until = max(scene.seen.seconds, BRIEF)
     during = [item.felt for item in scene.replay.contacts
@@ -241,7 +241,7 @@ def _usual(scene: Scene) -> str:
 
 
 def _low(scene: Scene) -> str:
-    """The threshold was hardly exceeded, and not for long."""
+    """Find a threshold that was hardly exceeded, and not for long."""
     return '' if scene.seen.ratio > JUST_ABOVE or scene.seen.seconds > BRIEF else (
         f'{scene.seen.ratio:.2f} of the threshold, for {1e3 * scene.seen.seconds:.0f} ms: free '
         f'motion does that once in {1.0 / _often(scene):.2g} h')
