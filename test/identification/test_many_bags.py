@@ -236,6 +236,8 @@ def test_when_a_fit_goes_bag_by_bag() -> None:
     assert not streams(FROM - 1, FitSettings()) and streams(FROM, FitSettings())
     assert streams(2, FitSettings(), asked=True)
     for bags, settings, word in ((FROM, FitSettings(kinds=('analytical', 'elm')), 'elm'),
+                                 (5, FitSettings(kinds=('analytical', 'elm')),
+                                  'leave out elm, or leave --stream out'),
                                  (FROM, FitSettings(random_split=True), 'random-split'),
                                  (FROM, FitSettings(estimator='huber'), 'Huber'),
                                  (1, FitSettings(), 'two bags or more')):

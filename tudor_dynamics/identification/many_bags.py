@@ -118,7 +118,7 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
         return False
     others = [kind for kind in settings.kinds if kind != 'analytical']
     said = f'{bags} bags are gone through one by one'
-    fewer = '--stream' if bags < FROM else f'name fewer than {FROM} bags'
+    fewer = 'leave --stream out' if bags < FROM else f'name fewer than {FROM} bags'
     if others or settings.random_split:
         what = '--random-split' if not others else ' and '.join(others)
         raise UsageError(f'{said}; {what} cannot be fitted that way',
