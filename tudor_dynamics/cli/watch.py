@@ -30,7 +30,7 @@ from tudor_dynamics.load.live import carried_load, PayloadStage
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.online.black_box import messages_of, replayed
 from tudor_dynamics.online.detector import Rates
-from tudor_dynamics.online.monitor import Found, Monitor, MonitorSettings
+from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.show.live import DRAWN, LiveView, picture_of, shown
 
 EXAMPLES = """\
@@ -110,14 +110,18 @@ def _bag(args: argparse.Namespace) -> int:
                                'ratio': event.ratios})
                 if not terminal and not args.json:
                     say(line)
-            _look(view, monitor, found)
+            for method, excess in found.excesses:
+                view.ratios(excess.residual.motion.stamp, method,
+                            monitor.watch.stages[method].thresholds.channels, excess.collision)
             now = time.monotonic()
             if now > drawn + DRAWN:
                 drawn = now
+                _look(view, monitor)
                 draw()
             if speed:
                 due = begun + (message.time - messages[0].time) * 1e-9 / speed
                 time.sleep(max(0.0, due - now))
+        _look(view, monitor)
         draw()
     if args.picture:
         write(args.picture, '--picture', picture_of(view).encode())
@@ -128,12 +132,9 @@ def _bag(args: argparse.Namespace) -> int:
     return 0
 
 
-def _look(view: LiveView, monitor: Monitor, found: Found) -> None:
-    """Take what a message has changed into the view."""
+def _look(view: LiveView, monitor: Monitor) -> None:
+    """Take level, load and state into the view, once for each time that it is drawn."""
     watch = monitor.watch
-    for method, excess in found.excesses:
-        view.ratios(excess.residual.motion.stamp, method, watch.stages[method].thresholds.channels,
-                    excess.collision)
     view.level = watch.level.name.lower()
     if isinstance(monitor.payload, PayloadStage):
         view.load = f'load {monitor.payload.mass:.3f} +- {monitor.payload.std:.3f} kg'

@@ -133,23 +133,21 @@ class LiveView:
         return Group(head, table, *lines)
 
 
-def console() -> Console:
-    """Give a console that draws into memory, for pages and pictures."""
-    return Console(record=True, file=io.StringIO(), width=WIDTH)
+def drawn(view: LiveView) -> Console:
+    """Draw a view into memory, for pages and pictures."""
+    console = Console(record=True, file=io.StringIO(), width=WIDTH)
+    console.print(view)
+    return console
 
 
 def page_of(view: LiveView) -> str:
     """Give a page that asks for the next one after a second."""
-    drawn = console()
-    drawn.print(view)
-    return drawn.export_html(code_format=PAGE, inline_styles=True)
+    return drawn(view).export_html(code_format=PAGE, inline_styles=True)
 
 
 def picture_of(view: LiveView) -> str:
     """Give a picture, as SVG."""
-    drawn = console()
-    drawn.print(view)
-    return drawn.export_svg(title='tudor watch')
+    return drawn(view).export_svg(title='tudor watch')
 
 
 @contextmanager
