@@ -132,7 +132,8 @@ def test_a_collision_stops_the_controller(world: World, root: Path, newer: bool)
     assert world.spin(lambda: chain.relay.held)
     begun = chain.controller.q[0]
     assert world.spin(lambda: not chain.controller.dq.any(), 3.0)
-    assert begun < chain.controller.q[0] < begun + 0.4
+    # the relay follows in its own time: on a busy machine the arm may be ahead, and comes back
+    assert begun - 0.03 < chain.controller.q[0] < begun + 0.4
     assert len(chain.controller.taken) == 2 and not chain.controller.rejected
     place = chain.controller.q
     chain.send(point(0.0, *place), point(1.0, *(place + 0.1)))
