@@ -59,6 +59,7 @@ def test_a_bag(
     picture = (tmp_path / 'view.svg').read_text()
     assert picture.startswith('<svg') and 'threshold' in picture and time_of_day(
         onsets[-1])[11:] in picture
+    assert 'url(' not in picture.replace('url(#', ''), 'it loads something from elsewhere'
     assert main([*command, '--json']) == 0
     assert [item['onset'] for item in json.loads(capsys.readouterr().out)['events']] == onsets
 

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 import io
 import socket
 from urllib.request import urlopen
@@ -25,7 +26,9 @@ import pytest
 from rich.console import Console
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.online.detector import time_of_day
-from tudor_dynamics.show.live import ABOVE, HISTORY, LiveView, RatioHistory, served, shown
+from tudor_dynamics.show import live
+from tudor_dynamics.show.live import (
+    ABOVE, HISTORY, LiveView, page_of, RatioHistory, served, shown)
 
 SECOND = 10**9
 
@@ -91,16 +94,35 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
-def test_page() -> None:
-    """The page is that of the last drawing, names as they are; a port that is taken is said."""
+def test_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """
+    A browser gets what is drawn next, names as they are; a port that is taken is said.
+
+    Nothing is drawn while no browser asks.
+    """
     view, port = LiveView('arm <b>'), free_port()
-    with shown(view, port, terminal=False) as draw:
+    pages: list[LiveView] = []
+
+    def counted(drawn: LiveView) -> str:
+        pages.append(drawn)
+        return page_of(drawn)
+
+    monkeypatch.setattr(live, 'page_of', counted)
+    with shown(view, port, terminal=False) as draw, ThreadPoolExecutor() as pool:
         url = f'http://127.0.0.1:{port}/'
-        assert 'arm &lt;b&gt;' in urlopen(url).read().decode()
+
+        def asked() -> str:
+            answer = pool.submit(urlopen, url)
+            while not answer.done():
+                draw()
+            return str(answer.result().read().decode())
+
+        assert 'arm &lt;b&gt;' in asked() and '2.00 times' not in asked()
         view.event(0, 'strain', 'link3', {'hub': 2.0})
-        assert '2.00 times' not in urlopen(url).read().decode()
+        assert '2.00 times' in asked()
+        count = len(pages)
         draw()
-        assert '2.00 times' in urlopen(url).read().decode()
+        assert len(pages) == count <= 5
         with pytest.raises(UsageError, match=f'port {port} cannot be served'):
             with served(view, port):
                 pass

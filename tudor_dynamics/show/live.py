@@ -22,7 +22,8 @@ from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import io
-from threading import Thread
+import re
+from threading import Event, Thread
 
 import numpy as np
 from rich.console import Console, Group
@@ -45,6 +46,7 @@ PAGE = """<!DOCTYPE html>
 <html><head><meta charset="UTF-8"><meta http-equiv="refresh" content="1"><title>tudor watch</title>
 <meta name="viewport" content="width=device-width">
 <style>:root {{ color-scheme: light dark }} {stylesheet}
+@media (prefers-color-scheme: dark) {{ span {{ filter: brightness(2) }} }}
 pre {{ font: min(14px, 1.9vw)/1.4 monospace }}</style></head>
 <body><pre>{code}</pre></body></html>
 """
@@ -146,17 +148,21 @@ def page_of(view: LiveView) -> str:
 
 
 def picture_of(view: LiveView) -> str:
-    """Give a picture, as SVG."""
-    return drawn(view).export_svg(title='tudor watch')
+    """Give a picture, as SVG; rich would load its font from the network."""
+    return re.sub(r'@font-face {.*?}', '', drawn(view).export_svg(title='tudor watch'),
+                  flags=re.DOTALL)
 
 
 @contextmanager
 def served(view: LiveView, port: int) -> Iterator[Callable[[], None]]:
-    """Serve a view to this machine alone; gives what takes its present state into the page."""
-    pages = [page_of(view).encode()]
+    """Serve a view to this machine alone; gives what draws the page where a browser waits."""
+    pages, asked, fresh = [page_of(view).encode()], Event(), Event()
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:  # noqa: N802
+            fresh.clear()
+            asked.set()
+            fresh.wait(1.0)
             self.send_response(200)
             self.send_header('Content-Type', 'text/html; charset=utf-8')
             self.end_headers()
@@ -166,7 +172,10 @@ def served(view: LiveView, port: int) -> Iterator[Callable[[], None]]:
             pass
 
     def draw() -> None:
-        pages[0] = page_of(view).encode()
+        if asked.is_set():
+            pages[0] = page_of(view).encode()
+            asked.clear()
+            fresh.set()
     try:
         server = ThreadingHTTPServer(('127.0.0.1', port), Handler)
     except (OSError, OverflowError) as err:
