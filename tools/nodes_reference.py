@@ -199,7 +199,7 @@ MEANING = {
     'trajectory': 'progress, or how it ended',
     'off the reference JOINT [rad]': 'measured minus wanted',
     'begun again': 'why the reference restarted, the last time',
-    'controller': 'that is led', 'forwarded': 'trajectories',
+    'controller': 'that it commands', 'forwarded': 'trajectories',
     'refused': 'why, the last time', 'efforts': 'their units',
     'simulated time [s]': 'since the start', 'gave up real time': 'how often',
     'bag': 'that is played or recorded', 'skipped': 'topics without an installed type',

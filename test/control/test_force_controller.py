@@ -150,7 +150,7 @@ def test_what_is_refused() -> None:
     """Forces that cannot be held, and arms whose gauges have no gain."""
     arm = tudor()
     controller = ForceController(arm)
-    assert 'no positions' in controller.press(2.0)
+    assert 'no joint positions' in controller.press(2.0)
     for force in (0.1, -1.0, float('nan'), 100.0):
         assert 'expected more than' in controller.press(force)
     bare = Arm(arm.spec.model_copy(update={'sensors': ()}), arm.full_model, arm.source, arm.urdf)

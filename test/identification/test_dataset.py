@@ -139,7 +139,7 @@ def test_blocks_of_several_bags() -> None:
 
 
 @pytest.mark.parametrize(('before', 'behind', 'note'), [
-    (3.0, 4.0, 'standstill of 2.6 s at the begin and 3.6 s at the end is left out'),
+    (3.0, 4.0, 'standstill of 2.6 s at the start and 3.6 s at the end is left out'),
     (0.0, 4.0, 'standstill of 3.6 s at the end is left out'),
     (0.4, 0.4, '')])
 def test_standstill_at_the_ends(before: float, behind: float, note: str) -> None:

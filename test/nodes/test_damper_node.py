@@ -209,7 +209,7 @@ def test_a_damper_that_hears_no_positions(world: World, tudor: Path) -> None:
     assert not arm.wait(0.2).any()
     status = arm.told()
     assert status.level == DiagnosticStatus.STALE
-    assert status.message == 'no positions come: nothing is commanded'
+    assert status.message == 'no joint positions arrive: no commands are sent'
     assert arm.run(400)[-50:].any() and arm.told().message == 'running'
 
 

@@ -119,7 +119,7 @@ def test_without_positions(world: World, root: Path) -> None:
     chain.controller._timer.cancel()
     world.rest(0.4)
     chain.send(*MOVEIT)
-    assert chain.relay.refused == 'no positions come: start the driver of the arm'
+    assert chain.relay.refused == 'no joint positions arrive: start the driver of the arm'
 
 
 @pytest.mark.parametrize('newer', [False, True])
@@ -171,7 +171,7 @@ def test_another_leader_is_named(world: World, root: Path) -> None:
     chain.relay._look()
     status = chain.told()
     assert status.level == DiagnosticStatus.ERROR
-    assert status.message.startswith('/probe can lead the controller, too, on /joint_traj')
+    assert status.message.startswith('/probe can command the controller, too, on /joint_traj')
 
 
 def test_it_adds_efforts(world: World, root: Path, tmp_path: Path) -> None:

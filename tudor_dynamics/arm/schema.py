@@ -814,7 +814,8 @@ class ArmSpec(Spec):
             seen.append(link.joint)
         for name in self.simulation.initial:
             if name not in joints:
-                raise ValueError(f'simulation.initial: {name!r} is not among the joints {joints}')
+                raise ValueError(
+                    f'simulation.initial: {name!r} is not a joint; use one of {joints}')
 
     def _check_drives(self, joints: list[str], gauges: list[str]) -> None:
         """Check that drives name parts of the arm, and that none is described twice."""

@@ -62,7 +62,7 @@ class _Bounded(ElementTree.TreeBuilder):
         self._depth += 1
         self._count += 1
         if self._depth > MAX_DEPTH or self._count > MAX_ELEMENTS:
-            raise ArmError(f'more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements')
+            raise ArmError(f'more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements of XML')
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> Any:

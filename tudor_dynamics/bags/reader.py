@@ -476,7 +476,7 @@ def _messages(
         return None
     if bag.topics[name].msgtype != known[0]:
         raise BagError(f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
-                       f'{" or ".join(known)}; name another topic')
+                       f'{" or ".join(known)}; name another topic in the arm description')
     return bag.read([name])[name]
 
 

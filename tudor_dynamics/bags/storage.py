@@ -88,7 +88,7 @@ def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     files = tuple(directory / name for name in dict.fromkeys(names))
     for file in files:
         if not file.is_file():
-            raise ValueError(f'{file.name} is not there, or no file')
+            raise ValueError(f'{file.name} is missing, or not a regular file')
     custom = information.get('custom_data')
     return Metadata(
         files, compression.replace('storage', ''), _counts(information),

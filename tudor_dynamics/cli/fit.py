@@ -86,12 +86,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--models', nargs='+', choices=tuple(KINDS), default=list(DEFAULT_KINDS),
                         help='kinds of models (default: analytical; elastic needs links)')
     parser.add_argument('--plan', metavar='PLAN',
-                        help='folder of tudor excite that the bags were recorded by: standard '
+                        help='directory of tudor excite that the bags were recorded by: standard '
                              'errors expected and reached')
     parser.add_argument('--overwrite', action='store_true',
-                        help='replace a bundle at MODEL; the report compares with it')
+                        help='replace a bundle at MODEL; the report compares the two')
     parser.add_argument('--compare', metavar='MODEL', type=Path,
-                        help='bundle that the report compares with')
+                        help='earlier bundle to compare this fit with')
     parser.add_argument('--force', action='store_true',
                         help='exit with 0 even if no model is good enough')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
@@ -117,8 +117,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help=f'friction of all joints: {", ".join(FRICTION_TERMS)}; or auto '
                              '(default: arm description, auto where it names none)')
     models.add_argument('--currents', choices=(AUTO, *CURRENTS), default=AUTO,
-                        help='one set of inertial parameters for currents of unknown torque '
-                             'constants, or separate ones (default: auto)')
+                        help='joints of unknown torque constants: inertial parameters shared '
+                             'with the others, or separate (default: auto)')
     models.add_argument('--strain-form', choices=STRAIN_FORMS, default='exact',
                         help="bending moment at the gauge, or the joint's as in the paper")
     models.add_argument('--elm-hidden', type=int, default=100, metavar='H')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tudor shape``: shape trajectories so that what the arm carries does not ring on."""
+"""``tudor shape``: shape trajectories so that tool or load do not keep vibrating."""
 
 from __future__ import annotations
 

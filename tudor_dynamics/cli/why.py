@@ -84,9 +84,9 @@ def causes(args: argparse.Namespace) -> list[Cause]:
     bundle = load_bundle(model)
     digest = records[0].get('digest', bundle.digest) if records else bundle.digest
     if digest != bundle.digest:
-        warnings.warn(f'{model} is another model than at the event (now {bundle.digest[:12]}, '
-                      f'then {str(digest)[:12]}): events and causes may differ; give that model '
-                      'by --model', TudorWarning, stacklevel=2)
+        warnings.warn(f'{model} is not the model of the event (now {bundle.digest[:12]}, then '
+                      f'{str(digest)[:12]}): events and causes may differ; give the one of the '
+                      'event by --model', TudorWarning, stacklevel=2)
     found = explain(bag, bundle, settings, str(params.get('payload_source', 'parameter')), payload,
                     records)
     return [cause for cause in found if args.at in time_of_day(cause.event.event.onset)]

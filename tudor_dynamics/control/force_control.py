@@ -197,7 +197,7 @@ class ForceController:
         self.sensing = TipSensing(arm, np.array(normal) / length)
         self.limits, self._planned = hard_limits(arm), motion_limits(arm)
         self._names = arm.active_joints
-        self.phase, self.cause = Phase.IDLE, 'no positions yet'
+        self.phase, self.cause = Phase.IDLE, 'no joint positions yet'
         self.force = self.wanted = 0.0
         self._target = 0.0
         self._q: FloatArray | None = None
@@ -221,7 +221,7 @@ class ForceController:
             return (f'a force of {force:g} N: expected more than {self.settings.touch:g} N, from '
                     f'which contact is detected, and at most {self.settings.largest:g} N')
         if self._q is None:
-            return 'no positions come: start the driver of the arm'
+            return 'no joint positions arrive: start the driver of the arm'
         if self.phase in (Phase.HELD, Phase.RETREAT):
             return f'{self.phase.name.lower()}: {self.cause}'
         self.wanted = force

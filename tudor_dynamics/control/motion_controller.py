@@ -318,7 +318,7 @@ class MotionController:
                 self.gains.period, self._arrival):
             return None
         if waited > self._patience:
-            return self._brake(now, 'no positions come')
+            return self._brake(now, 'no joint positions arrive')
         if self._unknown or self.missing:
             return None
         command = self._slow_down(now)

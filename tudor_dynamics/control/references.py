@@ -362,7 +362,7 @@ class ReferenceSource:
     def _unable(self) -> str:
         """Say why no motion can be taken now; empty where it can."""
         if self.motion is None:
-            return 'no positions come: start the driver of the arm'
+            return 'no joint positions arrive: start the driver of the arm'
         if self.halted:
             return f'no monitor watches the arm, {self.halted}'
         if self._seed is not None:
@@ -450,7 +450,7 @@ class ReferenceSource:
         if now - self._at > self.timeout:
             if self.motion is not None:
                 self.motion, self.note = None, 'positions stopped; restarts when they return'
-                self._end('stopped: no positions came')
+                self._end('stopped: no joint positions arrived')
             return None
         motion = self.motion
         if motion is None or self._lost(motion, dt):

@@ -363,7 +363,7 @@ class _Study:
 
         found = spread_sample(list(self.dates.items()), SAMPLE, read)
         if not found or not common_outputs(found):
-            raise FitError('most bags cannot be read, or lack the efforts and strains of others',
+            raise FitError('most bags cannot be read, or lack outputs that others have',
                            remedy='`tudor info BAG` says what is in a bag')
         return found
 

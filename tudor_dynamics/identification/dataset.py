@@ -71,7 +71,7 @@ def standstill_note(recording: Recording) -> str:
     """Say what of a recording is left out because nothing moves."""
     span = motion_span(recording)
     parts = [f'{length:.1f} s at the {end}' for length, end in (
-        (span[0], 'begin'), (float(recording.t[-1]) - span[1], 'end')) if length > 0.0]
+        (span[0], 'start'), (float(recording.t[-1]) - span[1], 'end')) if length > 0.0]
     return f'standstill of {" and ".join(parts)} is left out' if parts else ''
 
 

@@ -304,7 +304,8 @@ class ManyBags:
         outputs = tuple(output for output in OUTPUTS
                         if 2 * sum(bag.has(output) for bag in bags) > len(bags))
         if not outputs:
-            raise FitError('most bags cannot be read, or lack the efforts and strains of others',
+            raise FitError('most bags cannot be read, or neither efforts nor strains are in '
+                           'most of them',
                            remedy='`tudor info BAG` says what is in a bag')
         return outputs
 

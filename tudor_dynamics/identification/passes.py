@@ -226,10 +226,10 @@ class Pass(ABC, Generic[Kept]):
         """Read what is kept of a bag, which has to be there."""
         found = self.found(seen)
         if found is None:
-            raise FitError('the sums of a bag cannot be read any more',
+            raise FitError('the intermediate sums of a bag cannot be read',
                            place=self.task.store.path / self.name(seen),
-                           remedy='fit again, do not change this folder meanwhile, and let all '
-                                  'machines read it')
+                           remedy='fit again, leave this folder unchanged meanwhile, and '
+                                  'readable to all machines that are used')
         return found
 
     def by_each_filter(self, seen: SurveyedBag) -> list[BagData]:

@@ -412,6 +412,7 @@ def _arm(content: Any, known: dict[str, bytes], path: Path) -> Arm:
     kinematics = content.get('kinematics') if isinstance(content, dict) else None
     urdf = kinematics.get('urdf') if isinstance(kinematics, dict) else None
     if urdf is not None and (urdf != 'arm.urdf' or urdf not in known):
-        msg = f'{path}: its arm has the URDF {urdf!r}; expected arm.urdf, with a checksum'
+        msg = (f'{path}: arm.yaml names the URDF {urdf!r}; expected arm.urdf, with a checksum; '
+               'fit again')
         raise ModelError(msg)
     return arm_from_dict(content, base=path, source=str(path / 'arm.yaml'))

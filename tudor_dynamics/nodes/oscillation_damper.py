@@ -217,7 +217,7 @@ class OscillationDamperNode(MovingNode):
         if clock:
             return ERROR, clock
         if controller.blind:
-            return STALE, 'no positions come: nothing is commanded'
+            return STALE, 'no joint positions arrive: no commands are sent'
         if controller.missing:
             return STALE, f'{controller.cause}: standstill is commanded'
         if self.crowded and self.crowded[0] == ERROR:

@@ -195,7 +195,7 @@ class TrajectoryRelayNode(TudorNode):
         if self.held or self.collision:
             raise SignalError('a collision was reported', remedy='look at the arm, then ~/reset')
         if self._q is None or self.steady() - self._at > self.value('timeout'):
-            raise SignalError('no positions come: start the driver of the arm')
+            raise SignalError('no joint positions arrive: start the driver of the arm')
         self._step()
         state = self._state()
         given = trajectory_of(message)
@@ -279,7 +279,7 @@ class TrajectoryRelayNode(TudorNode):
 
     def _look(self) -> None:
         """See who else leads the controller."""
-        self.crowded = self.crowd(self._output, 'lead the controller', '')
+        self.crowded = self.crowd(self._output, 'command the controller', '')
 
     def verdict(self) -> tuple[bytes, str]:
         """Say what was refused, and who else leads the controller."""

@@ -63,7 +63,7 @@ def _wait(values: FloatArray, last: FloatArray, dt: float, still: FloatArray) ->
 
 
 MEANING = {
-    'settling': 'the filters settle after a beginning or a gap',
+    'settling': 'the filters settle after the start or a gap',
     'gap': 'samples are lost on the way, or the driver leaves some out',
     'not_finite': 'values are no numbers',
     'duplicate_stamp': 'stamps are repeated',

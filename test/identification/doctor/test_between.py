@@ -54,7 +54,7 @@ def test_a_gauge_turned_in_one_bag(count: int) -> None:
         recording, strain=column(recording.strain, 1, np.negative)))
     finding, = _found(bags)
     assert (finding.kind, finding.bag, finding.channels) == ('gauge_sign', 'run2', ('g2',))
-    assert finding.remedy == 'find out which bag has the right sign, and turn the other'
+    assert finding.remedy == 'turn the sign of the gauge in its driver, or that of the effort'
 
 
 @pytest.mark.parametrize(('factor', 'evidence'), [

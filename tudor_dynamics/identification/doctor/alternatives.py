@@ -438,5 +438,6 @@ def _gauges_turned(case: Case) -> list[Finding]:
                 findings.append(found(
                     'gauge_sign', f'gauge {gauge.name} and effort of {gauge.joint} count in '
                     'opposite directions', case.recording.path, (gauge.name,), size=-1.0,
-                    now=together, otherwise=-together, measure='correlation without friction'))
+                    now=together, otherwise=-together, measure='correlation without friction',
+                    remedy='turn the sign of the gauge in its driver, or that of the effort'))
     return findings

@@ -57,7 +57,8 @@ CHECKS = {
     'strain_unit': Check('strain in another unit than described', 'correct gauges[].unit, or '
                          'scale the readings in the amplifier'),
     'gauge_sign': Check('gauge with its sign turned',
-                        'find out which bag has the right sign, and turn the other'),
+                        'find out which bag has the right sign; record the other again, or leave '
+                        'it out'),
     'efforts_exchanged': Check('efforts of two joints exchanged', NAMES, '', RESIDUAL),
     'joints_exchanged': Check('two joints exchanged', NAMES, '', RESIDUAL),
     'coupling_missing': Check(

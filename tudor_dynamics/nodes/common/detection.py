@@ -255,7 +255,7 @@ class DetectNode(ModelNode):
         contact = values.get('contact_alarms_per_hour', self.value('contact_alarms_per_hour'))
         if contact < collision:
             msg = (f'contact_alarms_per_hour {contact:g} is below false_alarms_per_hour '
-                   f'{collision:g}: the level that only warns must be the more sensitive one')
+                   f'{collision:g}: contact only warns, so allow it at least as many')
             raise TudorError(msg)
 
     def apply(self) -> None:

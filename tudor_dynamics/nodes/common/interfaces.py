@@ -174,8 +174,8 @@ MANY = (
 
 ARM = Param('arm', '', 'arm description (YAML)')
 AUTOSTART = Param('autostart', True, 'configure and activate at the start')
-PARTIAL = Param('allow_partial_joints_goal', True, 'joints that a trajectory does not name are '
-                'held, otherwise it is refused', dynamic=True)
+PARTIAL = Param('allow_partial_joints_goal', True, 'true: joints that a trajectory does not '
+                'name are held; false: it is refused', dynamic=True)
 DAMP = (
     ARM,
     AUTOSTART,
@@ -200,8 +200,8 @@ REFERENCE = (
     Param('gain_schedule', '', 'file of tudor tune with the modes; the topic payload says which'),
     Param('model', '', 'model bundle whose elastic model refines moves of elastic, for gears with '
           'play; planned beside, while the reference rests'),
-    Param('shaping_frequency', 0.0, 'first mode for zv and zvd, 0 for that of the schedule', 'Hz',
-          0.0, 1e3),
+    Param('shaping_frequency', 0.0, 'frequency of the first mode for zv and zvd; 0: that of '
+          'gain_schedule', 'Hz', 0.0, 1e3),
     Param('shaping_damping', 0.01, 'its damping ratio', '', 0.0, 0.9),
     PARTIAL,
     Param('path_tolerance', 0.0, 'the arm stops farther off a trajectory; 0 for never', 'rad', 0.0,
@@ -220,7 +220,8 @@ REFERENCE = (
           'alive and able to judge', dynamic=True))
 RELAY = (
     ARM,
-    Param('controller', 'joint_trajectory_controller', 'the controller that is led, by its name'),
+    Param('controller', 'joint_trajectory_controller',
+          'name of the controller that trajectories go to'),
     Param('start_tolerance', 0.05, 'a first point at the start may be so far from where the arm '
           'is; controllers jump to it', 'rad', 0.0, 10.0, dynamic=True),
     PARTIAL)
