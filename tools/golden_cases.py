@@ -64,8 +64,6 @@ simulate/shape+ = simulate config/l_shape.yaml --seconds 0.3 --out OUT --torque 
 simulate/modes+ = simulate config/l_shape.yaml --modes 6 --free motor --json
 simulate/force = simulate config/elastic_arm.yaml --seconds 0.3 --dt 0.0005 --out OUT \
   --hold joint3 --torque 'joint2=4.6+1.5*sin(9*t)' --force 'z=2*step(t-0.1)' --plot
-simulate/radau = simulate config/single_flexible_link.yaml --seconds 0.1 --integrator radau \
-  --out OUT --json
 
 fit/rigid+ = fit {T1} {T2} --test {TEST} --arm {BLADES} --out OUT/model --jobs 1 --json
 fit/text = fit {SHORT}

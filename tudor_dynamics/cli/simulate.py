@@ -31,7 +31,7 @@ from tudor_dynamics.errors import check_budget, TudorWarning, UsageError
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import (
-    count_steps, largest_rotation, modes, PlantRecord, Probe, run_plant, simulate_with_scipy)
+    count_steps, largest_rotation, modes, PlantRecord, Probe, run_plant)
 from tudor_dynamics.mechanics.settings import LARGEST_ROTATION
 from tudor_dynamics.mechanics.study import (
     check_target, force_signal, motion_signal, plot_configuration, signal_names, SimulatedRun,
@@ -77,8 +77,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seconds', type=float, default=5.0, help='length of the run (5)')
     parser.add_argument('--dt', type=float, default=2.5e-4, help='step [s] (0.00025)')
     parser.add_argument('--rate', type=float, default=1000.0, help='records per second (1000)')
-    parser.add_argument('--integrator', choices=('generalised-alpha', 'radau', 'bdf'),
-                        default='generalised-alpha', help='the two others check the first')
     parser.add_argument('--rho', type=float, default=0.9,
                         help='numerical damping of the highest frequencies, 1 for none (0.9)')
     parser.add_argument('--out', metavar='DIR', help='run.npz, bag/ and figures go there')
@@ -157,14 +155,8 @@ def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tupl
              TimeRemainingColumn()) as advance:
         def progress(done: int) -> None:
             advance(advance=done)
-        if args.integrator == 'generalised-alpha':
-            return run_plant(plant, probe, torque, every=every, motion=motion, force=force,
-                             progress=progress)
-        if motion is not None or force is not None:
-            raise UsageError(f'--integrator {args.integrator} takes torques only; leave --motion '
-                             'and --force out')
-        return simulate_with_scipy(plant, probe, torque, every=every, method=args.integrator,
-                                   progress=progress)
+        return run_plant(plant, probe, torque, every=every, motion=motion, force=force,
+                         progress=progress)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -21,11 +21,10 @@ from dataclasses import dataclass, fields
 import io
 import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
@@ -38,7 +37,6 @@ from tudor_dynamics.mechanics.chain import (
     add, Chain, exponential, forward, left_jacobian, product, put_rotation, put_vector,
     rotation_at, sub, turn, turn_back, vector_at)
 from tudor_dynamics.mechanics.equations import joint_reactions, LOADS, nodal_motion, section_loads
-from tudor_dynamics.mechanics.integrator import DDZ
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge, with_motors
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.typing import FloatArray
@@ -307,7 +305,6 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
 FIRST_STAMP = 1_000_000_000
 """Stamp of t = 0 in bags [ns]: a stamp of zero would mean "not set" in ROS."""
 Motion = tuple[FloatArray, FloatArray, FloatArray]
-Integrator = Literal['generalised-alpha', 'radau', 'bdf']
 
 
 def count_steps(seconds: float, dt: float, rate: float) -> tuple[int, int]:
@@ -419,49 +416,4 @@ def run_plant(
         if progress is not None and (k - reported >= 200 or k == steps):
             progress(k - reported)
             reported = k
-    return recorder.run
-
-
-def simulate_with_scipy(
-    plant: Plant, probe: Probe, torque: FloatArray, *, every: int = 1,
-    method: Integrator = 'radau', progress: Callable[[int], None] | None = None,
-) -> PlantRecord:
-    """Do the same with a solver of scipy, as a check of the integrator: slow, error controlled."""
-    names: dict[str, str] = {'radau': 'Radau', 'bdf': 'BDF'}
-    n, dt, rtol = plant.mechanism.size, plant.dt, 1e-6
-    steps = torque.shape[0] - 1
-    times = np.arange(steps + 1) * dt
-    free = ~plant.tables.prescribed
-    z, dz = plant.coordinates.copy(), plant.rates.copy()
-    count = int(free.sum())
-
-    def unpack(y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        place, rate = z.copy(), np.zeros(n)
-        place[free], rate[free] = y[:count], y[count:]
-        return place, rate
-
-    def right_side(t: float, y: FloatArray) -> FloatArray:
-        place, rate = unpack(y)
-        k = min(int(t / dt), steps - 1)
-        share = t / dt - k
-        now = (1.0 - share) * torque[k] + share * torque[k + 1]
-        plant.set_state(t, place, rate, now)
-        return np.concatenate([y[count:], plant.tables.vectors[DDZ, free]])
-
-    scale = np.where(np.isin(np.flatnonzero(free), plant.mechanism.q_index), 1.0, 0.01)
-    atol = rtol * np.concatenate([scale, 10.0 * scale])
-    wanted = times[::every]
-    result = solve_ivp(right_side, (0.0, times[-1]), np.concatenate([z[free], dz[free]]),
-                       method=names[method], t_eval=wanted, rtol=rtol, atol=atol,
-                       max_step=max(20.0 * dt, 1e-3))
-    if not result.success:
-        reached = result.t[-1] if result.t.size else 0.0
-        raise SimulationError(f'{method} failed at {reached:g} s; reduce --dt ({result.message})')
-    recorder = _Recorder(plant, probe, wanted.size)
-    for row, t in enumerate(wanted):
-        place, rate = unpack(result.y[:, row])
-        plant.set_state(float(t), place, rate, torque[row * every])
-        recorder.write(row)
-        if progress is not None:
-            progress(every if row else 0)
     return recorder.run
