@@ -26,6 +26,7 @@ from generator_making import point, trajectory
 import numpy as np
 import pytest
 from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
 from ros_world import JOINTS, values_of, World
 from sample_arms import random_states
 from std_msgs.msg import Bool
@@ -39,8 +40,10 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.nodes.common.base import latched
+from tudor_dynamics.nodes.common.messages import trajectory_of
 from tudor_dynamics.nodes.trajectory_relay import TrajectoryRelayNode
 from tudor_dynamics.online.feedforward import Feedforward
+from tudor_dynamics.signals.motion_profile import spline
 
 POSE = np.array([0.8, 0.1])
 MOVEIT = point(0.0, 0.8, 0.1), point(0.3, 0.85, 0.1), point(0.6, 0.9, 0.15)
@@ -192,6 +195,52 @@ def test_it_adds_efforts(world: World, root: Path, tmp_path: Path) -> None:
     assert list(found.joint_names) == JOINTS
     np.testing.assert_allclose([p.positions for p in found.points], q)
     np.testing.assert_allclose([p.effort for p in found.points], wanted.effort)
+
+
+SHAPED = {'shaping': 'zv', 'shaping_frequency': 2.0, 'shaping_damping': 0.05}
+
+
+def rings(sent: JointTrajectory) -> float:
+    """Give what an oscillator on the first joint keeps after a motion [rad]."""
+    curve = spline(trajectory_of(sent))
+    t = np.arange(curve.x[0], curve.x[-1], 1e-4)
+    omega, damping = 2.0 * np.pi * 2.0, 0.05
+    pole = omega * complex(-damping, np.sqrt(1.0 - damping**2))
+    speed = np.diff(curve(t)[:, 0], prepend=curve(t[0])[0])  # a line jumps in speed, not in place
+    return float(abs(speed @ np.exp(pole * (t[-1] - t))))
+
+
+@pytest.mark.parametrize('first', [0.0, 0.4])
+def test_it_shapes(world: World, root: Path, first: float) -> None:
+    """Half a period longer, to the same goal, and a mode is at rest there; also the way to it."""
+    points = point(first, 0.8 + 0.1 * first, 0.1), point(0.6, 0.9, 0.1), point(1.0, 0.95, 0.15)
+    chain = Chain(world, root, **SHAPED)
+    chain.send(*points)
+    assert world.spin(lambda: bool(chain.controller.taken)) and not chain.relay.not_shaped
+    sent = chain.controller.taken[0]
+    assert trajectory_of(sent).t[[0, -1]] == pytest.approx([0.0, 1.25], abs=1e-3)
+    assert list(sent.points[-1].positions) == [0.95, 0.15] and list(sent.joint_names) == JOINTS
+    alone = trajectory(point(0.0, 0.8, 0.1), *points[first == 0.0:])
+    assert rings(sent) < 0.01 * rings(alone)
+    assert world.spin(lambda: np.allclose(chain.controller.q, [0.95, 0.15]))
+    assert values_of(chain.told())['shaping'] == 'zv'
+
+
+@pytest.mark.parametrize('frequency, said', [(2.0, 'the arm still moves'), (0.0, 'above 0')])
+def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said: str) -> None:
+    """It is passed on as it is, and said; or refused, as asked."""
+    chain = Chain(world, root, **{**SHAPED, 'shaping_frequency': frequency})
+    chain.send(*LONG)
+    assert world.spin(chain.moving)
+    chain.send(point(2.0, 2.0, 0.1))
+    assert world.spin(lambda: len(chain.controller.taken) == 2)
+    assert said in chain.relay.not_shaped and len(chain.controller.taken[1].points) == 1
+    status = chain.told()
+    assert status.level == DiagnosticStatus.WARN and status.message.startswith('not shaped: ')
+    chain.relay.set_parameters([Parameter('not_shaped', value='refuse')])
+    chain.send(point(2.0, 2.1, 0.1))
+    assert chain.relay.refused.startswith('it cannot be shaped: ') and said in chain.relay.refused
+    assert len(chain.controller.taken) == 2
 
 
 class Client:

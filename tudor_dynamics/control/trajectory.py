@@ -76,35 +76,43 @@ def braking(state: MotionState, bounds: Limits, least: float) -> tuple[float, Fl
     return time, np.clip(state.q + 0.5 * time * state.dq, bounds.lower, bounds.upper)
 
 
+def from_state(trajectory: Trajectory, state: MotionState, begin: float) -> Trajectory:
+    """
+    Give the way from a state, at a time since the start [s], through the points after it.
+
+    What the points do not have (velocities, accelerations) is not kept of the state. SignalError
+    where no point is to come.
+    """
+    left = trajectory.t > begin
+    if not left.any():
+        msg = f'{LATE}: the last was due {begin - trajectory.t[-1]:.3g} s ago'
+        raise SignalError(msg, remedy='set header.stamp to its start, or to 0')
+
+    def joined(first: FloatArray, rest: FloatArray | None) -> FloatArray | None:
+        return None if rest is None else np.vstack([first, rest[left]])
+    return replace(
+        trajectory, t=np.append(begin, trajectory.t[left]), effort=None,
+        q=np.vstack([state.q, trajectory.q[left]]), dq=joined(state.dq, trajectory.dq),
+        ddq=joined(state.ddq, trajectory.ddq))
+
+
 class Path:
     """
     Path from a state through the points of a trajectory, at rest after the last one.
 
-    What the points do not have (velocities, accelerations) is not kept of the state; begin: its
-    time since the start of the trajectory [s], points until then are left out. SignalError where
-    no point is to come, or the last one is in motion.
+    begin: time of the state since the start of the trajectory [s]. SignalError where no point is
+    to come, or the last one is in motion.
     """
 
     def __init__(self, state: MotionState, trajectory: Trajectory, begin: float = 0.0) -> None:
-        left = trajectory.t > begin
-        if not left.any():
-            msg = f'{LATE}: the last was due {begin - trajectory.t[-1]:.3g} s ago'
-            raise SignalError(msg, remedy='set header.stamp to its start, or to 0')
-        if trajectory.dq is not None and np.any(np.abs(trajectory.dq[-1]) > ROUNDING):
+        way = from_state(trajectory, state, begin)
+        if way.dq is not None and np.any(np.abs(way.dq[-1]) > ROUNDING):
             raise SignalError('the last point is in motion', remedy='end the trajectory at rest')
-
-        def joined(first: FloatArray, rest: FloatArray | None) -> FloatArray | None:
-            return None if rest is None else np.vstack([first, rest[left]])
-        q = joined(state.q, trajectory.q)
-        assert q is not None
-        joined_up = replace(
-            trajectory, t=np.append(begin, trajectory.t[left]), q=q, effort=None,
-            dq=joined(state.dq, trajectory.dq), ddq=joined(state.ddq, trajectory.ddq))
         self.begin, self.end = begin, float(trajectory.t[-1])
         self.target = trajectory.q[-1]
         self._names = trajectory.joints
         self._smooth = trajectory.dq is not None
-        self._q = spline(joined_up)
+        self._q = spline(way)
         self._dq, self._ddq = self._q.derivative(), self._q.derivative(2)
 
     def at(self, time: float) -> MotionState:

@@ -374,46 +374,30 @@ def largest_rotation(plant: Plant) -> float:
     return float(np.linalg.norm(turned, axis=1).max(initial=0.0))
 
 
-class _Recorder:
-    """Writes what a plant shows into the rows of a run."""
-
-    def __init__(self, plant: Plant, probe: Probe, samples: int) -> None:
-        self._plant, self._probe = plant, probe
-        self._sensors = InertialSensors(plant.mechanism)
-        shown = {name: np.shape(value) for name, value in self._look().items()}
-        check_budget('records', samples, 8.0 * sum(map(math.prod, shown.values())))
-        self.run = PlantRecord(**{name: np.zeros((samples, *shape))
-                                  for name, shape in shown.items()})
-
-    def _look(self) -> dict[str, Any]:
-        """Give all that is recorded of the present state, by the fields of `PlantRecord`."""
-        seen = self._probe.observe()
-        felt = self._sensors.read(self._plant, seen.acceleration)
-        return {**vars(self._plant.state), **vars(seen), **felt,
-                'energy': self._plant.energy(), 'rotation': largest_rotation(self._plant)}
-
-    def write(self, row: int) -> None:
-        """Write the present state into a row."""
-        for name, value in self._look().items():
-            getattr(self.run, name)[row] = value
-
-
 def run_plant(
     plant: Plant, probe: Probe, torque: FloatArray, *, every: int = 1,
     motion: Motion | None = None, force: FloatArray | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> PlantRecord:
     """Step a plant through torques (steps + 1, joints) [N m or N] from its present state."""
-    steps = torque.shape[0] - 1
-    recorder = _Recorder(plant, probe, steps // every + 1)
-    recorder.write(0)
-    reported = 0
-    for k in range(1, steps + 1):
-        plant.step(torque[k], None if force is None else force[k],
-                   None if motion is None else (motion[0][k], motion[1][k], motion[2][k]))
+    steps, sensors, reported = torque.shape[0] - 1, InertialSensors(plant.mechanism), 0
+    samples = steps // every + 1
+
+    def look() -> dict[str, Any]:
+        seen = probe.observe()
+        return {**vars(plant.state), **vars(seen), **sensors.read(plant, seen.acceleration),
+                'energy': plant.energy(), 'rotation': largest_rotation(plant)}
+    shown = {name: np.shape(value) for name, value in look().items()}
+    check_budget('records', samples, 8.0 * sum(map(math.prod, shown.values())))
+    run = PlantRecord(**{name: np.zeros((samples, *shape)) for name, shape in shown.items()})
+    for k in range(steps + 1):
+        if k > 0:
+            plant.step(torque[k], None if force is None else force[k],
+                       None if motion is None else (motion[0][k], motion[1][k], motion[2][k]))
         if k % every == 0:
-            recorder.write(k // every)
+            for name, value in look().items():
+                getattr(run, name)[k // every] = value
         if progress is not None and (k - reported >= 200 or k == steps):
             progress(k - reported)
             reported = k
-    return recorder.run
+    return run

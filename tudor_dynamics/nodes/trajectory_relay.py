@@ -21,16 +21,17 @@ from functools import partial
 import math
 from typing import Any
 
-from builtin_interfaces.msg import Duration
 import numpy as np
+from numpy.typing import ArrayLike
 from rclpy.action import ActionClient
+from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.control.trajectory import braking, Follower, of_all, Path
+from tudor_dynamics.control.trajectory import braking, Follower, from_state, of_all, Path
 from tudor_dynamics.errors import SignalError, TudorError, UsageError
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import Figure, latched, OK, strong, TudorNode, WARN
@@ -42,9 +43,16 @@ from tudor_dynamics.nodes.settings import PUBLISHERS_LOOK, SHORTEST_STOP, STATE_
 from tudor_dynamics.online.feedforward import Feedforward
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import spline
+from tudor_dynamics.signals.settings import AT_REST
+from tudor_dynamics.signals.shaping import convolved, impulses
 from tudor_dynamics.typing import FloatArray
 
-SECOND = 1_000_000_000
+
+def resting_point(t: float, q: ArrayLike = ()) -> JointTrajectoryPoint:
+    """Give a point at rest at a time from the start [s]."""
+    return JointTrajectoryPoint(
+        positions=floats(np.asarray(q)), velocities=floats(np.zeros_like(q)),
+        time_from_start=Duration(seconds=t).to_msg())
 
 
 class TrajectoryRelayNode(TudorNode):
@@ -59,6 +67,8 @@ class TrajectoryRelayNode(TudorNode):
         Figure('controller', lambda node: node.value('controller')),
         Figure('forwarded', lambda node: node.forwarded),
         Figure('refused', lambda node: node.refused or None),
+        Figure('shaping', lambda node: node.value('shaping')),
+        Figure('not shaped', lambda node: node.not_shaped or None),
         Figure('efforts', lambda ahead: ', '.join(ahead.units), 'ahead'))
 
     def __init__(self, **kwargs: Any) -> None:
@@ -66,7 +76,7 @@ class TrajectoryRelayNode(TudorNode):
         self.follower: Follower | None = None
         self.ahead: Feedforward | None = None
         self.server: FollowServer | None = None
-        self.forwarded, self.refused = 0, ''
+        self.forwarded, self.refused, self.not_shaped = 0, '', ''
         self.collision = self.held = False
         self._q: FloatArray | None = None
         self._at, self._stepped = -math.inf, self.steady()
@@ -201,12 +211,12 @@ class TrajectoryRelayNode(TudorNode):
         given = trajectory_of(message)
         held = state.q if follower.path is None else follower.path.target
         whole = of_all(given, self._names, held, self.value('allow_partial_joints_goal'))
-        efforts = None
+        shaped = whole = self._shaped(whole, since, state)
         if self.ahead is not None:
             if self.value('payload') != self._payload:
                 self.ahead.carry(self.value('payload'))
                 self._payload = self.value('payload')
-            efforts = self.ahead.along(whole)
+            shaped = self.ahead.along(whole)
         if since >= 0.0 and whole.t[0] <= since < whole.t[-1]:
             # controllers do not lead from where the arm is to points that are due: they jump
             curve = spline(whole)
@@ -226,12 +236,33 @@ class TrajectoryRelayNode(TudorNode):
         why = why or follower.take(whole, since, state, follower.path is None)
         if why:
             raise SignalError(why)
-        if efforts is not None:
-            self._fill(message, efforts)
+        if self.ahead is not None or len(shaped.t) != len(given.t):
+            self._fill(message, shaped)
+
+    def _shaped(self, whole: Trajectory, since: float, state: MotionState) -> Trajectory:
+        """Shape a trajectory from rest to rest, the way to its first point included."""
+        self.not_shaped = ''
+        if self.value('shaping') == 'none':
+            return whole
+        try:
+            shaper = impulses(self.value('shaping'), self.value('shaping_frequency'),
+                              self.value('shaping_damping'))
+            if np.abs(state.dq).max() > AT_REST:
+                raise SignalError('the arm still moves', remedy='send one motion after another')
+            begin = max(since, 0.0)
+            way = from_state(whole, state, begin) if whole.t[0] > begin else whole
+            return convolved(way, shaper)
+        except SignalError as err:
+            if self.value('not_shaped') == 'refuse':
+                raise SignalError(f'it cannot be shaped: {err}') from None
+            self.not_shaped = str(err)
+            return whole
 
     def _fill(self, message: JointTrajectory, found: Trajectory) -> None:
-        """Write efforts into all points, for all joints; and the motors where they are led."""
+        """Write a motion of all joints into the points: shaped, with efforts, or of the motors."""
         message.joint_names = list(found.joints)
+        if len(found.t) != len(message.points):
+            message.points = [resting_point(t) for t in found.t.tolist()]
         for k, point in enumerate(message.points):
             for name, values in (('positions', found.q), ('velocities', found.dq),
                                  ('accelerations', found.ddq), ('effort', found.effort)):
@@ -270,10 +301,7 @@ class TrajectoryRelayNode(TudorNode):
             message = JointTrajectory(joint_names=list(self._names))
             if state is not None:
                 time, q = braking(state, self._braking, SHORTEST_STOP)
-                sec, nanosec = divmod(round(time * SECOND), SECOND)
-                message.points = [JointTrajectoryPoint(
-                    positions=floats(q), velocities=floats(np.zeros_like(q)),
-                    time_from_start=Duration(sec=sec, nanosec=nanosec))]
+                message.points = [resting_point(time, q)]
             self._output.publish(message)
         self._leave(f'stopped: {why}')
 
@@ -294,7 +322,9 @@ class TrajectoryRelayNode(TudorNode):
             return WARN, 'collision: the controller was stopped; ~/reset takes trajectories again'
         if not self._output.get_subscription_count():
             return WARN, f'nobody hears {self._output.topic_name}: is the controller active?'
-        return (WARN, f'refused: {self.refused}') if self.refused else (level, message)
+        if self.refused:
+            return WARN, f'refused: {self.refused}'
+        return (WARN, f'not shaped: {self.not_shaped}') if self.not_shaped else (level, message)
 
     def close(self) -> None:
         if self.server is not None:

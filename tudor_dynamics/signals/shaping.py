@@ -98,7 +98,7 @@ def convolved(given: Trajectory, shaper: Impulses) -> Trajectory:
         inside = ((t - late > begin) & (t - late < end))[:, None]
         for order, curve in enumerate(curves):
             parts[order] += weight * np.asarray(curve(at)) * (inside if order else 1.0)
-    parts[0, [0, -1]] = given.q[[0, -1]]
+    parts[0, [0, -1]], parts[1:, [0, -1]] = given.q[[0, -1]], 0.0
     return Trajectory(given.joints, t, *parts)
 
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from tudor_dynamics.control.shaped_motion import SHAPINGS
 from tudor_dynamics.models.bundle import KINDS
 from tudor_dynamics.online.feedforward import AT_REST, POSITIONS, UNITS
+from tudor_dynamics.signals.shaping import KINDS as SHAPERS
 
 JOINT_STATES = 'joint_states'
 FILTERED_JOINT_STATES = 'filtered_joint_states'
@@ -224,6 +225,13 @@ RELAY = (
           'name of the controller that trajectories go to'),
     Param('start_tolerance', 0.05, 'a first point at the start may be so far from where the arm '
           'is; controllers jump to it', 'rad', 0.0, 10.0, dynamic=True),
+    Param('shaping', 'none', 'shapes motion from rest to rest by ZV or ZVD, so that a tool does '
+          'not ring', choices=('none', *SHAPERS), dynamic=True),
+    Param('shaping_frequency', 0.0, 'frequency at which the tool rings', 'Hz', 0.0, 1e3,
+          dynamic=True),
+    Param('shaping_damping', 0.02, 'its damping ratio', '', 0.0, 0.9, dynamic=True),
+    Param('not_shaped', 'pass', 'what cannot be shaped is passed on as it is, or refused',
+          choices=('pass', 'refuse'), dynamic=True),
     PARTIAL)
 FORCE = (
     ARM,
