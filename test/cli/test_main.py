@@ -259,3 +259,16 @@ def test_commands_begin_lean(command: str, slow: set[str]) -> None:
     loaded = set(done.stdout.split())
     assert f'tudor_dynamics.cli.{command}' in loaded
     assert not loaded & slow
+
+
+@pytest.mark.parametrize(('typed', 'answers'), [
+    ('tudor fi', {'fit'}), ('tudor fit --mod', {'--models'}),
+    ('tudor shape path.csv --by ', {'zv', 'zvd'})])
+def test_a_shell_completes(typed: str, answers: set[str]) -> None:
+    """Commands, options and choices, by the protocol of argcomplete: words on descriptor 8."""
+    asked = {'COMP_LINE': typed, 'COMP_POINT': str(len(typed)), 'COMP_TYPE': '9',
+             '_ARGCOMPLETE': '1', '_ARGCOMPLETE_IFS': '\n', '_ARGCOMPLETE_SUPPRESS_SPACE': '1'}
+    done = subprocess.run(
+        ['bash', '-c', f'{sys.executable} -m tudor_dynamics 8>&1 9>/dev/null'],
+        env=os.environ | asked, capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == answers

@@ -109,7 +109,8 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
         epilog='Begin with `tudor init BAG --urdf FILE --out arm.yaml`. The help of each command\n'
                'has examples: `tudor fit --help`. Exit codes: 0 done, 1 data or model not good\n'
                f'enough, 2 wrong input, {DEFECT} a defect of tudor ({DEBUG}=1 shows its\n'
-               'traceback), 130 interrupted.')
+               'traceback), 130 interrupted. For completion by TAB in a shell:\n'
+               'eval "$(register-python-argcomplete tudor)"')
     parser.add_argument('--version', action='version', version=f'tudor_dynamics {__version__}')
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True,
                                      prog='tudor', help=argparse.SUPPRESS)
@@ -145,7 +146,12 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: object) -
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``tudor``; argv: those of the process by default."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    only = next((word for word in arguments if word in SUBCOMMANDS), None)
+    completing = '_ARGCOMPLETE' in os.environ  # a shell asks what may come next
+    words = os.environ.get('COMP_LINE', '').split() if completing else arguments
+    only = next((word for word in words if word in SUBCOMMANDS), None)
+    if completing:
+        import argcomplete  # of no use otherwise
+        argcomplete.autocomplete(build_parser(only))
     name = f'tudor {only}' if only else 'tudor'
     _open_standard_streams()
     with warnings.catch_warnings(), _interrupts_kept() as interrupted:
