@@ -285,7 +285,7 @@ def judge(name, python, description, bag):
             print(f'  {label:20} off after {HORIZON:g} s [deg]: '
                   f'{" ".join(f"{value:7.2f}" for value in off)}   ({times} times)', flush=True)
             figures['exported MJCF' if label == 'exported' else label][1] = (
-                f'{min(off):.2g} to {max(off):.3g} deg')
+                f'{min(off):.2g} to ' + (f'{max(off):.2g} deg' if max(off) < 360.0 else 'turns'))
     return figures
 
 
