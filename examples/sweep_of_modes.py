@@ -21,7 +21,6 @@ import sys
 from matplotlib.figure import Figure
 import numpy as np
 import tudor_dynamics as td
-from tudor_dynamics.arm.description import arm_from_dict
 import yaml
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
@@ -35,12 +34,15 @@ def main(out: Path) -> None:
     found = []
     for mass in masses.tolist():
         content['payload'] = {'mass': mass}
-        arm = arm_from_dict(content, base=CONFIG, source=source.name)
+        arm = td.arm_from_dict(content, base=CONFIG, source=source.name)
         found.append(td.modes(arm, 3).frequency)
     print(f'first mode: {found[0][0]:.2f} Hz empty, {found[-1][0]:.2f} Hz with 400 g')
     figure = Figure(figsize=(6.4, 3.6), layout='constrained')
     axes = figure.subplots()
-    axes.semilogy(1e3 * masses, found, marker='o')
+    for mode, marker in enumerate('os^'):
+        axes.semilogy(1e3 * masses, [item[mode] for item in found], marker=marker,
+                      label=f'mode {mode + 1}')
+    axes.legend(frameon=False)
     axes.set(xlabel='payload [g]', ylabel='frequency [Hz]', title='Lowest modes, joints held')
     axes.grid(alpha=0.3, which='both')
     figure.savefig(out / 'sweep_of_modes.png', dpi=110)

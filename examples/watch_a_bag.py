@@ -52,7 +52,7 @@ def main(out: Path) -> None:
             np.array(residuals).T, np.array(thresholds).T):
         axes.plot(t, value, linewidth=0.8, label='residual')
         for side, label in ((bound, 'threshold'), (-bound, None)):
-            axes.plot(t, side, color='#c8502d', linewidth=0.8, label=label)
+            axes.plot(t, side, '--', color='#c8502d', linewidth=0.8, label=label)
         axes.set(ylabel=f'{name} [um/m]')
     axes.set(xlabel='time [s]')
     axes.legend(loc='upper right', frameon=False, ncols=2)
