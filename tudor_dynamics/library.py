@@ -171,8 +171,7 @@ def fit(
         Bags to judge by; without them each training bag is left out once, and of an only bag the
         last 40 %.
     settings : FitSettings
-        Kinds of models and their choices; analytical model and extreme learning machine by
-        default.
+        Kinds of models and their choices; the analytical model by default.
     preprocessing : PreprocessingSpec, optional
         Filters and rate; by default those of the arm description, and what that leaves open is
         chosen by left-out parts of the training bags.
@@ -508,7 +507,8 @@ def roc(
     ----------
     detectors : mapping of str to callable or ModelBundle
         A function of a ``Recording`` that says for each sample how strongly the arm is touched,
-        (n_samples,), in any unit, NaN where it says nothing; or models with the built-in one.
+        (n_samples,), in any unit, NaN where it says nothing, from that sample and those before it;
+        or models with the built-in one.
     bags : str, path, or sequence of them
         Bags of the arm, or parts of them: ``BAG@60-100%``.
     arm : Arm
@@ -520,8 +520,9 @@ def roc(
     Returns
     -------
     dict of str to Roc
-        By name, of a bundle by name and method: ``share()`` of the pushes found [%] over
-        ``per_hour()`` [1/h] at each ``factor`` (threshold), with exact intervals.
+        By name, of a bundle by ``NAME: METHOD``: ``share()`` of the pushes found [%] over
+        ``per_hour()`` [1/h] at each ``factor``, with exact intervals. A factor is a threshold of
+        a function, and a multiple of those of a bundle, for which alone ``now`` has a meaning.
 
     Raises
     ------
@@ -571,15 +572,16 @@ def excitation(
         What is to be identified: an arm, in noise of 1 in each channel, or that of a bundle, in
         the noise that its fit left.
     motion : Trajectory, optional
-        Motion of one's own that is to be judged; one is searched by default.
+        Motion of one's own that is to be judged, one measurement a point, with ``dq`` and ``ddq``:
+        positions alone are joined by straight lines. One is searched by default.
     seconds, rate : float
         Length [s] and samples per second [Hz] of a motion that is searched.
     highest : float, optional
         Its largest frequency; by default below what makes links swing [Hz].
     criterion : callable
         From the covariances of the parameters, one for each group of channels with common ones,
-        to a cost and to its slope by the information of each group; the mean logarithm of all
-        standard errors by default.
+        to a cost and to its slope by the information of each group (of log det C it is -C), for
+        the search; the mean logarithm of all standard errors by default.
     steps, seed : int
         Steps of the search in each of its three stages, and the seed of where it begins.
 

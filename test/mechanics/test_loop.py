@@ -112,3 +112,11 @@ def test_arguments_that_make_no_sense_are_refused(arm: td.Arm) -> None:
         td.Loop(arm, lambda _: None, delay=-1.0)
     with pytest.raises(SimulationError, match='does not divide'):
         td.Loop(arm, lambda _: None, rate=333.0)
+
+
+def test_a_goal_may_be_a_list(arm: td.Arm) -> None:
+    """As documents show it: the arm goes there."""
+    rig = td.Rig(arm, share=1.0)
+    rig.run(1.0)
+    assert rig.source is not None and rig.source.go([1.0, 0.2]) == ''
+    assert rig.run(4.0).q_true[-1] == pytest.approx([1.0, 0.2], abs=0.03)

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import hard_limits, Limits
@@ -304,8 +305,9 @@ class ReferenceSource:
         if self.motion is not None:
             self.motion.reaction, self.motion.retreat_time = reaction, retreat_time
 
-    def go(self, target: FloatArray) -> str:
+    def go(self, target: ArrayLike) -> str:
         """Take a goal: target (joints,); returns an empty string if it is taken."""
+        target = np.asarray(target, dtype=np.float64)
         if why := self._unable():
             return why
         outside = self.hard.outside(target) | np.isinf(target)

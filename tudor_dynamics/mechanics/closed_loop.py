@@ -213,15 +213,15 @@ CHUNK = 2000  # steps between two looks from outside
 
 @dataclass(frozen=True, eq=False)
 class LoopRecord:
-    """What was recorded, at the times of the samples."""
+    """Readings and truth of one ``run``, at the times of its samples."""
 
     t: FloatArray  # times of the samples, (samples,) [s]
-    # As measured, (samples, joints) [rad, rad/s, A].
+    # As measured at the motors, (samples, joints) [rad, rad/s, A].
     q: FloatArray
     dq: FloatArray
     current: FloatArray
     strain: FloatArray  # as measured, in units of the gauges, (samples, gauges)
-    # Position and speed of the reference, (samples, joints) [rad, rad/s].
+    # Position and speed of the reference, NaN without one, (samples, joints) [rad, rad/s].
     q_ref: FloatArray
     dq_ref: FloatArray
     q_true: FloatArray  # angle of the link after the gear, (samples, joints) [rad]
@@ -473,14 +473,14 @@ def steps_per_message(dt: float, rate: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """What the sensors say."""
+    """Readings of the sensors: of ``active_joints`` and of ``gauge_names``, in their orders."""
 
     t: float  # simulated time [s]
     # As measured, (joints,) [rad, rad/s, A].
     q: FloatArray
     dq: FloatArray
     current: FloatArray
-    strain: FloatArray  # as measured, in units of the gauges, (gauges,)
+    strain: FloatArray  # (gauges,), in units of the gauges: um/m, where gains are per m/m
     force: FloatArray  # force at the tip, in the base frame, (3,) [N]
 
 

@@ -73,9 +73,10 @@ class Loop:
     arm : Arm
         Description with links and motors.
     controller : callable
-        Gets each ``Sample`` (``t``, ``q``, ``dq``, ``current``, ``strain``), and returns the
-        velocities (n_joints,) that the drives shall follow [rad/s], or None to leave them as they
-        are. The drives brake where they hear nothing for their timeout.
+        Gets each ``Sample`` (``t``, ``q``, ``dq``, ``current``, ``strain``, ``force``), and
+        returns the velocities (n_joints,) that the drives shall follow [rad/s], or None to leave
+        them as they are: there is neither a position loop nor a limit. The drives brake where they
+        hear nothing for their timeout.
     rate : float, default=500
         Samples per second [Hz].
     payload : float, default=0
@@ -214,6 +215,9 @@ class Rig(Loop):
     """
     The loop under the package's own controller and reference source.
 
+    ``rig.run(1.0)`` brings the first positions, ``rig.source.go(target)`` gives why a move cannot
+    begin, or nothing, and ``rig.run(5.0)`` records it.
+
     Parameters
     ----------
     arm : Arm
@@ -221,7 +225,7 @@ class Rig(Loop):
     payload : float, default=0.2
         Mass at the tip [kg].
     share : float
-        Part of the damper's gains.
+        Part of the damper's gains, 0 for an undamped arm.
     rate, delay, loss, seed : float, float, float, int
         As of `Loop`.
 
