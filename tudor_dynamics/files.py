@@ -241,7 +241,7 @@ def _check(text: str | bytes) -> None:
         before = values
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in sizes:
-                msg = f'the reference *{event.anchor} stands for nothing, or for itself'
+                msg = f'alias *{event.anchor} has no anchor before it, or is inside it'
                 raise _refused(msg, event)
             values += sizes[event.anchor]
         else:

@@ -291,7 +291,7 @@ class JointRecord:
         texts = ['it moves the other way: a sign is wrong'] if fit.scale < 0.0 else []
         if not (fit.near(1.0) or fit.near(-1.0)):
             texts.append(_times(abs(fit.scale)))
-        return f'{"; ".join(texts)}; {where}'
+        return f'{"; ".join(texts)}; the fault is {where}'
 
     def _swapped(self, j: int, k: int) -> str:
         own = self._velocity(j)

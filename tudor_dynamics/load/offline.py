@@ -227,8 +227,8 @@ class PayloadEstimate:
                 place += (': mounted as the payloads of the model were taken to be'
                           if self.source is Source.PAYLOADS else
                           f': taken to sit at the tip, {tip} in {self.frame}')
-        return (f'{self.verdict.value}: {self.mass:.4g} +- {self.mass_std:.2g} kg{place}; scale: '
-                f'{self.source.value}')
+        return (f'{self.verdict.value}: {self.mass:.4g} +- {self.mass_std:.2g} kg{place}; '
+                f'kilograms from: {self.source.value}')
 
 
 # -- A recording next to a model

@@ -110,7 +110,7 @@ def random_pushes(
                               'longer or push less')
     beams = [joint for joint in arm.active_joints if mechanism.length(joint) > 0.0]
     if not beams:
-        msg = f'{arm.source}: no active joint moves an elastic link that could be pushed'
+        msg = f'{arm.source}: no active joint moves an elastic link: describe links, or push none'
         raise SimulationError(msg)
     data = arm.full_model.createData()
     pin.forwardKinematics(arm.full_model, data, pin.neutral(arm.full_model))

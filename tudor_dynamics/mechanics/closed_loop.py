@@ -466,8 +466,8 @@ def steps_per_message(dt: float, rate: float) -> int:
     """Give the number of steps between two messages: dt [s], rate [Hz]."""
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
     if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
-        raise SimulationError(f'a rate of {rate:g} Hz does not divide that of the loop, '
-                              f'{1.0 / dt:g} Hz (damper.rate); give e.g. 100')
+        raise SimulationError(f'the message rate {rate:g} Hz does not divide the loop rate '
+                              f'{1.0 / dt:g} Hz (damper.rate); give e.g. {0.5 / dt:g}')
     return int(round(every))
 
 

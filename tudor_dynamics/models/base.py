@@ -245,8 +245,8 @@ class Model(ABC):
         Motion is ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2],
         outputs have their units. A model with a memory refuses, by a FitError.
         """
-        raise FitError(f'{type(self).__name__} needs the samples before: call follow() with a '
-                       'stretch without gaps')
+        raise FitError(f'{type(self).__name__} needs earlier samples as well: call follow() '
+                       'with a stretch without gaps')
 
     def conditioning(self) -> Conditioning:
         """Say how well the training data showed its parameters, where it has some."""

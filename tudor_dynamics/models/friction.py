@@ -141,7 +141,7 @@ TERMS = {
         'as Malzahn et al. have it', 'every joint', each_way=(_FORWARD, _BACKWARD),
         backward_sign=-1.0, pair='friction'),
     'load': Term(
-        LOAD, 'smoothed sign times the size of what the bodies ask of the joint',
+        LOAD, 'smoothed sign of the velocity times the size of the rigid-body effort',
         'gears under load', unit='1', loaded=True, exported='load, but for its mean', tried=True),
     'offset': Term(
         _OFFSET, 'constant', 'spring balancers, current sensors with a bias', switched=False,

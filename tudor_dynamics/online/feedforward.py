@@ -493,7 +493,7 @@ class Feedforward:
             if name not in self._held:
                 held = f' and holds {list(self._held)}' if self._held else ''
                 msg = (f'the trajectory names the joint {name!r}, which the model does not know; '
-                       f'it moves {list(self.joints)}{held}')
+                       f'the model moves {list(self.joints)}{held}')
                 raise SignalError(msg, remedy='name joints as the arm description does')
             off = np.abs(column - self._held[name])
             if off.max() > HELD_WITHIN:

@@ -115,5 +115,5 @@ def test_a_link_that_rings_and_a_gauge_with_a_name(tmp_path: Path) -> None:
     assert found.content['gauges'][0]['joint'] == 'elbow'
     note, = (note for note in found.notes if 'rings' in note)
     assert note.startswith(
-        'the link of elbow_hub (joint elbow) rings at 3.00 Hz while the joints stand')
+        'the link with gauge elbow_hub (joint elbow) rings at 3.00 Hz while the joints stand')
     yaml.safe_load(text_of(found))

@@ -105,7 +105,7 @@ def test_a_payload_put_in() -> None:
 def test_no_prediction_without_a_past() -> None:
     """Single samples, other joints, or nothing learned: refused with the reason."""
     motion, dt = moving()
-    with pytest.raises(FitError, match='needs the samples before'):
+    with pytest.raises(FitError, match='needs earlier samples'):
         model_of().predict(motion)
     with pytest.raises(NotFittedError, match='no coefficients'):
         ElasticModel(ARM, 'strain').along(motion, dt)

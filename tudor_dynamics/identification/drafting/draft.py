@@ -297,9 +297,9 @@ class _Writer:
             if rings:
                 loudest = max(rings, key=lambda ring: ring.amplitude)
                 self.draft.notes.append(
-                    f'the link of {entry["name"]} (joint {entry["joint"]}) rings at '
-                    f'{loudest.frequency:.2f} Hz while the joints stand: for an elastic model '
-                    'describe it under links (docs/explanation/elastic.md)')
+                    f'the link with gauge {entry["name"]} (joint {entry["joint"]}) rings at '
+                    f'{loudest.frequency:.2f} Hz while the joints stand still: for an elastic '
+                    'model, add it to links of the description (docs/explanation/elastic.md)')
         return self.draft
 
     def _gravity(self, efforts: Samples | None) -> list[float] | None:
@@ -374,7 +374,7 @@ class _Writer:
                     text += f'; effort {least:.4g} .. {most:.4g}'
                     if not carrier.changes(joint):
                         self.draft.notes.append(
-                            f'the effort of {joint} in {carrier.topic} never changes')
+                            f'effort of {joint} in {carrier.topic} is constant: check the driver')
             if joint in self._moving and self._moved:
                 entry['limits'] = self._limits(joint)
         remarks[f'joints.{joint}'] = text

@@ -379,7 +379,7 @@ class LiveElastic:
                 raise ModelError(msg)
             self._gauges = np.array(strain.coefficients_)
             if np.any(self._gauges[:, 0] == 0.0):
-                raise ModelError('a gauge of the elastic model has the gain 0; fit again')
+                raise ModelError('the elastic model has gain 0 for a gauge: check it, fit again')
             self._driven.start_observer(
                 strain.noise_ / np.abs(self._gauges[:, 0]), BANDWIDTH)
         self._moment: FloatArray | None = None
