@@ -502,7 +502,7 @@ class DamperSpec(Spec):
     velocity_bandwidth: Positive
     """Bandwidth of the velocity loop inside [Hz]."""
     rate: Annotated[float, Field(gt=0, le=1e6)] = 2000.0
-    """Rate at which the law runs [Hz]."""
+    """Rate of the law in the simulator; the node runs at that of its messages [Hz]."""
     full_delay: Positive = 0.01
     """Delay of the loop up to which the gains hold; beyond, the damper takes less [s]."""
     drive_timeout: NonNegative = DRIVE_TIMEOUT
