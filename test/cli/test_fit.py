@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 import json
 from pathlib import Path
 import shutil
@@ -25,6 +26,7 @@ import numpy as np
 from papers.merit import main as import_merit
 import pytest
 
+from tudor_dynamics.cli import fit as command
 from tudor_dynamics.cli.main import main
 import yaml
 
@@ -112,6 +114,23 @@ def test_choices_are_said(
     assert {item['channel'] for item in group['torque_constants']} == {'joint2', 'joint3'}
     line = one_line(capsys, *words, '--overwrite', '--friction', 'auto', 'viscous')
     assert 'auto stands alone' in line
+
+
+def test_no_more_steps_than_announced(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The last step is the last of those that the bar has."""
+    seen: list[str] = []
+
+    @contextmanager
+    def steps(total: int) -> Iterator[Callable[[str], None]]:
+        yield seen.append
+        assert len(seen) == total, seen
+
+    monkeypatch.setattr(command, 'steps', steps)
+    assert main(['fit', f'{root}/bags/two_blade_train_1@0-50%', '--arm',
+                 f'{root}/config/two_blade_arm.yaml', '--out', str(tmp_path / 'model')]) in {0, 1}
+    assert seen[-1] == 'report'
 
 
 def test_report_and_bundle_are_there(fitted: Path) -> None:

@@ -176,7 +176,7 @@ def run(args: argparse.Namespace) -> int:
         sums = Folder(out.with_name(out.name + SUFFIX).absolute())
         streaming = Streaming(sums, args.jobs, strict=args.strict)
         total = 4 * len(training) + 2 * len(test)
-    with (steps(total + 4 * len(settings.kinds) + 4) as step,
+    with (steps(total + 4 * len(settings.kinds) + 5) as step,
           on_cluster(args.cluster)):
         fit = fit_choices(arm, training, test, preprocessing, settings, payloads,
                           ignore_payload=args.ignore_payload, plan=plan, out=out,
