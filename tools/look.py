@@ -30,8 +30,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 import shutil
 import sys
-
-from playwright.sync_api import Browser, sync_playwright
+from typing import Any
 
 WIDTHS, SCHEMES = (1400, 390), ('light', 'dark')  # a desk and a telephone [px]
 PATIENCE = 1000  # until plots and formulas are drawn [ms]
@@ -40,11 +39,11 @@ MISSING = '[...document.images].filter(i => !i.complete || !i.naturalWidth).map(
 
 
 def faults(
-    browser: Browser, page: Path, width: int, scheme: str, picture: Path | None,
+    browser: Any, page: Path, width: int, scheme: str, picture: Path | None,
 ) -> Iterator[str]:
     """Open a page; give what is wrong with it."""
     context = browser.new_context(
-        viewport={'width': width, 'height': 900}, color_scheme=scheme)  # type: ignore[arg-type]
+        viewport={'width': width, 'height': 900}, color_scheme=scheme)
     window, found = context.new_page(), list[str]()
     window.on('pageerror', lambda error: found.append(f'error of a script: {error}'))
     window.on('request', lambda request: found.append(f'loads {request.url}')
@@ -68,6 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('pages', nargs='+', type=Path, metavar='PAGE', help='files or folders')
     parser.add_argument('--out', type=Path, default=Path('looked_at'), help='folder of pictures')
     args = parser.parse_args(argv)
+    from playwright.sync_api import sync_playwright  # not among the dependencies, see above
     args.out.mkdir(parents=True, exist_ok=True)
     count = wrong = 0
     with sync_playwright() as play:
