@@ -521,8 +521,8 @@ def roc(
     -------
     dict of str to Roc
         By name, of a bundle by ``NAME: METHOD``: ``share()`` of the pushes found [%] over
-        ``per_hour()`` [1/h] at each ``factor``, with exact intervals. A factor is a threshold of
-        a function, and a multiple of those of a bundle, for which alone ``now`` has a meaning.
+        ``per_hour()`` [1/h] at each ``factor``, with exact intervals. A factor is a function's
+        threshold, or a multiple of a bundle's; ``now`` has a meaning for bundles alone.
 
     Raises
     ------

@@ -75,7 +75,7 @@ def test_honest_encoders_are_believed(size: float, dt: float, frequency: float) 
 @pytest.mark.parametrize('reading, text, astray', [
     (lambda q, t: [3.0 - q[0], q[1]], 'against its commands', True),
     (lambda q, t: [0.75 + 0.5 * q[0], q[1]], 'times as far', False),
-    (lambda q, t: q + [0.1 * t, 0.0], 'beside its commands', True),
+    (lambda q, t: q + [0.1 * t, 0.0], 'on top of its commands', True),
     (lambda q, t: np.array([1.5, q[1]]), 'does not move', False),
     (lambda q, t: q + [0.04 * (t > 0.7), 0.0], 'jumped by 0.04', False),
     (lambda q, t: [1.5, 0.1] + (q - [1.5, 0.1])[::-1], 'move as the other', True)])

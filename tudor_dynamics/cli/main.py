@@ -62,7 +62,7 @@ GROUPS = {
         'compare': 'put two models, or a model and a description, side by side',
         'export': 'write an identified arm as URDF, MJCF, or table',
         'feedforward': 'add to a trajectory the efforts that its motion needs',
-        'shape': 'shape trajectories so that tool or load do not keep vibrating',
+        'shape': 'shape trajectories so that a tool or load does not keep vibrating',
         'tune': 'compute gains of damper and position loop, by payload and pose',
     },
     'simulate an arm': {

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tudor shape``: shape trajectories so that tool or load do not keep vibrating."""
+"""``tudor shape``: shape trajectories so that a tool or load does not keep vibrating."""
 
 from __future__ import annotations
 

@@ -374,8 +374,8 @@ class MotionWatch:
             ratio = math.copysign(sizes[0] / max(sizes[1], 1e-9), ratio)
         rate = float(change @ since / max(since @ since, 1e-12))
         yield unlikely * fast(rate) * left(wanted + rate * since), Doubt(
-            j, f'it moves by {rate:.3g} a second beside its commands: its encoder drifts, or its '
-            'drive creeps', True, drifts=True)
+            j, f'it moves by {rate:.3g} a second on top of its commands: its encoder drifts, or '
+            'its drive creeps', True, drifts=True)
         common = unlikely * settings.FREE * (2.0 if 2.0 / 3.0 < ratio < 1.5 else 1.0)
         yield common * left(ratio * wanted), Doubt(j, self._scaled(ratio), (
             ratio < 0.0 or ratio > 1.0))

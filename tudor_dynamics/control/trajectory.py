@@ -78,7 +78,7 @@ def braking(state: MotionState, bounds: Limits, least: float) -> tuple[float, Fl
 
 def from_state(trajectory: Trajectory, state: MotionState, begin: float) -> Trajectory:
     """
-    Give the way from a state, at a time since the start [s], through the points after it.
+    Give the path from a state, at a time since the start [s], through the points after it.
 
     What the points do not have (velocities, accelerations) is not kept of the state. SignalError
     where no point is to come.
@@ -105,14 +105,14 @@ class Path:
     """
 
     def __init__(self, state: MotionState, trajectory: Trajectory, begin: float = 0.0) -> None:
-        way = from_state(trajectory, state, begin)
-        if way.dq is not None and np.any(np.abs(way.dq[-1]) > ROUNDING):
+        joined = from_state(trajectory, state, begin)
+        if joined.dq is not None and np.any(np.abs(joined.dq[-1]) > ROUNDING):
             raise SignalError('the last point is in motion', remedy='end the trajectory at rest')
         self.begin, self.end = begin, float(trajectory.t[-1])
         self.target = trajectory.q[-1]
         self._names = trajectory.joints
         self._smooth = trajectory.dq is not None
-        self._q = spline(way)
+        self._q = spline(joined)
         self._dq, self._ddq = self._q.derivative(), self._q.derivative(2)
 
     def at(self, time: float) -> MotionState:

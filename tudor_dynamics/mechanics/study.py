@@ -369,8 +369,7 @@ class SimulatedRun:
 
     def curves(self, signal: str) -> Curves:
         """Take one of ``signals`` with the labels of its curves, its title and its unit."""
-        run, mechanism, gauges = self.run, self.mechanism, {
-            gauge.name: gauge.unit for gauge in self.arm.gauges}
+        run, mechanism = self.run, self.mechanism
         what, _, which = signal.partition(':')
         if signal not in self.signals:
             known = ', '.join(self.signals)
@@ -390,8 +389,10 @@ class SimulatedRun:
             return Curves(run.moment[:, number], ('torsion', 'about y', 'about z'),
                           f'moment in the middle of the link after {which}', 'N m')
         if what == 'strain':
-            return Curves(run.strain[:, [list(gauges).index(which)]], (which,), 'strain',
-                          'um/m' if gauges[which].endswith('V') else gauges[which])
+            gauge = self.arm.gauge_names.index(which)
+            unit = self.arm.gauges[gauge].unit
+            return Curves(run.strain[:, [gauge]], (which,), 'strain',
+                          'um/m' if unit in ('mV/V', 'V') else unit)
         return Curves(np.column_stack([run.energy, run.energy.sum(axis=1)]),
                       ('kinetic', 'elastic', 'gravity', 'total'), 'energy', 'J')
 

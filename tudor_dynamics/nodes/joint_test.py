@@ -31,11 +31,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
-from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.trajectory import Trajectory
@@ -46,7 +45,7 @@ from tudor_dynamics.control.settings import (
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.common.base import weak
 from tudor_dynamics.nodes.common.interfaces import DIAGNOSTICS, VELOCITY_COMMANDS
-from tudor_dynamics.nodes.common.messages import floats, nanoseconds
+from tudor_dynamics.nodes.common.messages import nanoseconds, put_trajectory
 from tudor_dynamics.nodes.common.trial import DAMPER, run_trial, step_size, Trial, trial_parser
 from tudor_dynamics.nodes.settings import PATIENCE
 
@@ -91,10 +90,7 @@ class JointTester(Trial):
                 else Transition.TRANSITION_DEACTIVATE)), DAMPER)
 
     def _send(self, way: Trajectory) -> None:
-        self._goals.publish(JointTrajectory(joint_names=list(way.joints), points=[
-            JointTrajectoryPoint(positions=floats(q),
-                                 time_from_start=Duration(seconds=float(t)).to_msg())
-            for t, q in zip(way.t, way.q, strict=True)]))
+        self._goals.publish(put_trajectory(JointTrajectory(), way))
 
     def start(self) -> None:
         """Let the damper hold the arm where it stands, whatever was before."""

@@ -22,12 +22,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from rclpy.action import ActionClient
-from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
@@ -37,7 +35,7 @@ from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import Figure, latched, OK, strong, TudorNode, WARN
 from tudor_dynamics.nodes.common.following import follow_action, FollowServer, since_start
 from tudor_dynamics.nodes.common.interfaces import COLLISION, JOINT_TRAJECTORY, RESET
-from tudor_dynamics.nodes.common.messages import floats, NamedReader, trajectory_of
+from tudor_dynamics.nodes.common.messages import NamedReader, put_trajectory, trajectory_of
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import PUBLISHERS_LOOK, SHORTEST_STOP, STATE_PERIOD
 from tudor_dynamics.online.feedforward import Feedforward
@@ -46,13 +44,6 @@ from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.signals.settings import AT_REST
 from tudor_dynamics.signals.shaping import convolved, impulses
 from tudor_dynamics.typing import FloatArray
-
-
-def resting_point(t: float, q: ArrayLike = ()) -> JointTrajectoryPoint:
-    """Give a point at rest at a time from the start [s]."""
-    return JointTrajectoryPoint(
-        positions=floats(np.asarray(q)), velocities=floats(np.zeros_like(q)),
-        time_from_start=Duration(seconds=t).to_msg())
 
 
 class TrajectoryRelayNode(TudorNode):
@@ -208,15 +199,15 @@ class TrajectoryRelayNode(TudorNode):
             raise SignalError('no joint positions arrive: start the driver of the arm')
         self._step()
         state = self._state()
-        given = trajectory_of(message)
         held = state.q if follower.path is None else follower.path.target
-        whole = of_all(given, self._names, held, self.value('allow_partial_joints_goal'))
-        shaped = whole = self._shaped(whole, since, state)
+        given = of_all(trajectory_of(message), self._names, held,
+                       self.value('allow_partial_joints_goal'))
+        sent = whole = self._shaped(given, since, state)
         if self.ahead is not None:
             if self.value('payload') != self._payload:
                 self.ahead.carry(self.value('payload'))
                 self._payload = self.value('payload')
-            shaped = self.ahead.along(whole)
+            sent = self.ahead.along(whole)
         if since >= 0.0 and whole.t[0] <= since < whole.t[-1]:
             # controllers do not lead from where the arm is to points that are due: they jump
             curve = spline(whole)
@@ -236,11 +227,11 @@ class TrajectoryRelayNode(TudorNode):
         why = why or follower.take(whole, since, state, follower.path is None)
         if why:
             raise SignalError(why)
-        if self.ahead is not None or len(shaped.t) != len(given.t):
-            self._fill(message, shaped)
+        if sent is not given:
+            put_trajectory(message, sent)
 
     def _shaped(self, whole: Trajectory, since: float, state: MotionState) -> Trajectory:
-        """Shape a trajectory from rest to rest, the way to its first point included."""
+        """Shape a trajectory from rest to rest, the move to its first point included."""
         self.not_shaped = ''
         if self.value('shaping') == 'none':
             return whole
@@ -250,23 +241,13 @@ class TrajectoryRelayNode(TudorNode):
             if np.abs(state.dq).max() > AT_REST:
                 raise SignalError('the arm still moves', remedy='send one motion after another')
             begin = max(since, 0.0)
-            way = from_state(whole, state, begin) if whole.t[0] > begin else whole
-            return convolved(way, shaper)
+            return convolved(
+                from_state(whole, state, begin) if whole.t[0] > begin else whole, shaper)
         except SignalError as err:
             if self.value('not_shaped') == 'refuse':
                 raise SignalError(f'it cannot be shaped: {err}') from None
             self.not_shaped = str(err)
             return whole
-
-    def _fill(self, message: JointTrajectory, found: Trajectory) -> None:
-        """Write a motion of all joints into the points: shaped, with efforts, or of the motors."""
-        message.joint_names = list(found.joints)
-        if len(found.t) != len(message.points):
-            message.points = [resting_point(t) for t in found.t.tolist()]
-        for k, point in enumerate(message.points):
-            for name, values in (('positions', found.q), ('velocities', found.dq),
-                                 ('accelerations', found.ddq), ('effort', found.effort)):
-                setattr(point, name, [] if values is None else floats(values[k]))
 
     def _state(self) -> MotionState:
         assert self.follower is not None and self._q is not None
@@ -301,7 +282,8 @@ class TrajectoryRelayNode(TudorNode):
             message = JointTrajectory(joint_names=list(self._names))
             if state is not None:
                 time, q = braking(state, self._braking, SHORTEST_STOP)
-                message.points = [resting_point(time, q)]
+                put_trajectory(message, Trajectory(
+                    self._names, np.array([time]), q[None], np.zeros((1, len(q)))))
             self._output.publish(message)
         self._leave(f'stopped: {why}')
 

@@ -162,7 +162,7 @@ def served(view: LiveView, port: int) -> Iterator[Callable[[], None]]:
         def do_GET(self) -> None:  # noqa: N802
             fresh.clear()
             asked.set()
-            fresh.wait(1.0)
+            fresh.wait(1.0)  # as often as the page asks, for views that have ended
             self.send_response(200)
             self.send_header('Content-Type', 'text/html; charset=utf-8')
             self.end_headers()

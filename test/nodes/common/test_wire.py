@@ -26,8 +26,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.nodes.common.messages import (
-    JointStateDecoder, JointStateEncoder, MotionDecoder, MotionEncoder)
+    JointStateDecoder, JointStateEncoder, MotionDecoder, MotionEncoder, put_trajectory,
+    trajectory_of)
 
 NAMES = st.lists(st.text(st.characters(codec='utf-8', exclude_characters='\0'), max_size=6),
                  max_size=4)
@@ -160,3 +162,18 @@ def test_motions_are_encoded_as_by_rclpy() -> None:
     assert nanoseconds(found.points[0].time_from_start) == 1_250_000_000
     for i, field in enumerate(POINT_FIELDS):
         np.testing.assert_array_equal(getattr(found.points[0], field), row[2 * i:2 * i + 2])
+
+
+@pytest.mark.parametrize('orders', [1, 2, 3])
+def test_trajectories_are_read_as_they_were_written(orders: int) -> None:
+    """What a trajectory lacks stays empty, also where the message had it."""
+    t = np.array([0.0, 0.25, 1.5])
+    parts = np.random.default_rng(orders).normal(size=(orders, 3, 2))
+    written = Trajectory(('a', 'b'), t, *parts)
+    for message in (JointTrajectory(), put_trajectory(JointTrajectory(), Trajectory(
+            ('c', 'd'), t, *np.ones((3, 3, 2))))):
+        found = trajectory_of(put_trajectory(message, written))
+        assert found.joints == ('a', 'b')
+        np.testing.assert_array_equal(found.t, t)
+        for name, part in zip(('q', 'dq', 'ddq'), [*parts, None, None], strict=False):
+            np.testing.assert_array_equal(getattr(found, name), part)

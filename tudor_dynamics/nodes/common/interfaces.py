@@ -245,7 +245,7 @@ FORCE = (
     Param('reach', 0.1, 'farthest that a surface is looked for', 'm', 1e-3, 10.0),
     Param('touch', 0.4, 'force from which there is contact', 'N', 0.01, 1e3),
     Param('integral', 0.3, 'integral gain: tip speed per force error', 'm/s per N', 0.0, 10.0),
-    Param('proportional', 0.02, 'proportional gain: tip way per force error', 'm/N', 0.0, 1.0),
+    Param('proportional', 0.02, 'proportional gain: tip travel per force error', 'm/N', 0.0, 1.0),
     Param('give', 0.1, 'farthest that the surface may give way', 'm', 1e-3, 10.0),
     Param('largest', 15.0, 'force at which the arm stops', 'N', 0.1, 1e4),
     Param('lost', 0.5, 'time without contact after which the surface is lost', 's', 0.01, 60.0))

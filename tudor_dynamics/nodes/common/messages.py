@@ -27,6 +27,7 @@ from typing import Any, Generic, TypeVar
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, WrenchStamped
 import numpy as np
+from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -143,6 +144,19 @@ def trajectory_of(message: JointTrajectory) -> Trajectory:
         np.array([1e-9 * nanoseconds(point.time_from_start) for point in points]),
         [point.positions for point in points], [point.velocities for point in points],
         [point.accelerations for point in points])
+
+
+def put_trajectory(message: JointTrajectory, found: Trajectory) -> JointTrajectory:
+    """Write all that a trajectory has into a message; its points stay if there are as many."""
+    message.joint_names = list(found.joints)
+    if len(found.t) != len(message.points):
+        message.points = [JointTrajectoryPoint(time_from_start=Duration(seconds=t).to_msg())
+                          for t in found.t.tolist()]
+    for k, point in enumerate(message.points):
+        for name, values in (('positions', found.q), ('velocities', found.dq),
+                             ('accelerations', found.ddq), ('effort', found.effort)):
+            setattr(point, name, [] if values is None else floats(values[k]))
+    return message
 
 
 class MotionReader:
