@@ -26,7 +26,8 @@ import numpy as np
 import pytest
 
 import tudor_dynamics as td
-from tudor_dynamics.errors import ArgumentError, SignalError, TudorError
+from tudor_dynamics.errors import (
+    ArgumentError, SignalError, TudorError, TudorWarning, UsageError)
 
 EXAMPLES = Path(__file__).resolve().parents[1] / 'examples'
 NOTEBOOKS = sorted(EXAMPLES.glob('*.ipynb'))
@@ -94,10 +95,11 @@ def swinging(arm: td.Arm, size: float, same: bool) -> td.Trajectory:
 
 
 def test_a_motion_is_judged_by_what_it_shows_and_by_limits(arm: td.Arm) -> None:
-    """Joints that move alike show less, and a large motion leaves the limits."""
-    apart, alike = (np.array([item.value for item in td.excitation(
-        arm, swinging(arm, 0.3, same)).expected]) for same in (False, True))
+    """Joints that move alike show less, and cost more; a large motion leaves the limits."""
+    plans = [td.excitation(arm, swinging(arm, 0.3, same)) for same in (False, True)]
+    apart, alike = (np.array([item.value for item in plan.expected]) for plan in plans)
     assert np.mean(np.log(apart)) < np.mean(np.log(alike)) - 0.5
+    assert plans[0].cost < plans[1].cost - 0.5
     small, large = (td.excitation(arm, swinging(arm, size, False)).beyond for size in (0.3, 3.0))
     assert small.velocity.max() < 1.0 < large.velocity.max()
     assert large.velocity == pytest.approx(10.0 * small.velocity)
@@ -112,6 +114,8 @@ def test_a_criterion_of_ones_own_is_searched_for(arm: td.Arm) -> None:
     plans = [td.excitation(arm, seconds=10.0, rate=50.0, steps=15),
              td.excitation(arm, seconds=10.0, rate=50.0, steps=15, criterion=first_alone)]
     count = len({item.column for item in plans[0].expected if item.output == 'effort'})
+    own = td.excitation(arm, plans[0].trajectory, criterion=first_alone)
+    assert own.cost > plans[1].cost
     first = [np.mean(np.log([item.value for item in plan.expected[:count]])) for plan in plans]
     rest = [np.mean(np.log([item.value for item in plan.expected[count:]])) for plan in plans]
     assert first[1] - first[0] < rest[1] - rest[0]
@@ -126,3 +130,28 @@ def test_what_is_no_motion_of_the_arm_is_refused(arm: td.Arm) -> None:
         td.excitation(arm, motion.q)  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match='subject is'):
         td.excitation('tudor.yaml')  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('found', [1.0, (1.0, 2.0), (1.0, []), (1.0, [np.eye(2)], 3.0), None])
+def test_a_criterion_that_gives_no_slopes_is_named(arm: td.Arm, found: object) -> None:
+    """A bare number, and slopes of another number or shape, end in one line."""
+    with pytest.raises(UsageError, match='the criterion returned .*expected a cost'):
+        td.excitation(arm, swinging(arm, 0.3, False),
+                      criterion=lambda _: found)  # type: ignore[arg-type, return-value]
+
+
+def test_a_motion_of_positions_alone_is_warned_of(arm: td.Arm) -> None:
+    """Straight lines between points show no acceleration."""
+    motion = swinging(arm, 0.3, False)
+    with pytest.warns(TudorWarning, match='positions alone'):
+        td.excitation(arm, td.Trajectory(motion.joints, motion.t, motion.q))
+
+
+def test_the_residual_of_a_prediction(root: Path) -> None:
+    """A trace gives measured minus predicted for each sample."""
+    arm = td.load_arm(root / 'config' / 'two_blade_arm.yaml')
+    bundle = td.fit(root / 'bags' / 'two_blade_train_1', arm, bare=True)
+    [trace] = td.predict(bundle, root / 'bags' / 'two_blade_test').outputs[
+        'strain']['analytical'].traces
+    assert trace.residual.shape == (len(trace.t), len(arm.gauges))
+    assert np.array_equal(trace.residual, trace.measured - trace.predicted)

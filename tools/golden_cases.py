@@ -54,8 +54,8 @@ record/full = record --arm {TUDOR} --out OUT/bags --payload 0.3 --stimuli 1 --se
   --jobs 1 --json
 record/pushed+ = record --arm {TUDOR} --out OUT/bags --stimuli 1 --seconds 16 --pushes 2 --held \
   --loads 1 --no-damping --ideal friction backlash --jobs 1 --json
-record/conditions = record --arm {TUDOR} --out OUT/bags --stimuli 2 --seconds 30 --best-of 2 \
-  --conditions --excitation fourier --jobs 1 --json
+record/chosen = record --arm {TUDOR} --out OUT/bags --stimuli 1 --seconds 10 --best-of 2 \
+  --excitation fourier --jobs 1 --json
 record/planned = record --arm {TUDOR} --out OUT/bags --trajectory excite/tudor/plan --stimuli 1 \
   --jobs 1
 

@@ -25,8 +25,6 @@ import time
 from typing import NamedTuple, TYPE_CHECKING, TypeVar
 import warnings
 
-import numpy as np
-
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
@@ -323,7 +321,8 @@ class Prediction:
 
     arm: Arm  # arm of the models
     data: tuple[BagData, ...]  # bags, filtered as the models need it
-    outputs: dict[str, dict[str, Validation]]  # figures and traces by output and kind
+    # By output and kind: ``outputs['strain']['analytical'].traces[0].residual`` of the first bag.
+    outputs: dict[str, dict[str, Validation]]
 
     def __repr__(self) -> str:
         """Write the fit of each model, one line each."""
@@ -588,8 +587,8 @@ def excitation(
     Returns
     -------
     Plan
-        ``trajectory``; ``expected``, the standard error of each base parameter; ``beyond``, the
-        largest part of each limit in use.
+        ``trajectory``; ``cost`` by the criterion; ``expected``, the standard error of each base
+        parameter; ``beyond``, the largest part of each limit in use.
 
     Raises
     ------
@@ -599,14 +598,17 @@ def excitation(
     """
     check_type(subject, (Arm, ModelBundle), 'subject', 'an arm, or the result of fit')
     if isinstance(subject, Arm):
-        target = target_of_arm(subject, {
-            'effort': np.ones(len(subject.joints)),
-            **({'strain': np.ones(len(subject.gauges))} if subject.gauges else {})})
+        target = target_of_arm(subject)
     else:
         target = target_of_model(subject, subject.arm)
     if motion is not None:
         check_type(motion, Trajectory, 'motion', 'such as Trajectory(joints, t, q, dq, ddq)')
-        return judged(target, motion.of(target.arm.active_joints), bounds_of(target))
+        motion = motion.of(target.arm.active_joints)
+        if motion.dq is None:
+            msg = ('the motion has positions alone, which straight lines join: speeds jump at its '
+                   'points, accelerations are 0; give dq and ddq where it is smooth')
+            warnings.warn(msg, TudorWarning, stacklevel=2)
+        return judged(target, motion, bounds_of(target), criterion)
     check_budget(f'{seconds:g} s at {rate:g} Hz', seconds * rate)
     return make_plan(target, Order(seconds, highest or default_highest(target.arm), 1.0 / rate,
                                    steps, seed), criterion=criterion)

@@ -86,17 +86,3 @@ def test_an_arm_without_drives(root: Path, tmp_path: Path,
                  str(tmp_path / 'out')])
     assert code == 2
     assert 'there is no damper' in capsys.readouterr().err
-
-
-def test_conditions_before_anything_is_run(root, tmp_path, capsys):
-    """The motions' condition numbers, of two gauges on a link too; nothing is recorded."""
-    out = tmp_path / 'none'
-    assert main(['record', '--arm', str(root / 'config/tudor.yaml'), '--out', str(out),
-                 '--stimuli', '1', '--seconds', '40', '--conditions', '--json']) == 0
-    found = json.loads(capsys.readouterr().out)['stimulus_01']
-    assert [group['channels'] for group in found['effort']] == [['joint2'], ['joint3']]
-    assert len(found['strain']) == 4
-    # 9 and 4 for such an arm under such a motion; two first moments in the place of a moment and
-    # an inertia gave 150
-    assert all(group['condition'] < 30 for group in found['effort'] + found['strain'])
-    assert not out.exists()

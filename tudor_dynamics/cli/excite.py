@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 import math
 from pathlib import Path
 import time
@@ -32,7 +31,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import whole
 from tudor_dynamics.identification.excitation import CLEARANCE, ExpectedError
 from tudor_dynamics.identification.excitation_plan import (
-    bounds_of, Conditions, default_highest, KINDS, make_plan, Order, PICTURE, Plan,
+    bounds_of, default_highest, KINDS, make_plan, Order, PICTURE, Plan,
     plan_head, plan_of, STAGES, Target, target_of_arm, target_of_model, write_plan)
 from tudor_dynamics.identification.next_steps import Comparison, Promise
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -42,20 +41,6 @@ from tudor_dynamics.typing import FloatArray
 
 
 # -- How well motions show an arm's parameters, as a table
-
-def print_conditions(names: Sequence[str], reports: Sequence[Conditions]) -> None:
-    """Print the condition numbers of motions."""
-    table = new_table('condition numbers of the regressors: below 30 good, above 1000 poor',
-                      names=('motion', 'output', 'channels', 'shown least'),
-                      figures=('condition', 'parameters'))
-    for name, report in zip(names, reports, strict=True):
-        for output, groups in report.items():
-            for group in groups:
-                table.add_row(name, output, ', '.join(group.channels), group.weakest,
-                              f'{group.condition:.1f}', str(group.parameters))
-        table.add_section()
-    print_table(table)
-
 
 # -- What a plan promised and what a fit reached, as a table
 

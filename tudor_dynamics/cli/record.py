@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 from pathlib import Path
 import time
 
@@ -25,10 +24,9 @@ from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.cli.console import add_running, bar, new_table, print_json, print_table, say
-from tudor_dynamics.cli.excite import print_conditions
 from tudor_dynamics.errors import BagError, check_budget, UsageError
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.identification.excitation_plan import best_seed, excitation_report, read_motion
+from tudor_dynamics.identification.excitation_plan import best_seed, read_motion
 from tudor_dynamics.mechanics.campaign import (
     played_motion, random_loads, record_stimuli, stimulus_motion, stimulus_seeds,
     StimulusResult, StimulusSpec)
@@ -43,12 +41,10 @@ examples:
         ten stimuli of 80 s with 200 g at the tip, the links damped
   tudor record --arm config/tudor.yaml --no-damping --pushes 5 --stimuli 2 --out pushed
         without the damper, with five pushes a stimulus on links, their truth in /applied_wrench
-  tudor record --arm config/tudor.yaml --best-of 20 --conditions --out smooth
-        how well the chosen motions show the parameters, before anything is run
   tudor record --arm config/tudor.yaml --trajectory plan --stimuli 2 --out planned
         the motion that `tudor excite config/tudor.yaml --floor 0 --out plan` found
   tudor record --arm config/tudor.yaml --ideal friction backlash --best-of 20 --out smooth
-        drives without friction and backlash, each motion the best conditioned of 20
+        drives without friction and backlash, each motion the best of 20
 
 OUT/campaign.yaml says what was recorded. The same seed gives the same bags, byte by byte. exit
 codes: 0 done, 2 wrong input.
@@ -83,9 +79,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='motion to be played in each stimulus, with noise of its own: folder '
                              'of tudor excite, or CSV; in place of --seconds and --excitation')
     parser.add_argument('--best-of', type=int, default=1, metavar='N',
-                        help='take the best conditioned of N motions for each stimulus')
-    parser.add_argument('--conditions', action='store_true',
-                        help='print how well the motions show the parameters; record nothing')
+                        help='take the one of N motions that shows the parameters best, for '
+                             'each stimulus (default: 1)')
     parser.add_argument('--ideal', nargs='+', default=[], metavar='WHAT',
                         choices=(*Imperfections.names(), 'all'),
                         help=f'leave imperfections out: {", ".join(Imperfections.names())} '
@@ -94,20 +89,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='of motions, noise and pushes (default: 0)')
     add_running(parser)
     parser.add_argument('--json', action='store_true', help='print what was done as JSON')
-
-
-def _conditions(args: argparse.Namespace, arm: Arm, specs: list[StimulusSpec], dt: float) -> int:
-    """Judge the motions before anything is run."""
-    names = [f'stimulus_{number + 1:02d}' for number in range(len(specs))]
-    reports = [excitation_report(arm, stimulus_motion(
-        arm, spec.excitation, spec.seconds, spec.motion_seed, dt)) for spec in specs]
-    if args.json:
-        print_json({name: {output: [asdict(group) for group in groups]
-                           for output, groups in report.items()}
-                    for name, report in zip(names, reports, strict=True)})
-    else:
-        print_conditions(names, reports)
-    return 0
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -128,9 +109,9 @@ def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
     trajectory = None
     ideal = Imperfections.names() if 'all' in args.ideal else args.ideal
     if args.trajectory is not None:
-        if args.best_of > 1 or args.conditions:
+        if args.best_of > 1:
             raise UsageError('--trajectory is one motion, of which nothing is left to choose',
-                             remedy='leave out --best-of and --conditions')
+                             remedy='leave out --best-of')
         trajectory = read_motion(Path(args.trajectory))
         args.seconds = round(len(played_motion(arm, trajectory, dt).q) * dt, 6)
     for number in range(args.stimuli):
@@ -163,8 +144,6 @@ def run(args: argparse.Namespace) -> int:
     steps_per_message(loop.dt, args.rate)
     loop.step([0.0] * len(arm.active_joints), [0.0] * len(arm.active_joints))
     specs = _specs(args, arm, loop.dt)
-    if args.conditions:
-        return _conditions(args, arm, specs, loop.dt)
     total = args.stimuli * int(round(args.seconds / loop.dt))
     with bar(total, 'simulate', BarColumn(), TimeRemainingColumn()) as advance, on_cluster(
             args.cluster):

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -27,7 +28,7 @@ from tudor_dynamics.arm.limits import effort_limits, Limits, SelfCollision
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.errors import check_budget, SignalError
+from tudor_dynamics.errors import check_budget, SignalError, UsageError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.comparison import described_bodies
 from tudor_dynamics.models.estimation import expected, rescaled
@@ -169,6 +170,10 @@ class Information:
         return [_square(group.rows(rows)) for regressor, groups in self._parts
                 for rows in [regressor.rows(motion)] for group in groups]
 
+    def value(self, motion: FloatArray, criterion: Criterion) -> float:
+        """Judge a motion (samples, 3 joints)."""
+        return _weighed(criterion, self.matrices(motion))[0]
+
     def cost(
         self, motion: FloatArray, criterion: Criterion = mean_error,
     ) -> tuple[float, FloatArray]:
@@ -176,7 +181,7 @@ class Information:
         rows = [regressor.rows(motion) for regressor, _ in self._parts]
         own = [[group.rows(rows_) for group in groups]
                for rows_, (_, groups) in zip(rows, self._parts, strict=True)]
-        cost, slopes = criterion([covariance_of(_square(part)) for parts in own for part in parts])
+        cost, slopes = _weighed(criterion, [_square(part) for parts in own for part in parts])
         slope, by_group = np.zeros_like(motion), iter(slopes)
         for rows_, parts, (regressor, groups) in zip(rows, own, self._parts, strict=True):
             pulls = [2.0 * (part @ next(by_group)) for part in parts]
@@ -187,6 +192,21 @@ class Information:
                 for group, pull in zip(groups, pulls, strict=True):
                     slope[:, k] += np.einsum('scp,scp->s', pull, group.rows(change))
         return cost, slope
+
+
+def _weighed(
+    criterion: Criterion, information: Sequence[FloatArray],
+) -> tuple[float, Sequence[FloatArray]]:
+    """Ask a criterion, which may be a user's, for its cost and slopes."""
+    covariances = [covariance_of(item) for item in information]
+    found: Any = criterion(covariances)
+    slopes = found[1] if isinstance(found, tuple) and len(found) == 2 else None
+    if not isinstance(slopes, Sequence) or (
+            [np.shape(item) for item in slopes] != [item.shape for item in covariances]):
+        raise UsageError(
+            f'the criterion returned {found!r:.60}; expected a cost, and a list with its slope '
+            f'by the information of each of the {len(covariances)} groups of channels')
+    return float(found[0]), slopes
 
 
 def _square(rows: FloatArray) -> FloatArray:

@@ -35,70 +35,15 @@ from tudor_dynamics.errors import SignalError, UsageError
 from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.identification.dataset import OUTPUTS
 from tudor_dynamics.identification.excitation import (
-    Beyond, Bounds, CLEARANCE, covariance_of, Criterion, expected_errors, ExpectedError,
-    Information, known_efforts, mean_error, Noise, Series, series)
+    Beyond, Bounds, CLEARANCE, Criterion, expected_errors, ExpectedError, Information,
+    known_efforts, mean_error, Noise, Series, series)
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.friction import sliding
-from tudor_dynamics.models.regressor import base_sets, Regressor, regressor_of
+from tudor_dynamics.models.regressor import regressor_of
 from tudor_dynamics.signals.motion_profile import (
     aprbs, follow_targets, joint_range, motion_limits, Reference, states, Targets)
 from tudor_dynamics.typing import FloatArray
-
-
-# -- How well a motion excites the parameters of an arm: condition numbers before it is run
-
-REPORT_RATE = 20.0  # rate at which the motion is looked at [Hz]
-
-
-@dataclass(frozen=True)
-class GroupCondition:
-    """Conditioning of one group of outputs with common parameters."""
-
-    channels: tuple[str, ...]  # joints or gauges
-    condition: float  # condition number of the regressor with columns of unit length
-    parameters: int  # number of base parameters
-    weakest: str  # parameter that the motion excites least in relation to the others
-
-
-Conditions = dict[str, list[GroupCondition]]
-"""Output to groups of its channels; of the strain none where the arm has no gauges."""
-
-
-def worst(report: Conditions) -> float:
-    """Give the largest condition number of all outputs."""
-    return max(item.condition for groups in report.values() for item in groups)
-
-
-def excitation_report(arm: Arm, reference: Reference) -> Conditions:
-    """Judge a motion by the regressors of an arm."""
-    every = max(int(round(1.0 / (REPORT_RATE * reference.dt))), 1)
-    motion, joints = reference.motion[::every], len(arm.active_joints)
-    return {output: _conditions(regressor_of(arm, output, 'exact'), motion, joints)
-            if output == 'effort' or arm.gauges else [] for output in OUTPUTS}
-
-
-def _conditions(regressor: Regressor, motion: FloatArray, joints: int) -> list[GroupCondition]:
-    rows = regressor.rows(motion)
-    result = []
-    for group, base in zip(regressor.groups, base_sets(regressor, joints), strict=True):
-        columns = rows[:, group, :].reshape(-1, rows.shape[2])[:, base.kept]
-        length = np.linalg.norm(columns, axis=0)
-        names = base.names
-        if (length <= 0.0).any():
-            weakest, condition = int(np.argmin(length)), np.inf
-        else:
-            _, values, vectors = np.linalg.svd(columns / length, full_matrices=False)
-            condition = float(values[0] / values[-1]) if values[-1] > 0.0 else np.inf
-            weakest = int(np.argmax(np.abs(vectors[-1])))
-        channels = tuple(regressor.channels[i] for i in group)
-        result.append(GroupCondition(channels, float(condition), len(names), names[weakest]))
-    return result
-
-
-def best_seed(arm: Arm, make: Callable[[int], Reference], seeds: Sequence[int]) -> int:
-    """Choose the seed, of one at least, whose motion has the least worst condition number."""
-    return min(seeds, key=lambda seed: worst(excitation_report(arm, make(seed))))
 
 
 # -- The search for the motion that shows the parameters best, within all limits.
@@ -119,7 +64,7 @@ POSES = 100
 """Random poses from which the one with the most room between links is where a search begins."""
 HALVINGS = 12
 CHECKED = 50.0  # rate at which efforts and distances between links are looked at in the end [Hz]
-LOOKED_AT = 20.0  # rate at which an APRBS is judged [Hz]
+LOOKED_AT = 20.0  # rate at which a random motion is judged [Hz]
 
 Report = Callable[[float], bool]  # told the cost of each step of a search; answers whether to stop
 
@@ -237,6 +182,7 @@ def _within(fine: Series, x: FloatArray, bounds: Bounds) -> Reference:
 
 def best_aprbs(
     information: Information, bounds: Bounds, order: Order, report: Report = lambda _: False,
+    criterion: Criterion = mean_error,
 ) -> Reference:
     """Find an APRBS that shows parameters well, by draws and by changes to the best of them."""
     generator = np.random.default_rng(order.seed)
@@ -254,8 +200,7 @@ def best_aprbs(
                                    order.dt, samples)
         motion = reference.motion[::every]
         # first what is allowed, then what shows most
-        cost = (bounds.beyond(motion).excess, mean_error(
-            [covariance_of(item) for item in information.matrices(motion)])[0])
+        cost = bounds.beyond(motion).excess, information.value(motion, criterion)
         if best is None or cost < best[0]:
             best = (cost, targets, reference)
         if report(best[0][1]):
@@ -264,6 +209,19 @@ def best_aprbs(
         raise SignalError(f'none of {order.steps} APRBS is within the limits of efforts and free '
                           'of collisions', remedy='take --kind fourier, or smaller planned ranges')
     return best[2]
+
+
+def best_seed(arm: Arm, make: Callable[[int], Reference], seeds: Sequence[int]) -> int:
+    """Choose the seed, of one at least, whose motion shows the parameters best."""
+    target = target_of_arm(arm)
+    information = Information(target.models, target.noise.size)
+
+    def cost(seed: int) -> float:
+        reference = make(seed)
+        every = max(int(round(1.0 / (LOOKED_AT * reference.dt))), 1)
+        return information.value(reference.motion[::every], mean_error)
+
+    return min(seeds, key=cost)
 
 
 def _part(bounds: Bounds, generator: np.random.Generator) -> Limits:
@@ -311,15 +269,17 @@ class Plan:
     expected: list[ExpectedError]  # what it will show
     beyond: Beyond  # how far it goes to the limits
     noise: Noise  # noise that the standard errors are for
+    cost: float  # of the motion, by the criterion of the search
 
 
-def target_of_arm(arm: Arm, noise: dict[str, FloatArray]) -> Target:
-    """Say what a fit of an arm would identify."""
+def target_of_arm(arm: Arm, noise: dict[str, FloatArray] | None = None) -> Target:
+    """Say what a fit of an arm would identify, in noise of 1 where none is given."""
     spec = arm.spec.preprocessing
     if 'filter' not in spec.model_fields_set:
         spec = spec.model_copy(update={'filter': 'zero_phase'})
     outputs = OUTPUTS if arm.gauges else OUTPUTS[:1]
-    return Target(arm, {output: _planned(arm, output) for output in outputs}, spec, Noise(noise))
+    return Target(arm, {output: _planned(arm, output) for output in outputs}, spec, Noise(
+        noise or {output: np.ones(len(arm.channels[output])) for output in outputs}))
 
 
 def _planned(arm: Arm, output: str) -> AnalyticalModel:
@@ -368,22 +328,26 @@ def make_plan(
     bounds = bounds_of(target, links)
     information = Information(target.models, target.noise.size)
     reference = (best_series(information, bounds, order, report, criterion) if kind == 'fourier'
-                 else best_aprbs(information, bounds, order, report))
-    return plan_of(target, reference, bounds)
+                 else best_aprbs(information, bounds, order, report, criterion))
+    return plan_of(target, reference, bounds, criterion)
 
 
-def plan_of(target: Target, reference: Reference, bounds: Bounds) -> Plan:
+def plan_of(
+    target: Target, reference: Reference, bounds: Bounds, criterion: Criterion = mean_error,
+) -> Plan:
     """Make a plan of a motion."""
     return judged(target, Trajectory(
         target.arm.active_joints, np.asarray(np.arange(len(reference.q)) * reference.dt),
-        reference.q, reference.dq, reference.ddq), bounds)
+        reference.q, reference.dq, reference.ddq), bounds, criterion)
 
 
-def judged(target: Target, trajectory: Trajectory, bounds: Bounds) -> Plan:
+def judged(target: Target, trajectory: Trajectory, bounds: Bounds, criterion: Criterion) -> Plan:
     """Say what a motion will show, and how far it goes."""
+    motion = states(trajectory)
     return Plan(trajectory, expected_errors(
         target.models, target.arm, trajectory, target.preprocessing, target.noise),
-        bounds.beyond(states(trajectory)), target.noise)
+        bounds.beyond(motion), target.noise,
+        Information(target.models, target.noise.size).value(motion, criterion))
 
 
 # -- A plan as a folder: the motion as a bag and as a table, and what it is to show as JSON.

@@ -163,7 +163,7 @@ def fit_with(bundle: ModelBundle, bags: Sequence[str], model: str, load: float |
 def touched(change: ErrorChange, validation: Validation) -> str:
     """Say where an error comes from a short time alone; '' where it does not."""
     place = validation.channels.index(change.channel)
-    blocks = sorted(((float(np.mean((item.measured - item.predicted)[number == k, place] ** 2)),
+    blocks = sorted(((float(np.mean(item.residual[number == k, place] ** 2)),
                       item.bag, settings.MEAN * float(k)) for item in validation.traces
                      for number in [np.floor(item.t / settings.MEAN)] for k in np.unique(number)),
                     reverse=True)
@@ -281,7 +281,7 @@ def spread(validation: Validation) -> dict[str, float]:
     means = []
     for trace in validation.traces:
         number = np.floor((trace.t - trace.t[0]) / settings.CORRELATED).astype(int)
-        squares = (trace.measured - trace.predicted) ** 2
+        squares = trace.residual ** 2
         means += [squares[number == k].mean(axis=0) for k in np.unique(number)
                   if np.sum(number == k) > 1]
     if len(means) < 2:

@@ -384,7 +384,7 @@ def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
         period = float(np.median(np.diff(trace.t))) if len(trace.t) > 1 else settings.MEAN
         step = max(1, round(settings.MEAN / max(period, 1e-9)))
         whole = len(trace.t) // step * step
-        error = (trace.measured - trace.predicted)[:whole]
+        error = trace.residual[:whole]
         means.append(error.reshape(-1, step, error.shape[1]).mean(axis=1))
     if not sum(map(len, means)):
         return None  # no stretch is as long as the mean

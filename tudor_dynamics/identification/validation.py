@@ -277,6 +277,11 @@ class Trace:
     predicted: FloatArray
     moving: NDArray[np.bool_] | None = None  # (samples, channels), of a strain any joint
 
+    @property
+    def residual(self) -> FloatArray:
+        """Measured minus predicted, (samples, channels)."""
+        return self.measured - self.predicted
+
     def tally(self) -> Tally:
         """Sum up the prediction for figures over several bags."""
         return tally(self.measured, self.predicted, self.moving)
