@@ -63,7 +63,7 @@ demo: venv
 	@$(ROS) $(BIN)/tudor evaluate --model $(DEMO_OUT)/model bags/two_blade_test
 # At the rate of the monitor's contact level, which warns and does not act.
 	@$(ROS) $(BIN)/tudor evaluate --model $(DEMO_OUT)/model bags/two_blade_pushes --collisions \
-	  --false-alarms 60 --plot $(DEMO_OUT)/collisions.png
+	  --false-alarms 60 --report $(DEMO_OUT)/collisions.html
 	@$(ROS) $(BIN)/tudor watch --model $(DEMO_OUT)/model bags/two_blade_pushes --false-alarms 60 \
 	  --picture $(DEMO_OUT)/watch.svg
 	@echo "open the live view in a browser: file://$(abspath $(DEMO_OUT))/watch.svg"

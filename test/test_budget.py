@@ -35,7 +35,6 @@ RECORD = 'record --arm config/tudor.yaml --out {out} --seconds 3 --stimuli 1'
     (f'{LINK} --dt 1e-6 --seconds 1e5', '1e+11 steps'),
     (f'{LINK} --dt 1e-4 --seconds 1e3 --rate 1e4', 'records: 1e+07 steps of'),
     ('record --arm config/tudor.yaml --out {out} --stimuli 1000000000', '1e+09 steps'),
-    (f'{RECORD} --best-of 1000000000', '--stimuli 1 --best-of 1000000000'),
     (f'{RECORD} --rate 1e-300', 'does not divide'),
     (f'{RECORD} --trajectory {{table}}', 'a trajectory of 1e+09 s'),
     ('excite config/tudor.yaml --out {out} --floor 0 --seconds 3600 --budget 1',

@@ -88,7 +88,7 @@ def test_from_a_bag_to_a_monitor(
     # the bag of the reference arm has 12 s to learn from: whatever the verdict, there is one
     assert main(fit[1:]) in ((0,) if source is ur10 else (0, 1))
     assert re.search(
-        r'^  effort analytical( beside the robot)?, prediction: (good|usable|do not use)',
+        r'^\S+: (good|usable|do not use): .*prediction',
         capsys.readouterr().out, re.MULTILINE)
     assert (tmp_path / 'model' / 'report.html').is_file()
     watch(world, monitor, tmp_path)

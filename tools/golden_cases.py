@@ -54,8 +54,6 @@ record/full = record --arm {TUDOR} --out OUT/bags --payload 0.3 --stimuli 1 --se
   --jobs 1 --json
 record/pushed+ = record --arm {TUDOR} --out OUT/bags --stimuli 1 --seconds 16 --pushes 2 --held \
   --loads 1 --no-damping --ideal friction backlash --jobs 1 --json
-record/chosen = record --arm {TUDOR} --out OUT/bags --stimuli 1 --seconds 10 --best-of 2 \
-  --excitation fourier --jobs 1 --json
 record/planned = record --arm {TUDOR} --out OUT/bags --trajectory excite/tudor/plan --stimuli 1 \
   --jobs 1
 
@@ -100,8 +98,8 @@ evaluate/elastic = evaluate {TEST}@50-100% --model fit/elastic/model --save OUT/
 evaluate/payload = evaluate record/pushed/bags/stimulus_01 --model fit/masses/model --payload 0.1 \
   --json
 evaluate/collisions+ = evaluate {PUSHES} --model fit/rigid/model --collisions --json
-evaluate/roc = evaluate {PUSHES} {TEST} --model fit/rigid/model --collisions --roc OUT/roc.png \
-  --plot OUT/plot.png --false-alarms 5 --debounce 0.02
+evaluate/roc = evaluate {PUSHES} {TEST} --model fit/rigid/model --collisions \
+  --report OUT/pushes.html --false-alarms 5 --debounce 0.02
 evaluate/free = evaluate {TEST} --model fit/rigid/model --collisions --free --json
 evaluate/pushes = evaluate {PUSHES} --model fit/rigid/model --collisions --json \
   --pushes inputs/pushes.csv

@@ -35,8 +35,8 @@ def test_recorded_pushes(
                  str(tmp_path / 'm')]) == 0
     capsys.readouterr()
     assert main(['evaluate', '--model', str(tmp_path / 'm'), str(bags / 'arm_200g_pushes'),
-                 str(bags / 'arm_200g_free_4'), '--collisions', '--roc', str(tmp_path / 'r.svg'),
-                 '--json']) == 0
+                 str(bags / 'arm_200g_free_4'), '--collisions', '--report',
+                 str(tmp_path / 'r.html'), '--json']) == 0
     found = json.loads(capsys.readouterr().out)['collisions']
     assert set(found) == {'strain', 'effort', 'momentum'}
     strain = found['strain']
@@ -44,4 +44,4 @@ def test_recorded_pushes(
     assert strain['latency_median'] <= 0.08
     assert all(item['false_alarms'] == 0 for item in found.values())
     assert found['effort']['found'] >= 5 and found['momentum']['found'] >= 5
-    assert '<svg' in (tmp_path / 'r.svg').read_text()
+    assert 'pushes found of 7' in (tmp_path / 'r.html').read_text()

@@ -79,7 +79,6 @@ def test_mistakes_of_ours_are_one_line_and_a_file(
 ) -> None:
     """An error that nobody raised on purpose leaves its traceback in a file to report."""
     command.run = _raise(err)
-    monkeypatch.delenv(entry.DEBUG, raising=False)
     monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path))
     assert entry.main(['evaluate', 'bag']) == 70
     out, line = capsys.readouterr()
@@ -88,13 +87,53 @@ def test_mistakes_of_ours_are_one_line_and_a_file(
     file, = tmp_path.iterdir()
     assert line.endswith(f'this is a defect of tudor: please report it with {file}\n')
     text = file.read_text()
-    assert "['evaluate', 'bag']" in text and 'Traceback' in text and __version__ in text
+    assert 'call: tudor evaluate bag' in text and 'Traceback' in text and __version__ in text
     monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path / 'gone'))
     assert entry.main(['evaluate']) == 70
     assert 'could not be written (No such file' in capsys.readouterr().err
-    monkeypatch.setenv(entry.DEBUG, '1')
-    with pytest.raises(type(err)):
-        entry.main(['evaluate'])
+
+
+@pytest.mark.parametrize(('err', 'code', 'ended'), [
+    (None, 1, 'exit code: 1, after '), (BagError('run1: no such bag'), 2, 'ended by the error'),
+    (ZeroDivisionError('a'), 70, 'ended by the error')])
+def test_one_file_for_a_bug_report(
+    command: Any, capsys: pytest.CaptureFixture[str], tmp_path: Path, err: Exception | None,
+    code: int, ended: str, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Versions, call, output, traceback and descriptions, however the command ends."""
+    def run(args: Any) -> int:
+        print('a table')
+        print('warning: a line', file=sys.stderr)
+        if err is not None:
+            raise err
+        return 1
+    command.run = run
+    monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path))
+    (tmp_path / 'arm.yaml').write_text('name: my arm\n')
+    kept = tmp_path / 'debug.txt'
+    assert entry.main(['evaluate', str(tmp_path / 'arm.yaml'), '--debug', str(kept)]) == code
+    shown, text = capsys.readouterr(), kept.read_text()
+    assert shown.out == 'a table\n' and shown.err.startswith('warning: a line\n')
+    assert ended in text and 'a table\nwarning: a line\n' in text and __version__ in text
+    assert f'call: tudor evaluate {tmp_path}' in text and 'name: my arm' in text
+    assert ('Traceback' in text) == (err is not None)
+    assert entry.main(['evaluate', '--debug', str(tmp_path)]) == 2  # a folder
+
+
+@pytest.mark.parametrize(('words', 'out'), [(['-q'], ''), (['-q', '--json'], '{}\n')])
+def test_quiet(command: Any, capsys: pytest.CaptureFixture[str], words: list[str],
+               out: str) -> None:
+    """Errors alone, and the object that was asked for."""
+    def configure(parser: Any) -> None:
+        parser.add_argument('--json', action='store_true')
+
+    def run(args: Any) -> int:
+        print('{}')
+        warnings.warn('run1: 3 samples dropped', TudorWarning, stacklevel=1)
+        raise BagError('run1: no such bag')
+    command.configure, command.run = configure, run
+    assert entry.main(['evaluate', *words]) == 2
+    assert capsys.readouterr() == (out, 'tudor evaluate: run1: no such bag\n')
 
 
 def test_warnings_are_lines(command: Any, capsys: pytest.CaptureFixture[str]) -> None:

@@ -26,10 +26,10 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import Limits, SelfCollision
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.identification.excitation import (
-    Bounds, Efforts, Information, known_efforts, mean_error, series, TOUCH)
+    Bounds, Efforts, Information, known_efforts, series, TOUCH)
 from tudor_dynamics.identification.excitation_plan import (
-    best_aprbs, best_seed, best_series, bounds_of, make_plan, Order, target_of_arm)
-from tudor_dynamics.signals.motion_profile import aprbs_motion, fourier_motion, motion_limits
+    best_aprbs, best_series, bounds_of, make_plan, Order, target_of_arm)
+from tudor_dynamics.signals.motion_profile import fourier_motion, motion_limits
 
 URDF = """<robot name="box">
 <link name="base"><collision><origin xyz="0 0 0.2"/><geometry>
@@ -119,18 +119,6 @@ def test_a_search_can_be_ended():
         return len(calls) == 3
     plan = make_plan(target(six_joints()), Order(15.0, 0.6, 0.02, 50, 0), report=stop)
     assert len(calls) == 3 and plan.beyond.velocity.max() <= 1.0 + 1e-9
-
-
-def test_best_of_seeds(root):
-    """The seed that is chosen has the smallest standard errors of those that were tried."""
-    arm = load_arm(root / 'config' / 'tudor.yaml')
-    wanted = target_of_arm(arm)
-    information = Information(wanted.models, wanted.noise.size)
-    tried = [information.value(aprbs_motion(arm, 40.0, seed, 2e-3).motion[::25], mean_error)
-             for seed in range(3)]
-    assert len({*tried}) == 3
-    assert tried[best_seed(arm, lambda seed: aprbs_motion(arm, 40.0, seed, 2e-3),
-                           range(3))] == min(tried)
 
 
 @pytest.mark.parametrize('kind', [best_series, best_aprbs])

@@ -72,10 +72,6 @@ def configure_collisions(group: argparse._ArgumentGroup) -> None:
                             'applied_wrench, where there is one)')
     group.add_argument('--free', action='store_true',
                        help='nothing touched the arm: every event is a false alarm')
-    group.add_argument('--roc', metavar='FILE',
-                       help='plot pushes found over false events an hour (.png, .svg, .pdf)')
-    group.add_argument('--plot', metavar='FILE',
-                       help='plot ratios to the thresholds, pushes and events over time')
 
 
 # -- ``tudor evaluate --collisions``: how well the detector finds pushes, and what it finds
@@ -91,11 +87,6 @@ def run_collisions(args: argparse.Namespace) -> int:
     if args.pushes and len(args.pushes) != len(args.bags):
         raise UsageError(f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give '
                          'one for each, in their order')
-    from tudor_dynamics.show.figures import roc_figure  # plots are slow to import
-    from tudor_dynamics.show.pictures import draw, draw_events, picture_path, write_picture
-
-    plot = picture_path(args.roc) if args.roc else None
-    picture = picture_path(args.plot) if args.plot else None
     bundle = at_payload(load_bundle(args.model), args.payload)
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
     if args.kind not in kinds:
@@ -115,13 +106,6 @@ def run_collisions(args: argparse.Namespace) -> int:
         step('replay through the detector')
         results = evaluate_collisions(
             bundle, [(bag.choice.path, bag.recording) for bag in data], settings, truths)
-    if plot is not None:
-        if not any(truth.known for truth in truths):
-            msg = '--roc needs to know the pushes; give --pushes FILE.csv, --truth TOPIC or --free'
-            raise UsageError(msg)
-        write_picture(plot, draw, roc_figure({item.method: item.roc for item in results}))
-    if picture is not None:
-        write_picture(picture, draw_events, results)
     if args.report:
         from tudor_dynamics.show.page import collision_page  # slow to import
         write(args.report, '--report', collision_page(
@@ -135,9 +119,8 @@ def run_collisions(args: argparse.Namespace) -> int:
     else:
         print_collisions(results, args.false_alarms)
         _print_kept(results, args, bundle)
-        for what, file in (('plot', plot), ('plot', picture), ('report', args.report)):
-            if file is not None:
-                say(f'{what}: {file}')
+        if args.report:
+            say(f'report: {args.report}')
     return 0
 
 
@@ -271,7 +254,7 @@ examples:
   tudor evaluate --model model run4 run5 --json
   tudor evaluate --model model run1@60-100%
   tudor evaluate --model model run4 --rate full --save run4.npz
-  tudor evaluate --model model pushes free --collisions --roc roc.svg
+  tudor evaluate --model model pushes free --collisions --report pushes.html
 
 The filters and the rate are those that the model was fitted with. --collisions replays the bags
 through the collision detector; pushes are read from /applied_wrench, a topic or a table.

@@ -94,6 +94,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='earlier bundle to compare this fit with')
     parser.add_argument('--force', action='store_true',
                         help='exit with 0 even if no model is good enough')
+    parser.add_argument('-v', '--verbose', action='store_true',
+                        help='print offline figures, all verdicts and what was chosen, too')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     many = parser.add_argument_group('many bags')
     many.add_argument('--stream', action='store_true',
@@ -196,7 +198,7 @@ def run(args: argparse.Namespace) -> int:
                     'unused': [asdict(bag) for bag in result.unused],
                     **assessment.as_dict(), **figures(result), 'beside_robot': figures(live)})
     else:
-        _print(result, assessment, report)
+        _print(result, assessment, report, verbose=args.verbose)
         if fit.plan is not None:
             print_comparison(fit.plan)
     if any(level is not Grade.DO_NOT_USE for level in levels) or args.force:
@@ -204,11 +206,16 @@ def run(args: argparse.Namespace) -> int:
     return 1
 
 
-def _print(result: FitResult, assessment: Assessment, report: Path) -> None:
+def _print(
+    result: FitResult, assessment: Assessment, report: Path, *, verbose: bool,
+) -> None:
     # first what runs beside the robot, then the offline figures
     live = () if result.causal is None else result.causal.fitted
-    judged = [*((item, ' beside the robot') for item in live),
-              *((item, ' (offline)' if live else '') for item in result.fitted)]
+    judged = [(item, ' beside the robot' * verbose) for item in live]
+    if verbose or not live:
+        judged += [(item, ' (offline)' if live else '') for item in result.fitted]
+    title = f'{result.arm.name}: {result.fitted[0].validation.method}' + (
+        ', models beside the robot' if live and not verbose else '')
     print_verdicts(result.arm.name, assessment.uses)
     rows = []
     for item, where in judged:
@@ -217,12 +224,15 @@ def _print(result: FitResult, assessment: Assessment, report: Path) -> None:
         if item.random is not None:
             rows.append((item.output, f'{item.kind}{where}, random half (optimistic)',
                          item.random.score, units))
-    print_table(score_table(f'{result.arm.name}: {result.fitted[0].validation.method}', rows))
-    say('verdicts:', *(f'  {item.output} {item.kind}{where}, prediction: {item.verdict}'
-                       for item, where in judged),
-        *(f'  {use.output} {use.kind}, {use}' for use in assessment.uses
-          if use.name != 'prediction'))
-    if result.choices:
+    print_table(score_table(title, rows))
+    verdicts = [
+        *((item.verdict.level, f'  {item.output} {item.kind}{where}, prediction: {item.verdict}')
+          for item, where in judged),
+        *((use.level, f'  {use.output} {use.kind}, {use}') for use in assessment.uses
+          if use.name != 'prediction')]
+    wanted = [text for level, text in verdicts if verbose or level is not Grade.GOOD]
+    say(*['verdicts:'] * bool(wanted), *wanted)
+    if result.choices and verbose:
         say('chosen on parts of the bags:', *(f'  {choice}' for choice in result.choices))
     say(*(f'mark: {mark}' for mark in assessment.marks))
     print_findings(result.findings)

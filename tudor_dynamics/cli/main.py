@@ -25,16 +25,17 @@ from __future__ import annotations
 import _thread
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import (
+    contextmanager, ExitStack, redirect_stderr, redirect_stdout, suppress)
 import gc
 from importlib import import_module
 import os
+from pathlib import Path
 import re
 import signal
 import sys
 import tempfile
 import threading
-import traceback
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
 import warnings
@@ -74,7 +75,6 @@ SUBCOMMANDS = {name: text for group in GROUPS.values() for name, text in group.i
 
 OK, NOT_GOOD_ENOUGH, WRONG_INPUT, DEFECT = 0, 1, 2, 70
 """Exit codes; the last one, EX_SOFTWARE of sysexits.h, is for errors that nobody expected."""
-DEBUG = 'TUDOR_DEBUG'  # environment variable; where it is set, such an error keeps its traceback
 
 
 class Parser(argparse.ArgumentParser):
@@ -108,8 +108,8 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
                     + listed,
         epilog='Begin with `tudor init BAG --urdf FILE --out arm.yaml`. The help of each command\n'
                'has examples: `tudor fit --help`. Exit codes: 0 done, 1 data or model not good\n'
-               f'enough, 2 wrong input, {DEFECT} a defect of tudor ({DEBUG}=1 shows its\n'
-               'traceback), 130 interrupted. For completion by TAB in a shell:\n'
+               f'enough, 2 wrong input, {DEFECT} a defect of tudor (--debug FILE keeps what\n'
+               'a report of it needs), 130 interrupted. For completion by TAB in a shell:\n'
                'eval "$(register-python-argcomplete tudor)"')
     parser.add_argument('--version', action='version', version=f'tudor_dynamics {__version__}')
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True,
@@ -122,6 +122,10 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             module = _subcommand(name)
             sub.epilog = module.EXAMPLES
             module.configure(sub)
+            sub.add_argument('-q', '--quiet', action='store_true',
+                             help='print errors alone, and with --json the object')
+            sub.add_argument('--debug', metavar='FILE', help='write what a bug report needs: '
+                             'versions, call, output, traceback, descriptions')
     return parser
 
 
@@ -160,7 +164,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             # parsing loads the subcommand's modules, which takes half a second
             args = build_parser(only).parse_args(arguments)
-            code = int(_subcommand(args.command).run(args))
+            code = _run(args, arguments)
             sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
             return code
         except TudorError as err:
@@ -182,11 +186,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         except Exception as err:
             if interrupted.is_set():  # a library has made another error of it
                 return _interrupted(name)
-            if os.environ.get(DEBUG):
-                raise
             what = f'{type(err).__name__}: {" ".join(str(err).split())[:300]}'
             _complain(name, f'{what}; this is a defect of tudor: {_traceback_file(arguments)}')
             return DEFECT
+
+
+def _run(args: argparse.Namespace, arguments: Sequence[str]) -> int:
+    """Run a subcommand, as loud as it was asked for, and recorded for a bug report."""
+    with ExitStack() as muted:
+        if args.quiet:
+            nowhere = muted.enter_context(open(os.devnull, 'w'))
+            muted.enter_context(redirect_stderr(nowhere))
+            if not getattr(args, 'json', False):
+                muted.enter_context(redirect_stdout(nowhere))
+        run = _subcommand(args.command).run
+        if args.debug is None:
+            return int(run(args))
+        from tudor_dynamics.cli.debug import recorded  # of no use otherwise
+        return int(recorded(Path(args.debug), arguments, lambda: run(args)))
 
 
 @contextmanager
@@ -228,13 +245,13 @@ def _interrupted(name: str) -> int:
 
 def _traceback_file(arguments: Sequence[str]) -> str:
     """Write what a report of a defect needs, and say where."""
+    from tudor_dynamics.cli.debug import report
     try:
         number, path = tempfile.mkstemp('.txt', 'tudor_defect_')
         with open(number, 'w', encoding='utf-8', errors='replace') as file:
-            file.write(f'tudor_dynamics {__version__}, Python {sys.version}\n{arguments}\n\n'
-                       f'{traceback.format_exc()}')
+            file.write(report(arguments))
     except OSError as err:
-        return f'{DEBUG}=1 shows its traceback, which could not be written ({err.strerror})'
+        return f'its traceback could not be written ({err.strerror}); add --debug FILE'
     return f'please report it with {path}'
 
 

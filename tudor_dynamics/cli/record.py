@@ -26,9 +26,9 @@ from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.cli.console import add_running, bar, new_table, print_json, print_table, say
 from tudor_dynamics.errors import BagError, check_budget, UsageError
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.identification.excitation_plan import best_seed, read_motion
+from tudor_dynamics.identification.excitation_plan import read_motion
 from tudor_dynamics.mechanics.campaign import (
-    played_motion, random_loads, record_stimuli, stimulus_motion, stimulus_seeds,
+    played_motion, random_loads, record_stimuli, stimulus_seeds,
     StimulusResult, StimulusSpec)
 from tudor_dynamics.mechanics.closed_loop import ClosedLoop, steps_per_message
 from tudor_dynamics.mechanics.hardware import Imperfections, with_payload
@@ -43,8 +43,8 @@ examples:
         without the damper, with five pushes a stimulus on links, their truth in /applied_wrench
   tudor record --arm config/tudor.yaml --trajectory plan --stimuli 2 --out planned
         the motion that `tudor excite config/tudor.yaml --floor 0 --out plan` found
-  tudor record --arm config/tudor.yaml --ideal friction backlash --best-of 20 --out smooth
-        drives without friction and backlash, each motion the best of 20
+  tudor record --arm config/tudor.yaml --ideal friction backlash --out smooth
+        drives without friction and backlash
 
 OUT/campaign.yaml says what was recorded. The same seed gives the same bags, byte by byte. exit
 codes: 0 done, 2 wrong input.
@@ -78,9 +78,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--trajectory', metavar='PLAN',
                         help='motion to be played in each stimulus, with noise of its own: folder '
                              'of tudor excite, or CSV; in place of --seconds and --excitation')
-    parser.add_argument('--best-of', type=int, default=1, metavar='N',
-                        help='take the one of N motions that shows the parameters best, for '
-                             'each stimulus (default: 1)')
     parser.add_argument('--ideal', nargs='+', default=[], metavar='WHAT',
                         choices=(*Imperfections.names(), 'all'),
                         help=f'leave imperfections out: {", ".join(Imperfections.names())} '
@@ -92,14 +89,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(args: argparse.Namespace) -> None:
-    for name in ('stimuli', 'jobs', 'best_of'):
+    for name in ('stimuli', 'jobs'):
         if getattr(args, name) < 1:
             raise UsageError(f'--{name.replace("_", "-")} {getattr(args, name)}: give 1 or more')
     if min(args.pushes, args.loads, args.seed) < 0:
         raise UsageError(f'--pushes {args.pushes} --loads {args.loads} --seed {args.seed}: none '
                          'can be negative')
-    check_budget(f'--stimuli {args.stimuli} --best-of {args.best_of}',
-                 args.stimuli * args.best_of, 4e4)
+    check_budget(f'--stimuli {args.stimuli}', args.stimuli, 4e4)
     if not 2.0 < args.seconds <= 3600.0:
         raise UsageError(f'--seconds {args.seconds}: give more than 2 and at most 3600')
 
@@ -109,17 +105,10 @@ def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
     trajectory = None
     ideal = Imperfections.names() if 'all' in args.ideal else args.ideal
     if args.trajectory is not None:
-        if args.best_of > 1:
-            raise UsageError('--trajectory is one motion, of which nothing is left to choose',
-                             remedy='leave out --best-of')
         trajectory = read_motion(Path(args.trajectory))
         args.seconds = round(len(played_motion(arm, trajectory, dt).q) * dt, 6)
     for number in range(args.stimuli):
         motion, noise, push = stimulus_seeds(args.seed, number)
-        if args.best_of > 1:
-            motion = best_seed(
-                arm, lambda seed: stimulus_motion(arm, args.excitation, args.seconds, seed, dt),
-                range(motion, motion + args.best_of))
         result.append(StimulusSpec(
             args.payload, args.seconds, args.rate, 0.0 if args.no_damping else 1.0,
             args.excitation, motion, noise, push, args.pushes,

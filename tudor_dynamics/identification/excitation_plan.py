@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 import json
 import math
@@ -209,19 +209,6 @@ def best_aprbs(
         raise SignalError(f'none of {order.steps} APRBS is within the limits of efforts and free '
                           'of collisions', remedy='take --kind fourier, or smaller planned ranges')
     return best[2]
-
-
-def best_seed(arm: Arm, make: Callable[[int], Reference], seeds: Sequence[int]) -> int:
-    """Choose the seed, of one at least, whose motion shows the parameters best."""
-    target = target_of_arm(arm)
-    information = Information(target.models, target.noise.size)
-
-    def cost(seed: int) -> float:
-        reference = make(seed)
-        every = max(int(round(1.0 / (LOOKED_AT * reference.dt))), 1)
-        return information.value(reference.motion[::every], mean_error)
-
-    return min(seeds, key=cost)
 
 
 def _part(bounds: Bounds, generator: np.random.Generator) -> Limits:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -30,8 +30,7 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_figure
-from tudor_dynamics.identification.detection import MethodResult
-from tudor_dynamics.show.figures import event_figure, Plot
+from tudor_dynamics.show.figures import Plot
 from tudor_dynamics.signals.motion_profile import states
 from tudor_dynamics.typing import FloatArray
 
@@ -56,8 +55,7 @@ LINES: dict[str, dict[str, Any]] = {
     'measured': {'color': '#a3a3a3', 'linewidth': 2.4},
     'analytical': {'color': BLUE, 'linewidth': 1.0},
     'elm': {'color': VERMILION, 'linewidth': 1.0, 'linestyle': (0, (3.5, 1.5))},
-    'elastic': {'color': '#007a57', 'linewidth': 1.3, 'linestyle': (0, (1, 0.8))},
-    'event': {'color': VERMILION, 'linestyle': 'none', 'marker': 'v', 'clip_on': False}}
+    'elastic': {'color': '#007a57', 'linewidth': 1.3, 'linestyle': (0, (1, 0.8))}}
 OTHER: dict[str, Any] = {'color': '#7a4fa3', 'linewidth': 1.1, 'linestyle': (0, (6, 1.2))}
 """Of a look that is not among these."""
 
@@ -74,37 +72,20 @@ def plain_text(setter: Any, text: str) -> None:
 
 # -- Figures of a page, as files
 
-MOST = 6  # bags that are drawn at most
 SUFFIXES = ('.png', '.svg', '.pdf')
 
 
 def draw(plot: Plot) -> Figure:
-    """Draw lines of a page's figure, panels below each other; to be called within a style."""
+    """Draw the signals of a page's figure, panels below each other; to be called in a style."""
     panels = plot['panels']
     heights = [panel.get('height', 190) / 110.0 for panel in panels]
     figure = Figure(figsize=(7.2, 0.6 + sum(heights)), layout='constrained')
     rows = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
     for axes, panel in zip(rows, panels, strict=True):
         for item in panel['traces']:
-            look = {**LINES.get(item['look'], OTHER), 'label': item['name'] or None}
-            if 'low' in item:
-                axes.fill_between(item['x'], item['low'], item['high'], step='post', alpha=0.15,
-                                  color=look['color'], linewidth=0)
-            if 'across' in item:
-                low, high = item['across']
-                axes.plot([low, high], [*item['y'], *item['y']], color=look['color'], marker='|')
-                look |= {'marker': 'o', 'markersize': 8}
-            axes.plot(item['x'], item['y'], **look, drawstyle=(
-                'steps-post' if item.get('stairs') else 'default'))
-        for begin, end, number in panel.get('spans', ()):
-            axes.axvspan(begin, end, color='#f0e442', alpha=0.6, linewidth=0)
-            axes.text(begin, panel['ylim'][0] * 1.15, number, fontsize=7.5)
-        if 'at' in panel:
-            axes.axhline(panel['at'], color='#333333', linewidth=0.8, linestyle=(0, (4, 2)))
-        if 'stretch' in plot:
-            axes.axvspan(*plot['stretch'], color='#f0e442', alpha=0.25, linewidth=0)
-        axes.set_yscale('log' if panel.get('scale') == 'log y' else 'linear')
-        axes.set(**{key: panel[key] for key in ('xlim', 'ylim') if key in panel})
+            axes.plot(item['x'], item['y'], **LINES.get(item['look'], OTHER), label=item['name'])
+        axes.axvspan(*plot['stretch'], color='#f0e442', alpha=0.25, linewidth=0)
+        axes.set(ylim=panel['ylim'])
         for setter, text in ((axes.set_title, panel['title']), (axes.set_xlabel, panel['xlabel']),
                              (axes.set_ylabel, panel['ylabel'])):
             plain_text(setter, text)
@@ -113,20 +94,6 @@ def draw(plot: Plot) -> Figure:
         for text in figure.legend(handles, names, loc='outside upper right', ncols=3).get_texts():
             text.set_parse_math(False)
     return figure
-
-
-def draw_events(results: Sequence[MethodResult]) -> Figure:
-    """Draw ratios, pushes and events of the first bags, all methods below each other."""
-    panels = []
-    for bag in range(min(len(results[0].watched), MOST)):
-        for result in results:
-            watched = result.watched[bag]
-            said = f'{result.score.found} of {result.score.pushes} pushes found, ' if (
-                watched.truth.pushes and len(result.watched) == 1) else ''
-            panels += [{**panel, 'title': f'{result.method}: {said}{len(watched.sightings)} '
-                        f'events in {Path(watched.bag).name}'}
-                       for panel in event_figure(result, bag)['panels']]
-    return draw({'columns': 1, 'panels': panels})
 
 
 def picture_path(path: str | Path) -> Path:
