@@ -24,22 +24,32 @@ sample by sample; the UR10e with 2.8 kg by its currents. DATA is that of ``refer
 from __future__ import annotations
 
 from pathlib import Path
+import sys
 import tempfile
 
 from reference_fits import CONFIG, data_directory, tudor
 from tables import show
+import tudor_dynamics as td
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from papers.following import follow_load  # noqa: E402, I100
 
 BLADES = ('arm_200g_free_2', 'arm_200g_free_3', 'arm_200g_free_4', 'arm_000g_undamped_1')
 LOADED = 2.805
 """What the UR10e carries in its second recording [kg]."""
 
 
-def estimated(out, bags, *options):
-    """Give the masses of bags as text, grams where they are small."""
-    found = tudor('payload', *bags, '--model', out, '--json', *options)['bags'].values()
-    return '; '.join(f'{1e3 * item["mass"]:.1f} ± {1e3 * item["mass_std"]:.1f} g'
-                     if item['mass'] < 1.0 and item['mass_std'] < 0.01 else
-                     f'{item["mass"]:.2f} ± {item["mass_std"]:.2f} kg' for item in found)
+def masses(found):
+    """Write masses and standard deviations [kg], grams where they are small."""
+    return '; '.join(f'{1e3 * mass:.1f} ± {1e3 * std:.1f} g' if mass < 1.0 and std < 0.01 else
+                     f'{mass:.2f} ± {std:.2f} kg' for mass, std in found)
+
+
+def estimated(out, bags):
+    """Give the masses of bags as text."""
+    found = tudor('payload', *bags, '--model', out, '--json')['bags'].values()
+    return masses((item['mass'], item['mass_std']) for item in found)
 
 
 def fit(out, arm, training, *options):
@@ -58,10 +68,11 @@ def main():
         fit(out, CONFIG / 'two_blade_arm.yaml',
             {bags / 'arm_000g_free_1': 0.0, bags / 'arm_200g_free_1': 0.2})
         tests = [bags / name for name in BLADES]
-        for what, options in (('recordings', ()), ('the same, sample by sample, at the end',
-                                                   ('--live',))):
-            rows.append((f'two blades, {what}', '200 g three times, 0 g',
-                         estimated(out, tests, *options)))
+        rows.append(('two blades, recordings', '200 g three times, 0 g', estimated(out, tests)))
+        model = td.load_bundle(out)
+        ends = [follow_load(model, td.read_recording(bag, model.arm), 0.0) for bag in tests]
+        rows.append(('two blades, the same, sample by sample, at the end', rows[-1][1], masses(
+            (float(item.mass[-1]), float(item.std[-1])) for item in ends)))
         empty, full = bags / 'ur10e_unloaded', bags / 'ur10e_loaded'
         halves = {f'{empty}@0-50%': 0.0, f'{full}@0-50%': LOADED}
         for what, options in (

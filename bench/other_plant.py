@@ -38,6 +38,7 @@ import argparse
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+import sys
 import time
 from typing import Any
 import warnings
@@ -47,8 +48,11 @@ from other_plant.plant import (
     first_frequency, FloatArray, GAUGES, JOINTS, LENGTH, motion, Options, Push, record)
 from tables import show
 import tudor_dynamics as td
-from tudor_dynamics.online.monitor import follow_load
 import yaml
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from papers.following import follow_load  # noqa: E402, I100
 
 ROOT = Path(__file__).parent.parent
 ENDS = (0.0, 0.4)

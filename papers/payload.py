@@ -25,11 +25,11 @@ from matplotlib.figure import Figure
 import numpy as np
 from papers import look
 from papers.campaign import Cached, Campaign, fit, stimulus_seeds
+from papers.following import follow_load
 from papers.look import BLUE, Picture, VERMILION
 from papers.outlook import Floor, Section, Setting
 import tudor_dynamics as td
 from tudor_dynamics.mechanics.campaign import random_loads, random_pushes
-from tudor_dynamics.online.monitor import follow_load
 
 CLOSE, CLOSE_SOON, CLOSE_LATER = 0.005, 0.020, 0.010
 """Errors of a mass that are asked for: of a recording, a second after a change, later [kg]."""

@@ -113,10 +113,8 @@ compare/text = compare fit/rigid/model fit/huber/model
 payload/json+ = payload record/pushed/bags/stimulus_01 --model fit/masses/model --json
 payload/known = payload record/full/bags/stimulus_01 --model fit/masses/model --payload-of \
   record/full/bags/stimulus_01=0.3
-payload/live = payload record/pushed/bags/stimulus_01 --model fit/masses/model --live \
-  --announced 2 --begin 0 --json
 payload/elastic = payload {PUSHES}@0-30% --model fit/elastic/model --kind elastic --json
-payload/two = payload {T1} --model fit/payload_of/model --live --json
+payload/two = payload {T1} --model fit/payload_of/model --json
 
 export/urdf+ = export fit/ignored/model --to urdf --out OUT/arm.urdf
 export/mjcf = export fit/ignored/model --to mjcf --out OUT/arm.xml

@@ -35,7 +35,7 @@ SLASH = re.compile(r'(?<!`)\b(\w+_msgs/)(?=\w+(?:/\w+)*\b(?!`))')
 EXIT_CODES = (
     ('0', 'done'), ('1', 'data or model are not good enough'),
     ('2', 'wrong input: one line on standard error, `tudor COMMAND: place: cause; remedy`'),
-    ('70', 'a defect of tudor; `TUDOR_DEBUG=1` shows its traceback'), ('130', 'interrupted'))
+    ('70', 'a defect of tudor; `--debug FILE` keeps what a report needs'), ('130', 'interrupted'))
 
 
 def _cell(text: str) -> str:

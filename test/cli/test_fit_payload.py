@@ -68,18 +68,6 @@ def test_bags_that_say_what_they_carry(arm: str, tmp_path: Path, capsys) -> None
     assert right['strain']['analytical']['fit'] > 98.0
     assert wrong['strain']['analytical']['fit'] < 90.0
     assert '0.25' in (tmp_path / 'model' / 'model.yaml').read_text()
-    # sample by sample, as beside the robot
-    assert main(['payload', test, '--model', model, '--live', '--announced', '5', '--json']) == 0
-    seen = json.loads(capsys.readouterr().out)['bags'][test]
-    assert seen['told_by'] == 'strain' and not seen['loads']
-    assert seen['mass'] == pytest.approx(0.25, abs=0.01)
-    assert seen['masses'][-1] == pytest.approx(seen['mass'], abs=0.01) and seen['t'][1] == 0.1
-    assert main(['payload', test, '--model', model, '--live', '--payload-of',
-                 f'{test}=0.5']) == 1
-    printed = capsys.readouterr().out
-    assert 'at the end' in printed and 'known: 0.5 kg' in printed
-    assert main(['payload', test, '--model', model, '--begin', '0.1']) == 2
-    assert '--live' in capsys.readouterr().err
 
 
 def test_payload_of(arm: str, tmp_path: Path, capsys) -> None:

@@ -22,6 +22,7 @@ from typing import Any
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
+from papers.following import follow_load
 from payload_making import true_outputs, two_gauge_arm
 import pytest
 from ros_world import feed, values_of, World
@@ -42,7 +43,6 @@ from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.payload_estimator import PayloadEstimatorNode
-from tudor_dynamics.online.monitor import follow_load
 from tudor_dynamics.online.settings import LAGS, WINDOW
 from tudor_dynamics.online.threshold_learning import thresholds_to_dict
 from tudor_dynamics.online.thresholds import MethodThresholds, Tail

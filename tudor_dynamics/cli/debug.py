@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import io
-import os
 from pathlib import Path
 import shlex
 import sys
@@ -26,11 +25,11 @@ import time
 import traceback
 from typing import Any, TextIO
 
+from tudor_dynamics.cli.doctor import checks
 from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.provenance import provenance
 
 LONGEST = 1_000_000  # characters that are kept of the output
-SETTINGS = ('ROS_', 'RMW_', 'TUDOR_', 'NUMBA_', 'OMP_', 'PYTHON')  # environment
 
 
 class _Copied:
@@ -50,13 +49,12 @@ class _Copied:
 
 def report(arguments: Sequence[str], output: str = '', ended: str = '') -> str:
     """Write what a bug report needs about a call, and about an exception that is handled."""
-    known = {name: value for name, value in os.environ.items() if name.startswith(SETTINGS)}
     files = [path for path in map(Path, arguments) if path.suffix in ('.yaml', '.urdf')
              and path.is_file() and path.stat().st_size < LONGEST]
     raised = traceback.format_exc() if sys.exc_info()[0] else ''
     return '\n'.join((
         *(f'{name}: {value}' for name, value in provenance().items()),
-        f'cores: {os.cpu_count()}', f'environment: {known}', f'folder: {Path.cwd()}',
+        *(f'{check.name}: {check.found}' for check in checks()), f'folder: {Path.cwd()}',
         f'call: {shlex.join(("tudor", *arguments))}', *filter(None, (ended, output, raised)),
         *(f'{path}:\n{read_bounded(path, LONGEST).decode(errors="replace")}' for path in files)))
 

@@ -48,6 +48,9 @@ from tudor_dynamics._version import __version__  # noqa: E402
 from tudor_dynamics.errors import meant, printable, TudorError, TudorWarning  # noqa: E402
 
 GROUPS = {
+    'begin': {
+        'doctor': 'say whether this machine has what nodes and commands need',
+    },
     'learn a model': {
         'info': 'say what is in a bag, what it is good for, what is wrong with it',
         'init': 'write the first description of an arm, from bags and URDF',

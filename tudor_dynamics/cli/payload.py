@@ -17,39 +17,32 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.console import (
     add_bags_and_model, new_table, print_json, print_table, say, steps)
-from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice, parse_payloads
 from tudor_dynamics.identification.loads import payload_of, telling
 from tudor_dynamics.load.offline import PayloadEstimate, Presence
-from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.online.monitor import follow_load
 
 EXAMPLES = """\
 examples:
   tudor payload run5 --model model
   tudor payload run5 run6@20s-60s --model model --json
   tudor payload run5 --model model --payload-of run5=0.3
-  tudor payload run5 --model model --live --announced 12.5 31
 
 Each bag has one estimate: mass, centre and, where the motion shows it, inertia, each with its
 standard deviation. Kilograms come from a model of two known payloads (tudor fit --payload-of),
 from torques or torque constants, from the gains of gauges (sensors of the description) or from
 the masses of the URDF; without any of them the load is a part of the arm's own moment. With
---payload-of the estimates are compared with what is known. With --live a bag is gone through
-sample by sample, as the node payload_estimator does: what is carried over time, and which sudden
-changes are loads; --payload-of then says what is carried at the end. exit codes: 0 each bag
-shows whether there is a load; 1 a bag has no information, or the truth is more than three
-standard deviations away; 2 wrong input.
+--payload-of the estimates are compared with what is known. `tudor watch` follows a load over time.
+exit codes: 0 each bag shows whether there is a load; 1 a bag has no information, or the truth is
+more than three standard deviations away; 2 wrong input.
 """
 FAR = 3.0  # standard deviations from which on an estimate is wrong
-EACH = 10  # samples of which JSON has one
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -59,12 +52,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='kind of model that gives the load (analytical, where there is one)')
     parser.add_argument('--payload-of', nargs='+', default=[], metavar='BAG=KG',
                         help='true mass in a bag, to compare with')
-    parser.add_argument('--live', action='store_true',
-                        help='follow the load sample by sample, as beside the robot')
-    parser.add_argument('--announced', nargs='+', type=float, default=[], metavar='S',
-                        help='with --live: times at which a load is announced [s]')
-    parser.add_argument('--begin', type=float, default=0.0, metavar='KG',
-                        help='with --live: what is carried at the beginning (0)')
     parser.add_argument('--json', action='store_true', help='print the estimates as JSON')
 
 
@@ -73,16 +60,12 @@ def run(args: argparse.Namespace) -> int:
     bundle = load_bundle(args.model, arm=load_arm(args.arm) if args.arm else None)
     telling(bundle, args.kind)  # says so if there is none
     choices = [parse_choice(text) for text in args.bags]
-    if not args.live and (args.announced or args.begin):
-        raise UsageError('--announced and --begin belong to --live: add it')
     truths = parse_payloads(args.payload_of, choices)
     bags: list[BagData] = []
     with steps(len(choices)) as step:
         for choice in choices:
             step(f'read {choice}')
             bags.append(load(choice, bundle.arm, bundle.preprocessing))
-    if args.live:
-        return _live(args, bundle, bags, truths)
     found = [payload_of(bundle, [bag], args.kind) for bag in bags]
     known = [truths.get(_resolved(bag)) for bag in bags]
     if args.json:
@@ -95,39 +78,6 @@ def run(args: argparse.Namespace) -> int:
            if item.verdict is Presence.UNKNOWN or (
                mass is not None and not abs(item.mass - mass) <= FAR * item.mass_std)]
     return 1 if bad else 0
-
-
-def _live(
-    args: argparse.Namespace, bundle: ModelBundle, bags: Sequence[BagData],
-    truths: Mapping[str, float],
-) -> int:
-    """Go through bags sample by sample; say what is carried at the end, and what changed when."""
-    content, far = {}, False
-    for bag in bags:
-        seen = follow_load(bundle, bag.recording, args.begin, announced=args.announced)
-        mass, std, true = float(seen.mass[-1]), float(seen.std[-1]), truths.get(_resolved(bag))
-        far = far or (true is not None and not abs(mass - true) <= FAR * std)
-        content[str(bag.choice)] = {
-            'told_by': seen.told_by, 'mass': mass, 'mass_std': std,
-            'loads': [{'time': time, 'mass': held.mass, 'change': held.change}
-                      for time, held in zip(seen.times, seen.loads, strict=True)],
-            'collisions': list(seen.events), 't': seen.t[::EACH].tolist(),
-            'masses': seen.mass[::EACH].tolist(), 'stds': seen.std[::EACH].tolist(),
-            **({} if true is None else {'true_mass': true})}
-        if args.json:
-            continue
-        table = new_table(f'{bag.choice}: the load sample by sample, by {seen.told_by}',
-                          names=('event',), figures=('at [s]', 'change [kg]', 'then [kg]'))
-        for time, held in zip(seen.times, seen.loads, strict=True):
-            table.add_row('a load', f'{time:.2f}', f'{held.change:+.3f}', f'{held.mass:.3f}')
-        for time in seen.events:
-            table.add_row('a collision, or a load at first', f'{time:.2f}', '', '')
-        print_table(table)
-        say(f'at the end: {mass:.4g} +- {std:.2g} kg' + (
-            '' if true is None else f'; known: {true:g} kg, error {mass - true:+.4g} kg'))
-    if args.json:
-        print_json({'model': args.model, 'bags': content})
-    return 1 if far else 0
 
 
 def _resolved(bag: BagData) -> str:

@@ -316,13 +316,6 @@ def make_plan(
     information = Information(target.models, target.noise.size)
     reference = (best_series(information, bounds, order, report, criterion) if kind == 'fourier'
                  else best_aprbs(information, bounds, order, report, criterion))
-    return plan_of(target, reference, bounds, criterion)
-
-
-def plan_of(
-    target: Target, reference: Reference, bounds: Bounds, criterion: Criterion = mean_error,
-) -> Plan:
-    """Make a plan of a motion."""
     return judged(target, Trajectory(
         target.arm.active_joints, np.asarray(np.arange(len(reference.q)) * reference.dt),
         reference.q, reference.dq, reference.ddq), bounds, criterion)

@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import check_type, ModelError, SignalError
 from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage
 from tudor_dynamics.models.base import Model
@@ -525,49 +524,3 @@ def warm_up_filter(spec: PreprocessingSpec) -> None:
         warmed = StateFilter(spec)
         for k in range(3):
             warmed.step(k * PERIOD, np.zeros(1), measured)
-
-
-@dataclass(frozen=True, eq=False)
-class FollowedLoad:
-    """A recording that was watched."""
-
-    t: FloatArray  # time since its beginning, (samples,) [s]
-    # What is thought to be carried, and its standard deviation, (samples,) [kg].
-    mass: FloatArray
-    std: FloatArray
-    events: tuple[float, ...]  # times of collisions [s]
-    loads: tuple[LoadFound, ...]  # what turned out to be a load
-    times: tuple[float, ...]  # when it did [s]
-    told_by: str  # output that shows the load; empty where it is not followed
-
-
-def follow_load(
-    bundle: ModelBundle, recording: Recording, known: float, *, estimate: bool = True,
-    announced: Sequence[float] = (),
-) -> FollowedLoad:
-    """Replay a recording that begins with a known load [kg]; announced: times of changes [s]."""
-    live = bundle.beside_robot()
-    stage = PayloadStage(live, known) if estimate else None
-    methods = ('strain',) if stage is None else (stage.output,)
-    monitor = Monitor(live.at(known), MonitorSettings(methods=methods), payload=stage)
-    begin, waiting = int(recording.stamp[0]), sorted(announced)
-    mass, std = np.full(len(recording.stamp), known), np.zeros(len(recording.stamp))
-    events: list[float] = []
-    loads: list[LoadFound] = []
-    measured = {output: values for output in monitor.watch.outputs
-                if (values := getattr(recording, output)) is not None}
-    for k, stamp in enumerate(recording.stamp.tolist()):
-        if stage is not None and waiting and (stamp - begin) * 1e-9 >= waiting[0]:
-            del waiting[0]
-            stage.expect()
-        velocity = None if recording.dq is None else recording.dq[k]
-        found = [monitor.add_joints(stamp, recording.q[k], velocity)]
-        found += [monitor.add_measured(output, stamp, values[k])
-                  for output, values in measured.items()]
-        events += [(event.stamp - begin) * 1e-9 for item in found for event in item.events]
-        loads += [load for item in found for load in item.loads]
-        if stage is not None:
-            mass[k], std[k] = stage.mass, stage.std
-    return FollowedLoad(recording.t, mass, std, tuple(events), tuple(loads),
-                        tuple((load.stamp - begin) * 1e-9 for load in loads),
-                        '' if stage is None else stage.output)

@@ -12,27 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Say whether this machine has what nodes and commands need.
-
-    python tools/doctor.py [--json]
-
-It looks at versions, ROS 2, clock, processor, rights and space, and says what to do where one is
-missing. A report of a bug should have its output. Exit codes: 0 nothing to do; 1 something to do.
-"""
+"""``tudor doctor``: whether this machine has what nodes and commands need."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 import os
 from pathlib import Path
-import resource
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 
@@ -41,6 +32,14 @@ from tudor_dynamics.compiled import DIRECTORY
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES
 from tudor_dynamics.provenance import installed, provenance
 
+EXAMPLES = """\
+examples:
+  tudor doctor
+  tudor doctor --json
+
+It looks at versions, ROS 2, clock, processor, rights and space, and says what to do where one is
+missing. exit codes: 0 nothing to do; 1 something to do.
+"""
 LAST_DOMAIN = 101  # the ports of larger ones are among those that Linux gives to any program
 FIRST_YEAR = 2024  # a clock that is set is not before it
 
@@ -54,12 +53,13 @@ class Check:
     remedy: str = ''
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Look at everything, and print it."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor doctor``."""
     parser.add_argument('--json', action='store_true', help='print what was found as JSON')
-    args = parser.parse_args(argv)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Look at everything, and print it."""
     made, found = provenance(), list(checks())
     remedies = [check for check in found if check.remedy]
     if args.json:
@@ -68,10 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         say('to do:' if remedies else 'nothing to do',
             *(f'  {check.name}: {check.remedy}' for check in remedies))
         table = new_table('', ('check', 'found'), ())
-        for name, text in made.items():
+        for name, text in (*made.items(), *((check.name, check.found) for check in found)):
             table.add_row(name, text)
-        for check in found:
-            table.add_row(check.name, check.found)
         print_table(table)
     return 1 if remedies else 0
 
@@ -80,7 +78,7 @@ def checks() -> Iterator[Check]:
     """Look at one thing after the other."""
     yield from _ros()
     yield _clock()
-    yield from _processor()
+    yield _processor()
     yield _writable('compiled loops', DIRECTORY, 'set NUMBA_CACHE_DIR to a folder that can be '
                     'written: each process compiles for a minute otherwise')
     home = Path(os.environ.get('ROS_HOME') or '~/.ros').expanduser()
@@ -123,13 +121,10 @@ def _clock() -> Check:
         'another computer')
 
 
-def _processor() -> Iterator[Check]:
+def _processor() -> Check:
     cores, busy = len(os.sched_getaffinity(0)), os.getloadavg()[0]
-    yield Check('processor', f'{cores} cores, load {busy:.1f}', '' if busy < cores else (
+    return Check('processor', f'{cores} cores, load {busy:.1f}', '' if busy < cores else (
         'other programs use all cores: nodes will be late, and samples not judged'))
-    _, limit = resource.getrlimit(resource.RLIMIT_RTPRIO)
-    yield Check('real-time priority', f'up to {limit}' if limit > 0 else 'not permitted; only '
-                'needed beside a loop that uses it')
 
 
 def _existing(path: Path) -> Path:
@@ -146,7 +141,3 @@ def _space(name: str, path: Path, wanted: int) -> Check:
     free = shutil.disk_usage(_existing(path)).free
     return Check(name, f'{free / 1e9:.1f} GB', '' if free > wanted else (
         f'events need up to {wanted / 1e9:.1f} GB there'))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

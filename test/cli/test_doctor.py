@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""tools/doctor.py: each thing that is missing is named, and what to do."""
+"""``tudor doctor``: each thing that is missing is named, and what to do."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from tools import doctor
-from tools.doctor import main
+
+from tudor_dynamics.cli import doctor
+from tudor_dynamics.cli.main import main
 
 
 @pytest.fixture(autouse=True)
@@ -41,11 +42,11 @@ def sound(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 def test_a_sound_machine(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing to do is the first line; folders that will be made need not be there."""
-    assert main([]) == 0
+    assert main(['doctor']) == 0
     said = capsys.readouterr().out
     assert said.startswith('nothing to do\n') and 'synchronised' in said
     assert max(map(len, said.splitlines())) <= 80 and not (sound / 'new').exists()
-    assert main(['--json']) == 0
+    assert main(['doctor', '--json']) == 0
     content = json.loads(capsys.readouterr().out)
     assert content['made']['version'] and all(not item['remedy'] for item in content['checks'])
 
@@ -61,14 +62,14 @@ def test_surroundings(
 ) -> None:
     """Variables that keep nodes apart, or of another ROS."""
     monkeypatch.setenv(name, value)
-    assert main([]) == 1
+    assert main(['doctor']) == 1
     first, line, *_ = capsys.readouterr().out.splitlines()
     assert first == 'to do:' and said in line
 
 
 def remedies(capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
     """Give what is to be done, by what was looked at."""
-    assert main(['--json']) == 1
+    assert main(['doctor', '--json']) == 1
     return {item['name']: item['remedy'] for item in json.loads(capsys.readouterr().out)['checks']
             if item['remedy']}
 
