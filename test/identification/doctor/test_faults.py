@@ -180,7 +180,7 @@ def test_an_effort_follows_no_more() -> None:
         recording.t > 15.0, random.normal(0.0, 0.05, len(x)), x))))[0]
     assert (finding.kind, finding.channels) == ('dying', ('j2',))
     assert finding.time == pytest.approx(15.0, abs=1.5)
-    assert 'use only the part ' in finding.remedy
+    assert 'use only this part ' in finding.remedy
 
 
 def test_the_rest_is_judged_without_a_broken_channel() -> None:

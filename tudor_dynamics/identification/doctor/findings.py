@@ -36,7 +36,7 @@ NAMES = 'correct names and order of the values in the driver, or the names in th
 UNIT = 'correct joints[].effort.unit in the arm description, or scale the efforts in the driver'
 CHANGED = 'check bond, cable and amplifier of the gauge; if they are fine, fit again with this bag'
 PLACE = 'give gauges[].distance in the arm description in metres, from joint axis along the link'
-STEPPED = 'check amplifier and connectors, or use only the bag before or after it: BAG@5s-50s'
+STEPPED = 'check amplifier and connectors, or use the bag before or after the change: BAG@5s-50s'
 CHECKS = {
     'gravity_axis': Check('the arm description has a wrong gravity vector', '', 'deg', RESIDUAL),
     'dh_in_millimetres': Check('lengths of the kinematics look like millimetres', 'give a and d '
@@ -47,8 +47,8 @@ CHECKS = {
     'gauge_in_millimetres': Check('the distance of a gauge looks like millimetres', PLACE, 'm'),
     'gauge_beyond_link': Check('a gauge is described beyond the end of its link', PLACE, 'm'),
     'joint_not_listed': Check(
-        'a joint moves that is not active in the arm description', 'list the joint there under '
-        'joints, and under active_joints where that key is given'),
+        'a joint moves that is not active in the arm description', 'list it in the arm '
+        'description under joints, and under active_joints if that key is given'),
     'effort_unit': Check('efforts are in another unit than the arm description says', UNIT, '',
                          RESIDUAL),
     'effort_sign': Check('an effort has the wrong sign',
@@ -112,7 +112,7 @@ CHECKS = {
     'gain_step': Check('a channel changes its gain', STEPPED, '', RESIDUAL, one_bag=True),
     'offset_step': Check('a channel changes its zero offset', STEPPED, '', RESIDUAL, one_bag=True),
     'payload_changed': Check('the load changed while recording', 'use only the part of the bag '
-                             'before or after it: BAG@5s-50s', '', RESIDUAL, one_bag=True),
+                             'before or after the change: BAG@5s-50s', '', RESIDUAL, one_bag=True),
     'unexplained': Check('the model does not explain a channel', 'plot the channel over the '
                          'motion to find the cause, or leave this bag out', '', RESIDUAL),
     'joint_scale': Check('positions of a joint have a wrong scale', 'correct counts per turn or '

@@ -153,7 +153,7 @@ def _without_sign(chosen: Alternative, name: str, i: int) -> Finding | None:
         best = min(best, float(share_of(signed - guess, y)))
     if best > settings.SIGNED * now:
         return None
-    return _found(chosen, 'rectified', name, i, 'has lost its negative signs', 0.0, now, best)
+    return _found(chosen, 'rectified', name, i, 'is never negative: sign is lost', 0.0, now, best)
 
 
 def _step(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding | None:

@@ -74,7 +74,7 @@ def runs(x: FloatArray) -> tuple[IndexArray, IndexArray]:
 def until(recording: Recording, time: float) -> str:
     """Say what to do about a channel that is of no use from a time on [s]."""
     before = parse_choice(recording.path).within(0.0, round(time / recording.t[-1], 2))
-    return f'check sensor and wiring; use only the part {before}'
+    return f'check sensor and wiring; use only this part of the bag: {before}'
 
 
 def look_at_samples(
@@ -185,7 +185,7 @@ def _stale(recording: Recording, item: Channel) -> Finding | None:
     share = float(np.mean(same[fast[:len(same)]])) if fast[:len(same)].any() else 0.0
     if share < settings.STALE:
         return None
-    return item.found('stale', f' repeats the value before in {100 * share:.0f} % of the '
+    return item.found('stale', f' repeats the previous value in {100 * share:.0f} % of the '
                       f'samples of fast motion, at {1.0 / recording.dt:.4g} samples/s', 0.0, share)
 
 
