@@ -160,8 +160,8 @@ def test_a_payload_in_kilograms(result: FitResult) -> None:
 
 
 @pytest.mark.parametrize(('kind', 'words'), [
-    ('effort_unit', 'effort in another unit'),
-    ('joint_scale', 'position of a joint in another scale')])
+    ('effort_unit', 'efforts are in another unit'),
+    ('joint_scale', 'positions of a joint have a wrong scale')])
 def test_no_verdict_beside_a_finding_of_units(result: FitResult, kind: str, words: str) -> None:
     """Newtons, kilograms and efforts to feed are in doubt, and that is all that is said."""
     said = assess(replace(result, findings=(found(kind, 'N m, not A'),)))

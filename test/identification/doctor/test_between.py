@@ -54,11 +54,11 @@ def test_a_gauge_turned_in_one_bag(count: int) -> None:
         recording, strain=column(recording.strain, 1, np.negative)))
     finding, = _found(bags)
     assert (finding.kind, finding.bag, finding.channels) == ('gauge_sign', 'run2', ('g2',))
-    assert finding.remedy == 'turn the sign of the gauge in its driver, or that of the effort'
+    assert finding.remedy == 'change the sign of the gauge in its driver, or that of the effort'
 
 
 @pytest.mark.parametrize(('factor', 'evidence'), [
-    (10.0, '10 times that in run1'), (1e3, 'which no link survives')])
+    (10.0, '10 times as large as in run1'), (1e3, 'which no link survives')])
 def test_a_gauge_in_another_unit(factor: float, evidence: str) -> None:
     """Against the other bags, and by itself where no strain is as large; said once."""
     bags = _bags(None, None, None)
@@ -95,7 +95,7 @@ def test_loads_that_are_not_stated() -> None:
     """Which of two bags carries more."""
     finding, = _found(_bags(None, None, carried=(0.0, 1.0)))
     assert (finding.kind, finding.bag) == ('load_unknown', 'run2')
-    assert finding.what == 'run2 carries more than run1'
+    assert finding.what == 'the arm carries more in run2 than in run1'
 
 
 def test_one_recording_twice() -> None:

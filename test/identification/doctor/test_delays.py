@@ -70,5 +70,5 @@ def test_a_clock_that_runs_fast() -> None:
     one = healthy(seconds=60.0)
     assert one.effort is not None
     fast = np.stack([np.interp(one.t / 1.004, one.t, x) for x in one.effort.T], axis=1)
-    assert 'ms more each second' in found(
+    assert 'ms later each second' in found(
         replace(one, strain=None, effort=fast))['effort_late'].what

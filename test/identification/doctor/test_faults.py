@@ -142,7 +142,7 @@ def test_gravity(gravity: tuple[float, float, float], kind: str, angle: float) -
     """The direction that explains the outputs is named for the description."""
     finding = _one(healthy(), described(gravity=gravity))
     assert (finding.kind, finding.size) == (kind, pytest.approx(angle, abs=2.0))
-    assert finding.unit == 'deg' and finding.remedy.startswith('gravity: [')
+    assert finding.unit == 'deg' and finding.remedy.startswith('set gravity: [')
     assert 'gravity along -y' in finding.what
 
 
@@ -180,7 +180,7 @@ def test_an_effort_follows_no_more() -> None:
         recording.t > 15.0, random.normal(0.0, 0.05, len(x)), x))))[0]
     assert (finding.kind, finding.channels) == ('dying', ('j2',))
     assert finding.time == pytest.approx(15.0, abs=1.5)
-    assert 'until then' in finding.remedy
+    assert 'use only this part ' in finding.remedy
 
 
 def test_the_rest_is_judged_without_a_broken_channel() -> None:
@@ -221,7 +221,7 @@ def test_stamps_that_jitter(already: bool) -> None:
     findings = examine(described(), even, timing).findings if already else _findings(recording)
     finding = next(item for item in findings if item.kind == 'jitter')
     assert finding.size == pytest.approx(1e-3, rel=0.3)
-    assert ('even stamps took their place' in finding.what) is already
+    assert ('evenly spaced stamps are used instead' in finding.what) is already
 
 
 def test_what_the_reader_saw() -> None:
@@ -321,9 +321,9 @@ def test_each_check_is_complete() -> None:
     for kind, check in CHECKS.items():
         assert check.title and ' ' in check.title, kind
     plain = found('jitter', 'what', 'run', size=1e-3, now=2.0, otherwise=1.0)
-    assert (plain.unit, plain.measure) == ('s', 'roughness of the positions')
-    assert str(plain) == ('what (roughness of the positions 2, 1 with the remedy); stamp in the '
-                          'driver when the sample is taken')
+    assert (plain.unit, plain.measure) == ('s', 'roughness of the positions over time')
+    assert str(plain) == ('what (roughness of the positions over time 2, 1 with the remedy); let '
+                          'the driver set the stamp when it takes the sample')
     bare = found('dying', 'what', remedy='look')
     assert (bare.unit, bare.measure, bare.evidence, str(bare)) == ('', '', '', 'what; look')
     assert bare.as_dict() == {'kind': 'dying', 'what': 'what', 'remedy': 'look'}

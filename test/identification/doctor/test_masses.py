@@ -75,7 +75,7 @@ def test_all_efforts_in_another_unit(
     finding = _one(_arm(tmp_path), scale * _torques())
     assert (finding.kind, finding.channels) == ('effort_unit', JOINTS)
     assert finding.size == pytest.approx(size, rel=0.1) and words in finding.what
-    assert finding.measure == 'measured effort over that of the masses'
+    assert finding.measure == 'ratio of measured efforts to those of the masses in the URDF'
     assert finding.otherwise == pytest.approx(1.0, rel=0.1)
 
 
@@ -105,8 +105,8 @@ def test_gravity_turned_round(tmp_path: Path, unit: str, scale: float) -> None:
     """Centres of mass that carry one way accelerate another way: that is no arm."""
     finding = _one(_arm(tmp_path, unit=unit, gravity=[0.0, 0.0, 9.81]), scale * _torques())
     assert (finding.kind, finding.size, finding.unit) == ('gravity_axis', 180.0, 'deg')
-    assert 'gravity along -z explains the outputs' in finding.what
-    assert finding.remedy.startswith('gravity: [0.0, 0.0, -9.81]')
+    assert 'the data fit gravity along -z' in finding.what
+    assert finding.remedy.startswith('set gravity: [0.0, 0.0, -9.81] in')
 
 
 @pytest.mark.filterwarnings('ignore:.*1.5708')
@@ -116,8 +116,8 @@ def test_gravity_turned_round_in_slow_motion(tmp_path: Path) -> None:
     slow = recording_of(q, 10.0, effort=torques(q, rate=10.0), path='run')
     finding, = examine(_arm(tmp_path, gravity=[0.0, 0.0, 9.81]), slow).findings
     assert (finding.kind, finding.size) == ('gravity_axis', 180.0)
-    assert finding.remedy == 'gravity: [0.0, 0.0, -9.81]'
-    assert finding.measure == 'measured effort over that of the masses'
+    assert finding.remedy == 'set gravity: [0.0, 0.0, -9.81] in the arm description'
+    assert finding.measure == 'ratio of measured efforts to those of the masses in the URDF'
     assert finding.now == pytest.approx(-1.0, rel=0.1)
 
 
@@ -142,5 +142,5 @@ def test_lengths_of_a_urdf_in_millimetres(tmp_path: Path) -> None:
     long = arm_from_dict(content, base=tmp_path, source=arm.source)
     finding = examine(long, _recording()).findings[0]
     assert (finding.kind, finding.remedy) == (
-        'dh_in_millimetres', 'scale its origins by 0.001')
+        'dh_in_millimetres', 'scale the origins in the URDF by 0.001')
     assert finding.size == pytest.approx(800.0) and finding.bag == 'run'

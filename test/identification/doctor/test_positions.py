@@ -38,7 +38,7 @@ def test_position_that_creeps(velocity: bool) -> None:
     finding, = examine(described(), replace(recording, q=q)).findings
     assert (finding.kind, finding.channels) == ('position_drift', ('j2',))
     assert finding.size == pytest.approx(0.2, rel=0.1) and finding.unit == 'rad'
-    assert 'creeps by -0.2' in finding.what
+    assert 'drifts by -0.2' in finding.what
 
 
 def test_encoder_off_its_centre() -> None:
@@ -48,7 +48,7 @@ def test_encoder_off_its_centre() -> None:
     finding, = examine(described(), replace(recording, q=q)).findings
     assert (finding.kind, finding.channels) == ('position_ripple', ('j1',))
     assert finding.size == pytest.approx(0.05, rel=0.1)
-    assert '5 a turn' in finding.what
+    assert 'repeats 5 times a turn' in finding.what
 
 
 @pytest.mark.parametrize('pace', [0.5, 2.0])

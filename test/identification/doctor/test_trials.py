@@ -56,7 +56,7 @@ def test_a_lag_pays_beside_hysteresis() -> None:
     assert finding.kind == 'effort_late' and finding.measure == UNSEEN
     assert finding.now is not None and finding.otherwise is not None
     assert finding.otherwise < 0.8 * finding.now
-    assert 'unseen parts: ' in str(finding) and ' % -> ' in str(finding)
+    assert 'on data left out of the fit: ' in str(finding) and ' % now, ' in str(finding)
 
 
 @pytest.mark.parametrize('seed', [1, 2, 3, 6, 12, 14])

@@ -142,10 +142,9 @@ def tilted(case: Case, gravity: FloatArray) -> Alternative:
     arm = with_gravity(case.arm, gravity)
     return Alternative(
         case, 'gravity_axis', (), case.explained(arm=arm),
-        f'gravity along {axis_name(g)} explains the outputs, not that of the '
-        f'description, {axis_name(own)}',
-        f'gravity: {[float(x) for x in g]}, or correct alpha of the first D-H row', angle,
-        arm=arm)
+        f'the data fit gravity along {axis_name(g)} of the base frame, but the arm description '
+        f'says {axis_name(own)}', f'set gravity: {[float(x) for x in g]} in the arm description, '
+        'or correct the first rotation of the URDF or D-H rows', angle, arm=arm)
 
 
 def refined(start: Alternative) -> Alternative:
@@ -168,19 +167,20 @@ def refined(start: Alternative) -> Alternative:
 def directions(case: Case) -> Iterator[Alternative]:
     """Try each joint, and each effort, counted in the other direction."""
     names, shared = case.arm.active_joints, shared_efforts(case)
-    words = 'counts in the other direction than the kinematics say'
     for i, name in enumerate(names):
         if not case.moves[i]:
             continue
         flip = _scaled(len(names), i, -1.0)
         turned = [{'effort': flip}] if i in shared else []
         if len(case.now) > 1:
-            moved = _moved(case, 'joint_sign', (name,), flip, f'position of {name} {words}', -1.0)
+            moved = _moved(case, 'joint_sign', (name,), flip, f'position of {name} counts '
+                           'against the direction of its axis in the kinematics', -1.0)
             for mixed in ({}, *turned):
                 yield replace(moved, mixed=mixed)
         for mixed in turned:
-            yield Alternative(case, 'effort_sign', (name,), case.usual,
-                              f'effort of {name} {words}', '', -1.0, mixed)
+            yield Alternative(
+                case, 'effort_sign', (name,), case.usual, f'effort of {name} has the opposite '
+                'sign of what motion and gravity need', '', -1.0, mixed)
 
 
 def scales(case: Case) -> Iterator[Alternative]:
@@ -191,7 +191,8 @@ def scales(case: Case) -> Iterator[Alternative]:
     for i, name in enumerate(names):
         for scale in settings.JOINT_SCALES if case.moves[i] else ():
             yield _moved(case, 'joint_scale', (name,), _scaled(len(names), i, scale),
-                         f'{name} moves about {scale:.3g} times what its positions say', scale)
+                         f'joint {name} moves about {scale:.3g} times as far as its positions say',
+                         scale)
 
 
 def clocks(case: Case) -> Iterator[Alternative]:
@@ -200,7 +201,7 @@ def clocks(case: Case) -> Iterator[Alternative]:
         one, more = (Alternative(
             case, 'time_scale', (), case.explained(case.motion * np.repeat(
                 [1.0, fast, fast ** 2], len(case.arm.joints))),
-            f'the motion is about {pace:g} times as fast as its stamps say', '', 1.0 / pace,
+            f'the motion is about {pace:g} times as fast as its time stamps say', '', 1.0 / pace,
             mended=partial(_paced, pace=pace)) for fast in (pace, pace ** 2))
         if one.gain > more.gain:  # else something other than time is wrong
             yield one
@@ -232,8 +233,8 @@ def bends(case: Case) -> Iterator[Alternative]:
             explained = case.explained(moved)
             size += 0.0 if last else _sizes(case, explained, moved, i, (turn,))[0][1]
         name = case.arm.active_joints[i]
-        how = f'creeps by {-size.real:.2g} rad' if not turn else (
-            f'errs by up to {abs(size):.2g} rad in waves of its angle, {turn:g} a turn')
+        how = f'drifts by {-size.real:.2g} rad during the bag' if not turn else (
+            f'has an error of up to {abs(size):.2g} rad that repeats {turn:g} times a turn')
         yield Alternative(case, kind, (name,), explained, f'position of {name} {how}', '',
                           abs(size), mended=partial(_straightened, joint=i, turn=turn, size=size))
 
@@ -304,7 +305,7 @@ def exchanges(case: Case) -> Iterator[Alternative]:
             names = case.bodies[output].channels
             for i, j in combinations(range(len(names)), 2):
                 yield Alternative(case, f'{what}_exchanged', (names[i], names[j]), case.usual,
-                                  f'{what} of {names[i]} and {names[j]} are exchanged',
+                                  f'{output}s of {names[i]} and {names[j]} are exchanged',
                                   mixed={output: _swapped(len(names), i, j)})
 
 
@@ -319,9 +320,8 @@ def units(case: Case) -> Iterator[Alternative]:
             other = {1e3: f'm{unit}', 1e-3: f'k{unit}'}.get(size, 'A' if unit != 'A' else 'N m')
             yield Alternative(
                 case, 'effort_unit', (joint.name,), case.usual,
-                f'effort of {joint.name} is {size:.3g} times what fits those of the other '
-                f'joints: is it in {other}, not in {unit}?',
-                'correct joints[].effort.unit, or scale the effort in the driver', size,
+                f'effort of {joint.name} is {size:.3g} times as large as the other efforts '
+                f'suggest: its unit seems to be {other}, not {unit}', '', size,
                 {'effort': _scaled(len(case.arm.joints), i, 1.0 / scale)})
 
 
@@ -336,8 +336,8 @@ def drives(case: Case) -> Iterator[Alternative]:
                         or np.count_nonzero(arm.coupling[:, i]) > 1)
         alone = arm.changed(couplings=None)
         yield Alternative(case, 'coupling_wrong', coupled, case.explained(arm=alone),
-                          f'the outputs show no coupling of {" and ".join(coupled)}', '', 0.0,
-                          arm=alone)
+                          f'the data show no coupling between {" and ".join(coupled)}', '',
+                          0.0, arm=alone)
         return
     for i, joint in enumerate(names):
         for j in (i - 1, i + 1):
@@ -357,9 +357,9 @@ def _coupled(
     arm = case.arm.changed(couplings=couplings)
     return Alternative(
         case, 'coupling_missing', (motor, joint), case.explained(arm=arm),
-        f'the motor of {motor} turns with {joint} as well, '
-        f'{"forwards" if ratio > 0.0 else "backwards"}; what is measured is that of the {at}',
-        f'couplings: {{pairs: [{{motor: {motor}, joint: {joint}, ratio: {ratio:g}}}], '
+        f'{joint} also turns the motor of {motor} {"forwards" if ratio > 0.0 else "backwards"}; '
+        f'the bag has positions and efforts of the {at}', 'add to the arm description: couplings: '
+        f'{{pairs: [{{motor: {motor}, joint: {joint}, ratio: {ratio:g}}}], '
         f'positions: {at}, efforts: {at}}}', ratio, arm=arm)
 
 
@@ -405,10 +405,10 @@ def opposite(case: Case, hinted: Mapping[int, float]) -> list[Finding]:
     if hinted:
         names = case.arm.active_joints
         return [found(
-            'effort_sign', f'effort and position of {names[i]} count in opposite directions: its '
-            'friction would drive it', case.recording.path, (names[i],), size=-1.0, now=power,
-            otherwise=-power, measure='correlation of friction and speed',
-            remedy='turn the sign of the effort in the driver (or that of the position)')
+            'effort_sign', f'effort and position of {names[i]} have opposite signs: '
+            'friction would drive the joint, not brake it', case.recording.path, (names[i],),
+            size=-1.0, now=power, otherwise=-power, measure='correlation of friction and speed',
+            remedy='change the sign of the effort in the driver, or that of the position')
             for i, power in hinted.items()]
     if 'effort' not in case.outputs:
         return []
@@ -420,10 +420,10 @@ def opposite(case: Case, hinted: Mapping[int, float]) -> list[Finding]:
     own = np.array(case.arm.spec.gravity)
     ratio = float(np.median(known.believed))
     return [found(
-        'gravity_axis', f'the efforts fit gravity along {axis_name(-own)}, not '
-        f'{axis_name(own)}', case.recording.path, size=180.0, now=ratio, otherwise=-ratio,
-        measure='measured effort over that of the masses',
-        remedy=f'gravity: {[float(-x + 0.0) for x in own]}')]
+        'gravity_axis', f'the data fit gravity along {axis_name(-own)} of the base frame, but the '
+        f'arm description says {axis_name(own)}', case.recording.path, size=180.0, now=ratio,
+        otherwise=-ratio, measure='ratio of measured efforts to those of the masses in the URDF',
+        remedy=f'set gravity: {[float(-x + 0.0) for x in own]} in the arm description')]
 
 
 def _gauges_turned(case: Case) -> list[Finding]:
@@ -436,8 +436,8 @@ def _gauges_turned(case: Case) -> list[Finding]:
             together = float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
             if together < -1.0 + settings.AGAINST / case.brevity:
                 findings.append(found(
-                    'gauge_sign', f'gauge {gauge.name} and effort of {gauge.joint} count in '
-                    'opposite directions', case.recording.path, (gauge.name,), size=-1.0,
-                    now=together, otherwise=-together, measure='correlation without friction',
-                    remedy='turn the sign of the gauge in its driver, or that of the effort'))
+                    'gauge_sign', f'gauge {gauge.name} and effort of {gauge.joint} have '
+                    'opposite signs', case.recording.path, (gauge.name,), size=-1.0,
+                    now=together, otherwise=-together, measure='correlation of gauge and effort',
+                    remedy='change the sign of the gauge in its driver, or that of the effort'))
     return findings

@@ -37,8 +37,7 @@ from tudor_dynamics.load.rows import LoadRows
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.typing import FloatArray
 
-
-SLOPE = 'slope of the measured over the expected output'
+SLOPE = 'ratio of measured to predicted output'
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +48,7 @@ class Pair:
     # left out where the rest shows enough, otherwise with friction.
     slope: FloatArray
     share: FloatArray
-    # Kilograms at the end of the arm that explain the rest, in units of the output, (channels,)
-    # [unit].
+    # Kilograms at the tip that explain the rest, (channels,) [unit of the output].
     load: FloatArray
     carried: float  # part of the residual that remains with a body at the end of the arm
     error: float  # relative error of the prediction
@@ -143,13 +141,13 @@ def _scales(cases: Sequence[Case], pairs: Pairs, output: str) -> list[Finding]:
         if of_unit:
             size = float(np.median([size for _, size in found_there]))
             findings.append(found(
-                f'{output}_unit', f'{what} is {size:.3g} times that in {there}: another unit',
-                here, names, size=size, now=size, otherwise=1.0, measure=SLOPE,
-                remedy='bring the bags to one unit, that of the description'))
+                f'{output}_unit', f'{what} is {size:.3g} times as large as in {there}: the units '
+                'differ', here, names, size=size, now=size, otherwise=1.0, measure=SLOPE,
+                remedy='give only bags that have the units of the arm description'))
         else:
             findings.append(found(
                 'effort_sign' if output == 'effort' else 'gauge_sign',
-                f'{what} has the opposite sign of that in {there}', here, names, size=-1.0,
+                f'{what} has the opposite sign compared with {there}', here, names, size=-1.0,
                 now=-1.0, otherwise=1.0, measure=SLOPE, remedy=CHECKS['gauge_sign'].remedy))
     return findings
 
@@ -212,14 +210,15 @@ def _loads(
     j, mass = chosen[0]
     if len(chosen) > 1:
         shown = ' and '.join(f'{masses[k]:g}' for k, _ in chosen)
-        return [found('payload_wrong', f'the payloads of {shown} kg do not go together: one of '
-                      'them is wrong', ', '.join(names[k] for k, _ in chosen))]
-    what = f'the payload of {masses[j]:g} kg is not what the others show: it carries'
+        return [found('payload_wrong', f'the stated payloads of {shown} kg contradict each '
+                      'other: one of them is wrong', ', '.join(names[k] for k, _ in chosen))]
+    load = 'a different one' if math.isnan(mass) else f'about {max(mass, 0.0):.2g} kg'
+    what = f'the stated payload is {masses[j]:g} kg, but compared with the other bags it is {load}'
     if math.isnan(mass):
-        return [found('payload_wrong', f'{what} another load', names[j])]
+        return [found('payload_wrong', what, names[j])]
     mass = max(mass, 0.0)
-    return [found('payload_wrong', f'{what} about {mass:.2g} kg', names[j], size=mass,
-                  now=float(masses[j]), otherwise=mass)]
+    return [found('payload_wrong', what, names[j], size=mass, now=float(masses[j]),
+                  otherwise=mass)]
 
 
 def _heavier(
@@ -230,8 +229,9 @@ def _heavier(
         if differs and differ[j, i]:
             heavy, light = (j, i) if change[i, j] > 0.0 else (i, j)
             return [found(
-                'load_unknown', f'{names[heavy]} carries more than {names[light]}', names[heavy],
-                remedy='say how much with --payload-of BAG=KG, or fit them apart')]
+                'load_unknown', f'the arm carries more in {names[heavy]} than in {names[light]}',
+                names[heavy], remedy='state the payload of each bag with tudor fit --payload-of '
+                'BAG=KG, or fit each bag separately')]
     return []
 
 

@@ -64,7 +64,7 @@ def _table(arm: Arm) -> tuple[list[Finding], Arm]:
         if reach > settings.LONGEST_ARM:
             findings.append(found(
                 'dh_in_millimetres', f'the URDF reaches {reach:.4g} m: its lengths look like '
-                'millimetres', size=reach, remedy='scale its origins by 0.001'))
+                'millimetres', size=reach, remedy='scale the origins in the URDF by 0.001'))
         return findings, arm
     a, alpha, d, theta = np.array(rows).T
     reach = float(sum(np.abs(a) + np.abs(d)))
@@ -92,10 +92,10 @@ def _gauges(arm: Arm) -> tuple[list[Finding], Arm]:
         if not gauge.distance > (1.001 * length if length else settings.LONGEST_ARM):
             continue
         reach = f', whose link is {length:.4g} m long' if length else ''
-        what = f'gauge {gauge.name} sits {gauge.distance:.4g} m after {gauge.joint}{reach}'
+        what = f'gauge {gauge.name} is {gauge.distance:.4g} m from joint {gauge.joint}{reach}'
         kind = 'gauge_beyond_link'
         if gauge.distance > 1.0 and gauge.distance / 1000.0 <= (length or settings.LONGEST_ARM):
-            kind, what = 'gauge_in_millimetres', f'{what}: millimetres'
+            kind, what = 'gauge_in_millimetres', f'{what}: probably given in mm'
             content['distance'] = gauge.distance / 1000.0
             mended = _rebuilt(arm, {'gauges': gauges})
         findings.append(found(kind, what, channels=(gauge.name,), size=gauge.distance))
@@ -133,8 +133,7 @@ def load_of(case: Case, predicted: Mapping[str, FloatArray]) -> Finding | None:
 def _of_output(case: Case, output: str, predicted: FloatArray) -> Finding | None:
     measured, sound, bodies = case.outputs[output], case.sound[output], case.bodies[output]
     residual = np.where(sound, measured - predicted, 0.0)
-    # another day's friction and zero are no load
-    # nor are filters that are later or earlier than those of the fit
+    # another day's friction or zero is no load, nor are filters with another lag than in the fit
     rates = np.gradient(predicted, case.decimated.t, axis=0)
     own = [np.column_stack([columns[:, 1:] if output == 'effort' else columns, rates[:, i]])
            for i, columns in enumerate(bodies.own(case.motion))]
@@ -150,7 +149,7 @@ def _of_output(case: Case, output: str, predicted: FloatArray) -> Finding | None
     better = gain(np.maximum(before[felt], 1e-9), np.maximum(after[felt], 1e-9))
     if better < settings.LOAD_GAIN or then > settings.LOAD_SHARE * now:
         return None
-    return found('load_unknown', 'the arm carries a load that the model lacks',
+    return found('load_unknown', 'an additional load at the tip explains most of the residual',
                  case.recording.path, now=now, otherwise=then)
 
 
@@ -176,9 +175,9 @@ def changed_gauges(case: Case, predicted: FloatArray) -> list[Finding]:
         sure[i] &= abs(value) > max(least, settings.GAUGE_SURE * std)
         effect[i] = float(np.sqrt(np.mean((value * ways[zero][:, 0]) ** 2))) / size
         said.append(found(
-            'gauge_zero' if zero else 'gauge_gain', f'gauge {gauge.name} reads ' + (
-                f'{value:+.3g} +- {std:.1g} {gauge.unit} beside' if zero else
-                f'{1.0 + value:.3f} +- {std:.3f} times') + ' what the model expects',
+            'gauge_zero' if zero else 'gauge_gain', f'gauge {gauge.name} ' + (
+                f'is off by {value:+.3g} +- {std:.1g} {gauge.unit} from' if zero else
+                f'reads {1.0 + value:.3f} +- {std:.3f} times') + ' what the model predicts',
             case.recording.path, (gauge.name,), size=value if zero else 1.0 + value))
     # what changes the readings of all gauges is a load
     alone = 0 < sure.sum() <= sound.sum() // 2 and (
@@ -242,10 +241,11 @@ def not_listed(arm: Arm, recording: Recording) -> list[Finding]:
     if not moved:
         return []
     most = max(moved, key=lambda name: moved[name])
+    unit = 'm' if arm.is_prismatic(most) else 'rad'
     return [replace(found(
-        'joint_not_listed', f'{", ".join(moved)} of the kinematics move, but the description '
-        f'takes them as held ({most} by {moved[most]:.3g})', recording.path, tuple(moved),
-        size=moved[most]), unit='m' if arm.is_prismatic(most) else 'rad')]
+        'joint_not_listed', f'moving, but not active in the arm description: {", ".join(moved)} '
+        f'({most} moves by {moved[most]:.3g} {unit})', recording.path, tuple(moved),
+        size=moved[most]), unit=unit)]
 
 
 def rings_on(arm: Arm, recording: Recording) -> list[Finding]:
@@ -256,11 +256,11 @@ def rings_on(arm: Arm, recording: Recording) -> list[Finding]:
     size = np.abs(ring.amplitude)
     loudest = int(np.argmax(size / ring.noise))
     joint = arm.joints[loudest]
-    return [found('rings', f'rings at {ring.frequency:.2f} Hz after motion, damping ratio '
-                  f'{ring.damping:.3f}; {joint.name} shows {size[loudest]:.2g} '
-                  f'{joint.effort.unit}', recording.path, size=ring.frequency, remedy=(
-                      f'shape its motion: tudor shape --frequency {ring.frequency:.2f} --damping '
-                      f'{ring.damping:.3f}'))]
+    return [found('rings', f'the arm rings at {ring.frequency:.2f} Hz after motion, damping ratio '
+                  f'{ring.damping:.3f}, amplitude {size[loudest]:.2g} {joint.effort.unit} in the '
+                  f'effort of {joint.name}', recording.path, size=ring.frequency, remedy=(
+                      f'shape the motion with tudor shape --frequency {ring.frequency:.2f} '
+                      f'--damping {ring.damping:.3f}'))]
 
 
 def _by_model(

@@ -31,121 +31,120 @@ class Check(NamedTuple):
 
 
 RESIDUAL = 'relative residual'
-UNSEEN = 'relative error of parts left out'
-NAMES = 'correct the names in the driver or in the description'
-UNIT = 'correct joints[].effort.unit, or scale the efforts in the driver'
-ONE_PART = 'leave one part out with BAG@BEGIN-END%'
-CHANGED = 'look at its bond, cable and amplifier; if it stays so, fit again with this bag'
-PLACE = 'give gauges[].distance in metres, from the axis of the joint along its link'
+UNSEEN = 'relative prediction error on data left out of the fit'
+NAMES = 'correct names and order of the values in the driver, or the names in the arm description'
+UNIT = 'correct joints[].effort.unit in the arm description, or scale the efforts in the driver'
+CHANGED = 'check bond, cable and amplifier of the gauge; if they are fine, fit again with this bag'
+PLACE = 'give gauges[].distance in the arm description in metres, from joint axis along the link'
+STEPPED = 'check amplifier and connectors, or use the bag before or after the change: BAG@5s-50s'
 CHECKS = {
-    'gravity_axis': Check('gravity of the description along another axis', '', 'deg', RESIDUAL),
-    'dh_in_millimetres': Check('lengths of the kinematics in millimetres',
-                               'give a and d in metres', 'm'),
-    'dh_in_degrees': Check('angles of the kinematics in degrees',
-                           'give alpha and theta in radians', 'rad'),
-    'gauge_in_millimetres': Check('distance of a gauge in millimetres', PLACE, 'm'),
-    'gauge_beyond_link': Check('gauge beyond its link', PLACE, 'm'),
+    'gravity_axis': Check('the arm description has a wrong gravity vector', '', 'deg', RESIDUAL),
+    'dh_in_millimetres': Check('lengths of the kinematics look like millimetres', 'give a and d '
+                               'of kinematics.dh in the arm description in metres', 'm'),
+    'dh_in_degrees': Check(
+        'angles of the kinematics look like degrees',
+        'give alpha and theta_offset of kinematics.dh in the arm description in radians', 'rad'),
+    'gauge_in_millimetres': Check('the distance of a gauge looks like millimetres', PLACE, 'm'),
+    'gauge_beyond_link': Check('a gauge is described beyond the end of its link', PLACE, 'm'),
     'joint_not_listed': Check(
-        'a joint moves that the description does not list',
-        'list them under joints, and under active_joints where that is given'),
-    'effort_unit': Check('effort in another unit than described', UNIT, '', RESIDUAL),
-    'effort_sign': Check('effort with its sign turned',
-                         'turn the sign of the effort in the driver', '', RESIDUAL),
+        'a joint moves that is not active in the arm description', 'list it in the arm '
+        'description under joints, and under active_joints if that key is given'),
+    'effort_unit': Check('efforts are in another unit than the arm description says', UNIT, '',
+                         RESIDUAL),
+    'effort_sign': Check('an effort has the wrong sign',
+                         'change the sign of the effort in the driver', '', RESIDUAL),
     'joint_sign': Check(
-        'joint counted in the other direction', 'turn the sign of the position in the driver, or '
-        'the axis of the joint in the kinematics', '', RESIDUAL),
-    'strain_unit': Check('strain in another unit than described', 'correct gauges[].unit, or '
-                         'scale the readings in the amplifier'),
-    'gauge_sign': Check('gauge with its sign turned',
-                        'find out which bag has the right sign; record the other again, or leave '
-                        'it out'),
-    'efforts_exchanged': Check('efforts of two joints exchanged', NAMES, '', RESIDUAL),
-    'joints_exchanged': Check('two joints exchanged', NAMES, '', RESIDUAL),
-    'coupling_missing': Check(
-        'a motor turns with another joint, and the description does not say so', '', '', RESIDUAL),
+        'a joint position has the wrong sign', 'change the sign of the position in the driver, or '
+        'the direction of the joint axis in the URDF or D-H rows', '', RESIDUAL),
+    'strain_unit': Check(
+        'strains are in another unit than the arm description says', 'correct gauges[].unit in '
+        'the arm description, or scale the readings in the amplifier'),
+    'gauge_sign': Check('a gauge has the wrong sign', 'find out which of the two bags has the '
+                        'right sign; record the other one again, or leave it out'),
+    'efforts_exchanged': Check('efforts of two joints are exchanged', NAMES, '', RESIDUAL),
+    'joints_exchanged': Check('two joints are exchanged', NAMES, '', RESIDUAL),
+    'coupling_missing': Check('the arm description lacks a coupling between a motor and another '
+                              'joint', '', '', RESIDUAL),
     'coupling_wrong': Check(
-        'coupled drives of the description that the outputs do not show', 'leave couplings out of '
-        'the description, or correct pairs, positions and efforts there', '', RESIDUAL),
-    'gauges_exchanged': Check('two gauges exchanged', NAMES, '', RESIDUAL),
-    'clock_set_back': Check(
-        'the clock was set back while recording', 'let the clock settle before recording; steer '
-        'clocks slowly (chrony without steps)', 's', one_bag=True),
+        'the data do not show the couplings of the arm description', 'remove the key couplings '
+        'from the arm description, or correct its pairs, positions and efforts', '', RESIDUAL),
+    'gauges_exchanged': Check('two gauges are exchanged', NAMES, '', RESIDUAL),
+    'clock_set_back': Check('the clock was set back while recording', 'synchronise clocks before '
+                            'recording; correct them gradually (chrony without steps)', 's',
+                            one_bag=True),
     'velocity_zeros': Check('velocities are all zero',
-                            'let the driver measure velocities, or leave them out'),
+                            'let the driver publish measured velocities, or none'),
     'velocity_late': Check(
-        'velocities late', 'leave them out with preprocessing.measured_velocity: false, or mend '
-        "the driver's filter", 's', RESIDUAL),
+        'velocities and positions are shifted in time', 'correct the filter in the driver, or set '
+        'preprocessing.measured_velocity: false in the arm description', 's', RESIDUAL),
     'effort_late': Check(
-        'efforts late', 'let the driver stamp efforts when they are measured, or take the efforts '
-        'of the joint states', 's', RESIDUAL),
+        'efforts and positions are shifted in time', 'let the driver stamp efforts when they are '
+        'measured, or take efforts from the topic of the positions', 's', RESIDUAL),
     'strain_late': Check(
-        'strains late', 'let the amplifier stamp strains when they are measured, not when they '
-        'arrive', 's', RESIDUAL),
-    'jitter': Check('stamps jitter on an even sampling',
-                    'stamp in the driver when the sample is taken', 's',
-                    'roughness of the positions'),
-    'outlier': Check(
-        'single samples far off', 'repair the driver or the wiring, or leave this part out with '
-        'BAG@BEGIN-END%', one_bag=True),
-    'positions_wrapped': Check(
-        'positions jump by a turn', 'let the driver count turns on', 'rad', one_bag=True),
-    'position_jump': Check(
-        'position jumps', 'check encoder, coupling and index mark; leave this part out with '
-        'BAG@BEGIN-END%', one_bag=True),
-    'position_held': Check(
-        'position held for a while', 'check encoder and bus; leave this part out with '
-        'BAG@BEGIN-END%', 's', one_bag=True),
-    'coarse_positions': Check('positions of few digits', 'publish all digits of the encoder'),
-    'noisy_positions': Check('positions noisy', 'check the shield of the encoder'),
-    'stale': Check('positions repeated in motion',
+        'strains and positions are shifted in time', 'let the amplifier stamp strains when they '
+        'are measured, not when they arrive', 's', RESIDUAL),
+    'jitter': Check('time stamps jitter, although samples are taken at a constant rate',
+                    'let the driver set the stamp when it takes the sample', 's',
+                    'roughness of the positions over time'),
+    'outlier': Check('single samples lie far from their neighbours', 'repair driver or wiring, or '
+                     'use only a sound part of the bag, such as BAG@5s-50s', one_bag=True),
+    'positions_wrapped': Check('positions jump by a full turn', 'let the driver count full turns, '
+                               'so that positions are continuous', 'rad', one_bag=True),
+    'position_jump': Check('a position jumps', 'check encoder, coupling and index mark, or use '
+                           'only a sound part of the bag, such as BAG@5s-50s', one_bag=True),
+    'position_held': Check('a position freezes for a while', 'check encoder and bus, or use only '
+                           'a sound part of the bag, such as BAG@5s-50s', 's', one_bag=True),
+    'coarse_positions': Check('positions have a coarse resolution',
+                              'publish positions with the full resolution of the encoder'),
+    'noisy_positions': Check('positions are noisy', 'check the shielding of the encoder cable'),
+    'stale': Check('positions repeat while the joint moves',
                    'publish each reading once, with the stamp at which it was taken'),
-    'filled': Check('lost samples filled by lines', 'record what comes, without filling: a fit '
-                    'leaves gaps out by itself', 's', one_bag=True),
-    'copied_channel': Check('channel gives the values of another', NAMES),
-    'alternating': Check('zeros between the samples',
-                         'publish a value only where there is one'),
-    'rectified': Check('channel without its sign', 'let the driver publish signed values', '',
-                       RESIDUAL),
-    'coarse_channel': Check('channel of few digits', 'widen or narrow the range of the driver'),
-    'hum': Check('wave of one frequency',
-                 'check ground and shield, or sample faster and filter', 'Hz', RESIDUAL),
-    'gain_step': Check('channel changes its gain', f'check amplifier and connectors; {ONE_PART}',
-                       '', RESIDUAL, one_bag=True),
-    'offset_step': Check('channel changes its zero', f'check amplifier and connectors; {ONE_PART}',
-                         '', RESIDUAL, one_bag=True),
-    'payload_changed': Check('load changed while recording', ONE_PART, '', RESIDUAL, one_bag=True),
-    'unexplained': Check('channel that is not explained', 'plot it over the motion, or leave '
-                         'it out', '', RESIDUAL),
-    'joint_scale': Check('position of a joint in another scale', 'correct counts per turn or the '
-                         'gear ratio in the driver', '', RESIDUAL),
-    'time_scale': Check('stamps count another time', 'stamp in the driver, or correct the rate '
-                        'that its stamps are counted by', '', RESIDUAL),
-    'position_drift': Check('position creeps', 'check belt, coupling and the hold of the encoder; '
-                            f'{ONE_PART}', 'rad', RESIDUAL, one_bag=True),
-    'position_ripple': Check('position errs with its angle', 'centre the disc of the encoder, and '
-                             'check coupling and bearing', 'rad', RESIDUAL),
-    'saturated': Check('channel saturated', 'widen the range of amplifier or driver, or move more '
-                       'slowly', one_bag=True),
-    'held': Check('channel held for a while', 'check sensor, wiring and driver; leave this part '
-                  'out with BAG@BEGIN-END%', 's', one_bag=True),
-    'dying': Check('channel dies', '', 's', one_bag=True),
-    'drift': Check('channel drifts', 'let the sensor warm up, or mend its zero; shorter parts '
-                   'BAG@BEGIN-END% drift less', '', RESIDUAL, one_bag=True),
-    'constant': Check('channel that never changes',
-                      'check sensor and driver; the channel cannot be learned'),
-    'same_recording': Check(
-        'the same recording twice',
-        'give another recording: a copy is no test of what was learned from it', '',
-        'share of samples in common'),
-    'rings': Check('what the arm carries rings on after motion', '', 'Hz'),
-    'standstill': Check('the arm stands still at the ends', '', 's', one_bag=True),
-    'payload_wrong': Check('payload stated wrong', 'correct it with --payload-of BAG=KG, or in '
-                           'the metadata of the bag', 'kg', 'payload [kg]'),
-    'gauge_gain': Check('gauge with another gain than the model knows', CHANGED),
-    'gauge_zero': Check('gauge with another zero than the model knows', CHANGED),
+    'filled': Check('lost samples were filled by interpolation', 'record without filling gaps: a '
+                    'fit leaves gaps out by itself', 's', one_bag=True),
+    'copied_channel': Check('two channels have the same values', NAMES),
+    'alternating': Check('a channel has zeros between its samples',
+                         'publish a value only when one was measured'),
+    'rectified': Check('a channel has lost its sign', 'publish signed values', '', RESIDUAL),
+    'coarse_channel': Check('a channel has a coarse resolution', 'match the measuring range of '
+                            'sensor or driver to the signal'),
+    'hum': Check('a channel has a steady oscillation of one frequency', 'check grounding and '
+                 'shielding of the sensor, or sample faster and filter', 'Hz', RESIDUAL),
+    'gain_step': Check('a channel changes its gain', STEPPED, '', RESIDUAL, one_bag=True),
+    'offset_step': Check('a channel changes its zero offset', STEPPED, '', RESIDUAL, one_bag=True),
+    'payload_changed': Check('the load changed while recording', 'use only the part of the bag '
+                             'before or after the change: BAG@5s-50s', '', RESIDUAL, one_bag=True),
+    'unexplained': Check('the model does not explain a channel', 'plot the channel over the '
+                         'motion to find the cause, or leave this bag out', '', RESIDUAL),
+    'joint_scale': Check('positions of a joint have a wrong scale', 'correct counts per turn or '
+                         'the gear ratio in the driver', '', RESIDUAL),
+    'time_scale': Check('time stamps run too fast or too slowly', 'take stamps from the clock in '
+                        'the driver, or correct the rate they are computed with', '', RESIDUAL),
+    'position_drift': Check(
+        'a position drifts away from the real one', 'check belt, coupling and mounting of the '
+        'encoder, or use a shorter part, such as BAG@5s-50s', 'rad', RESIDUAL, one_bag=True),
+    'position_ripple': Check('a position has an error that repeats with the angle', 'centre the '
+                             'encoder disc, and check coupling and bearing', 'rad', RESIDUAL),
+    'saturated': Check('a channel is saturated', 'widen the range of amplifier or driver, or move '
+                       'more slowly', one_bag=True),
+    'held': Check('a channel freezes for a while', 'check sensor, wiring and driver, or use only '
+                  'a sound part of the bag, such as BAG@5s-50s', 's', one_bag=True),
+    'dying': Check('a channel stops working', '', 's', one_bag=True),
+    'drift': Check('a channel drifts', 'let the sensor warm up before recording; shorter parts of '
+                   'the bag drift less, such as BAG@5s-50s', '', RESIDUAL, one_bag=True),
+    'constant': Check('a channel never changes',
+                      'check sensor and driver; no model can be fitted to this channel'),
+    'same_recording': Check('the same recording is given twice', 'give another recording: a copy '
+                            'is no test of what was learned', '', 'share of common samples'),
+    'rings': Check('the tool or load goes on ringing after motion', '', 'Hz'),
+    'standstill': Check('the arm stands still at the ends of the bag', '', 's', one_bag=True),
+    'payload_wrong': Check(
+        'the payload stated for a bag is wrong', 'correct it with tudor fit --payload-of BAG=KG, '
+        "or payload under custom_data in the bag's metadata.yaml", 'kg', 'payload [kg]'),
+    'gauge_gain': Check('the gain of a gauge has changed since the fit', CHANGED),
+    'gauge_zero': Check('the zero offset of a gauge has changed since the fit', CHANGED),
     'load_unknown': Check(
-        'the arm carries a load that the model lacks', 'fit a model to bags with this load; bags '
-        'of two loads and --payload-of BAG=KG give one of all loads', 'kg', 'relative error')}
+        'the arm carries a load that the model lacks', 'fit a model to bags with this load, or to '
+        'bags of two known loads (tudor fit --payload-of BAG=KG)', 'kg', 'relative error')}
 """All that can be found, by its stable key."""
 
 
@@ -177,7 +176,8 @@ class Finding:
         if self.now is None:
             return ''
         if self.measure == UNSEEN and self.otherwise is not None:
-            return f'unseen parts: {100 * self.now:.2g} % -> {100 * self.otherwise:.2g} %'
+            return (f'prediction error on data left out of the fit: {100 * self.now:.2g} % now, '
+                    f'{100 * self.otherwise:.2g} % with the remedy')
         other = '' if self.otherwise is None else f', {self.otherwise:.3g} with the remedy'
         return f'{self.measure} {self.now:.3g}{other}'
 

@@ -28,8 +28,7 @@ from tudor_dynamics.identification.doctor.case import (
     Decimated, Delay, Explained, gain, relative, share_of)
 from tudor_dynamics.identification.doctor.findings import Finding, found
 from tudor_dynamics.identification.doctor.samples import SINGULAR, until
-from tudor_dynamics.identification.ringdowns import (
-    oscillation, SMALLEST_AMPLITUDE)
+from tudor_dynamics.identification.ringdowns import oscillation, SMALLEST_AMPLITUDE
 from tudor_dynamics.typing import FloatArray
 
 
@@ -39,11 +38,13 @@ def trends(chosen: Alternative) -> list[Finding]:
     findings = []
     for name, explained in chosen.explained.items():
         output, shares, line = chosen.output(name), chosen.shares_of(name).tolist(), t - t.mean()
+        units = [one.effort.unit for one in case.arm.joints] if name == 'effort' else [
+            one.unit for one in case.arm.gauges]
         for i in np.flatnonzero(case.sound[name]).tolist():
             channel, y = case.bodies[name].channels[i], output[:, i]
             dead = _dies(explained, i, t, y)
             if dead is not None:
-                what = f'{SINGULAR[name]} {channel} no longer follows the arm from {dead:.2f} s on'
+                what = f'{SINGULAR[name]} {channel} stops following the motion at {dead:.2f} s'
                 findings.append(found(
                     'dying', what, case.recording.path, (channel,), time=dead,
                     size=float(t[-1]) - dead, remedy=until(case.recording, dead)))
@@ -60,8 +61,8 @@ def trends(chosen: Alternative) -> list[Finding]:
                     and abs(rise) > settings.DRIFT_SIZE * float(np.std(y))
                     and (step is None or both < (step.otherwise or 0.0) ** 2)):
                 findings.append(_found(
-                    chosen, 'drift', name, i, f'drifts by {rise:.4g} in {t[-1] - t[0]:.4g} s',
-                    rise, now, both))
+                    chosen, 'drift', name, i, f'drifts by {rise:.4g} {units[i]} in '
+                    f'{t[-1] - t[0]:.4g} s', rise, now, both))
                 continue
             odd = (_without_sign(chosen, name, i) or step or _wave(chosen, name, i, shares[i])
                    or _unexplained(chosen, name, i, shares[i]))
@@ -84,8 +85,7 @@ def _at_once(findings: list[Finding]) -> list[Finding]:
 
 def _dies(explained: Explained, channel: int, t: FloatArray, y: FloatArray) -> float | None:
     """Say from when on a channel is quiet to the end, though the arm moves on."""
-    # what is expected of it comes from what it measured before: what is dead would teach to expect
-    # little
+    # expected by what it measured before: samples of a dead channel would teach to expect little
     if t[-1] - t[0] < settings.SHORTEST:
         return None  # windows of less than half a second are too short to judge
     edges = np.linspace(t[0], t[-1], settings.WINDOWS + 1)
@@ -153,7 +153,7 @@ def _without_sign(chosen: Alternative, name: str, i: int) -> Finding | None:
         best = min(best, float(share_of(signed - guess, y)))
     if best > settings.SIGNED * now:
         return None
-    return _found(chosen, 'rectified', name, i, 'has lost its sign', 0.0, now, best)
+    return _found(chosen, 'rectified', name, i, 'is never negative: sign is lost', 0.0, now, best)
 
 
 def _step(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding | None:
@@ -175,8 +175,8 @@ def _step(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding |
         return None
     kind, word, size = (('gain_step', 'gain', gain) if
                         abs(gain) * float(np.std(predicted)) > abs(zero) else
-                        ('offset_step', 'zero', zero))
-    return _found(chosen, kind, name, i, f'has another {word} from about {at:.1f} s on', size,
+                        ('offset_step', 'zero offset', zero))
+    return _found(chosen, kind, name, i, f'changes its {word} at about {at:.1f} s', size,
                   now, now * share, at)
 
 
@@ -233,7 +233,7 @@ def _wave(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
     if (line < settings.WAVE or uneven > settings.WAVE_EVEN
             or shares[peak, 1:].max(initial=0.0) > settings.RINGING_MOVED):
         return None
-    return _found(chosen, 'hum', name, i, f'has a wave of {frequency[peak]:.3g} Hz throughout',
+    return _found(chosen, 'hum', name, i, f'oscillates steadily at {frequency[peak]:.3g} Hz',
                   float(frequency[peak]), now, now * (1.0 - line))
 
 
@@ -241,8 +241,8 @@ def _unexplained(chosen: Alternative, name: str, i: int, now: float) -> Finding 
     """Say that most of a channel is left, and no check has found a cause: now, its share."""
     if now < settings.UNEXPLAINED ** 2 or ringing(chosen, name):
         return None
-    return _found(chosen, 'unexplained', name, i, f'is not explained: {100 * now:.0f} % of its '
-                  'variance remains, and no check finds a cause', 0.0, now)
+    return _found(chosen, 'unexplained', name, i, f'does not fit the model: {100 * now:.0f} % of '
+                  'its variance is unexplained, and no check finds a cause', 0.0, now)
 
 
 # -- Outputs that come late
@@ -339,10 +339,10 @@ def _least(lags: FloatArray, shares: Sequence[FloatArray] | FloatArray) -> float
 
 def _said(name: str, channels: tuple[str, ...], delay: Delay) -> str:
     """Say what comes late, and by how much."""
-    what = f'{PLURAL[name]} come'
+    late, what = delay.size > 0.0, PLURAL[name]
     if channels:
-        what = f'{name if name == "velocity" else SINGULAR[name]} {", ".join(channels)} comes'
-    by = f'{abs(delay.size) * 1e3:.0f} ms {"late" if delay.size > 0.0 else "early"}'
-    if delay.rate:
-        by = f'{by} at first, and {1e3 * delay.rate:+.2g} ms more each second'
-    return f'{what} {by} against the positions'
+        what = f'{"velocity of" if name == "velocity" else SINGULAR[name]} {", ".join(channels)}'
+    more = '' if not delay.rate else (f' at first, and get {1e3 * abs(delay.rate):.2g} ms '
+                                      f'{"later" if delay.rate > 0.0 else "earlier"} each second')
+    return (f'{what} {"lag" if late else "lead"}{"s" * bool(channels)} the positions by '
+            f'{abs(delay.size) * 1e3:.0f} ms{more}')

@@ -74,7 +74,7 @@ def runs(x: FloatArray) -> tuple[IndexArray, IndexArray]:
 def until(recording: Recording, time: float) -> str:
     """Say what to do about a channel that is of no use from a time on [s]."""
     before = parse_choice(recording.path).within(0.0, round(time / recording.t[-1], 2))
-    return f'check sensor and wiring; use {before} until then'
+    return f'check sensor and wiring; use only this part of the bag: {before}'
 
 
 def look_at_samples(
@@ -104,7 +104,7 @@ def look_at_readings(recording: Recording, items: Sequence[Channel]) -> list[Fin
 
 def _copies(items: Sequence[Channel]) -> list[Finding]:
     """Find channels that give what another one gives."""
-    return [replace(other.found('copied_channel', f' and that of {one.name} have the same values',
+    return [replace(other.found('copied_channel', f' equals {SINGULAR[one.field]} {one.name}',
                                 0.0, 0.0), channels=(one.name, other.name))
             for one, other in combinations(items, 2) if one.field == other.field != 'q'
             and np.ptp(one.values) > 0.0 and np.std(one.values - other.values) < (
@@ -126,8 +126,8 @@ def _filled(recording: Recording, items: Sequence[Channel]) -> list[Finding]:
     if not lines.any():
         return []
     at, seconds = float(t[first[lines][0]]), float(length[lines].sum() * recording.dt)
-    return [found('filled', f'all channels are straight lines in {lines.sum()} stretches of '
-                  f'{seconds:.2g} s together, the first at {at:.2f} s: lost samples were filled',
+    return [found('filled', f'all channels are straight lines during {seconds:.2g} s of the bag, '
+                  f'first at {at:.2f} s: lost samples were probably interpolated',
                   recording.path, time=at, size=seconds)]
 
 
@@ -154,16 +154,16 @@ def _jump(recording: Recording, item: Channel) -> Finding | None:
     first, size, at = int(places[0]), float(excess[places[0]]), float(t[places[0] + 1])
     times = 'once' if len(places) == 1 else f'{len(places)} times'
     if math.isclose(abs(size), 2.0 * math.pi, rel_tol=settings.WRAPPED):
-        return item.found('positions_wrapped', f' jumps {times} by a turn, first at {at:.2f} s',
-                          at, size)
+        return item.found('positions_wrapped', f' jumps {times} by a full turn, first at '
+                          f'{at:.2f} s', at, size)
     begins, lengths = runs(item.values)
     run = int(np.searchsorted(begins, first, 'right')) - 1
     held = float(t[first] - t[begins[run]])
     if held > settings.HELD_BEFORE and lengths[run] > settings.HELD_RUN * np.median(lengths):
-        return item.found('position_held', f' keeps {item.values[first]:.4g} for {held:.2g} s '
-                          f'until {at:.2f} s, and then jumps by {size:.3g}', at - held, held)
-    return item.found('position_jump', f' jumps {times} by up to {np.abs(excess).max():.3g}, '
-                      f'which its motion does not lead to, first at {at:.2f} s', at, size)
+        return item.found('position_held', f' stays at {item.values[first]:.4g} for {held:.2g} s, '
+                          f'then jumps by {size:.3g} rad (or m) at {at:.2f} s', at - held, held)
+    return item.found('position_jump', f' jumps {times} by up to {np.abs(excess).max():.3g} rad '
+                      f'(or m) between two samples, first at {at:.2f} s', at, size)
 
 
 def _noisy(recording: Recording, item: Channel) -> Finding | None:
@@ -171,7 +171,7 @@ def _noisy(recording: Recording, item: Channel) -> Finding | None:
     noise = float(np.median(np.abs(np.diff(item.values, 3)))) / math.sqrt(20.0) / 0.6745
     if noise < settings.NOISY:
         return None
-    return item.found('noisy_positions', f' has noise of {noise:.2g}', 0.0, noise)
+    return item.found('noisy_positions', f' has noise of {noise:.2g} rad (or m) rms', 0.0, noise)
 
 
 def _stale(recording: Recording, item: Channel) -> Finding | None:
@@ -185,8 +185,8 @@ def _stale(recording: Recording, item: Channel) -> Finding | None:
     share = float(np.mean(same[fast[:len(same)]])) if fast[:len(same)].any() else 0.0
     if share < settings.STALE:
         return None
-    return item.found('stale', f' repeats {100 * share:.0f} % of its values in fast motion, '
-                      f'at {1.0 / recording.dt:.4g} Hz', 0.0, share)
+    return item.found('stale', f' repeats the previous value in {100 * share:.0f} % of the '
+                      f'samples of fast motion, at {1.0 / recording.dt:.4g} samples/s', 0.0, share)
 
 
 def _alternating(recording: Recording, item: Channel) -> Finding | None:
@@ -196,8 +196,8 @@ def _alternating(recording: Recording, item: Channel) -> Finding | None:
     share = float(np.mean((x[1:-1] == 0.0) & (x[:-2] * x[2:] > far ** 2)))
     if share < settings.ALTERNATING:
         return None
-    return item.found('alternating', f' is zero between two samples that are not, in '
-                      f'{100 * share:.0f} % of the samples', 0.0, share)
+    return item.found('alternating', f' is zero between two nonzero samples, in '
+                      f'{100 * share:.0f} % of all samples', 0.0, share)
 
 
 def _noise_alone(recording: Recording, item: Channel) -> Finding | None:
@@ -207,7 +207,7 @@ def _noise_alone(recording: Recording, item: Channel) -> Finding | None:
     same = [abs(float(x[k:] @ x[:-k])) / power for k in range(1, settings.WHITE_LAGS + 1)]
     if max(same) > settings.WHITE / math.sqrt(len(x)):
         return None
-    return item.found('constant', f' never changes but by noise, at {item.values.mean():.4g}', 0.0,
+    return item.found('constant', f' shows nothing but noise around {item.values.mean():.4g}', 0.0,
                       float(item.values.mean()))
 
 
@@ -218,10 +218,10 @@ def _coarse(recording: Recording, item: Channel) -> Finding | None:
     if item.field == 'q':
         coarse = step > settings.COARSE and len(levels) > settings.COARSE_LEVELS
         return None if not coarse else item.found(
-            'coarse_positions', f' changes in steps of {step:.3g} rad or m', 0.0, step)
+            'coarse_positions', f' changes in steps of {step:.3g} rad (or m)', 0.0, step)
     if len(levels) > settings.LEVELS or len(item.values) < settings.LEVELS ** 2:
         return None
-    return item.found('coarse_channel', f' has {len(levels)} values, {step:.3g} apart', 0.0, step)
+    return item.found('coarse_channel', f' has only {len(levels)} different values', 0.0, step)
 
 
 def sizes(case: Case) -> list[Finding]:
@@ -231,8 +231,8 @@ def sizes(case: Case) -> list[Finding]:
             if (strain := x / STRAIN_SCALE.get(gauge.unit, math.inf)) > settings.LARGEST_STRAIN}
     most = max(over.values(), default=0.0)
     return _efforts(case) if not over else [*_efforts(case), found(
-        'strain_unit', f'gauge {", ".join(over)} reads {100.0 * most:.3g} % of strain, which no '
-        'link survives: another unit', case.recording.path, tuple(over),
+        'strain_unit', f'gauge {", ".join(over)} reads {100.0 * most:.3g} % strain, which no link '
+        'survives: its unit must be another one', case.recording.path, tuple(over),
         size=1e3 if most < 1e3 * settings.LARGEST_STRAIN else 1e6)]
 
 
@@ -260,8 +260,8 @@ def _efforts(case: Case) -> list[Finding]:
     most = max(over, key=lambda i: largest[i] / bounds[i])
     now = float(largest[most])
     return [found(
-        'effort_unit', f'effort of {", ".join(chosen)} reaches {now:.4g} where the description '
-        f'says {units[most]}: it looks like m{units[most]}', case.recording.path, chosen,
+        'effort_unit', f'effort of {", ".join(chosen)} reaches {now:.4g} {units[most]}, which is '
+        f'implausible: it looks like m{units[most]}', case.recording.path, chosen,
         size=1000.0, now=now, otherwise=now / 1000.0, measure='largest effort')]
 
 
@@ -282,10 +282,10 @@ def _by_masses(case: Case, known: Described) -> list[Finding]:
     else:
         size, other = ratio, 'currents in A'
     return [found(
-        'effort_unit', f'all efforts are {ratio:.3g} times what the masses of the URDF need: '
+        'effort_unit', f'all efforts are {ratio:.3g} times what the masses in the URDF need: '
         f'they look like {other}, not {unit}', case.recording.path, case.arm.active_joints,
         size=size, now=ratio, otherwise=ratio / size,
-        measure='measured effort over that of the masses')]
+        measure='ratio of measured efforts to those of the masses in the URDF')]
 
 
 def outliers(
@@ -305,8 +305,8 @@ def outliers(
         size = float(np.max(np.abs(values[where, item.column] - item.values[where])))
         at = float(recording.t[where[0]])
         many = f'{len(where)} samples' if len(where) > 1 else 'one sample'
-        findings.append(item.found(
-            'outlier', f': {many} far off by up to {size:.4g}, the first at {at:.3f} s', at, size))
+        findings.append(item.found('outlier', f' has {many} up to {size:.4g} away from the '
+                                   f'neighbouring ones, first at {at:.3f} s', at, size))
     return replace(recording, **changed) if changed else recording, findings
 
 
@@ -387,13 +387,13 @@ def _held(
         return None
     value = float(values[begin])
     if end >= len(t) - 1:
-        return item.found('dying', f' dies at {at:.2f} s: {value:.4g} from there to the end', at,
-                          seconds, until(recording, at))
+        return item.found('dying', f' stays at the value {value:.4g} from {at:.2f} s to the end',
+                          at, seconds, until(recording, at))
     if (value in (values.min(), values.max()) and len(others) > 2
             and int(others[2]) * settings.VISITS > longest):
         return None  # several visits to the end of the range are a saturation
-    return item.found('held', f' keeps {value:.4g} for {seconds:.3g} s from {at:.2f} s on, while '
-                      'the arm moves', at, seconds)
+    return item.found('held', f' stays at the value {value:.4g} for {seconds:.3g} s from {at:.2f} '
+                      's on, while the arm moves', at, seconds)
 
 
 def _saturated(t: FloatArray, item: Channel) -> Finding | None:
@@ -408,8 +408,8 @@ def _saturated(t: FloatArray, item: Channel) -> Finding | None:
                 and share > settings.FLAT_SHARE):
             begin = float(times[flats >= settings.FLAT][0])
             return item.found(
-                'saturated', f' is saturated at {bound:.4g}: {100 * share:.2g} % of the samples, '
-                f'the first at {begin:.2f} s, the longest at {times[np.argmax(flats)]:.2f} s',
+                'saturated', f' is saturated at {bound:.4g} in {100 * share:.2g} % of samples, '
+                f'first at {begin:.2f} s, for longest at {times[np.argmax(flats)]:.2f} s',
                 begin, bound)
     return None
 
@@ -426,7 +426,7 @@ def standstill(recording: Recording, moves: NDArray[np.bool_]) -> list[Finding]:
         'standstill', f'the arm stands still for {before:.3g} s before and {after:.3g} s after '
         'the motion', recording.path, size=before + after,
         time=0.0 if before >= settings.STANDSTILL else float(t[-1]) - after,
-        remedy=f'use {moving}')]
+        remedy=f'use {moving} in place of the whole bag')]
 
 
 def jitter(recording: Recording, retimed: Timing | None) -> list[Finding]:
@@ -434,21 +434,21 @@ def jitter(recording: Recording, retimed: Timing | None) -> list[Finding]:
     uneven = retimed or timing(recording)
     if uneven is None or not uneven.clear:
         return []
-    done = '; even stamps took their place' if retimed is not None else ''
+    done = '; evenly spaced stamps are used instead' if retimed is not None else ''
     return [found(
-        'jitter', f'stamps jitter by {uneven.jitter * 1e3:.2g} ms on an even sampling of '
-        f'{1.0 / recording.dt:.4g} Hz{done}', recording.path, time=0.0, size=uneven.jitter,
+        'jitter', f'time stamps jitter by {uneven.jitter * 1e3:.2g} ms, though sampling is steady '
+        f'at {1.0 / recording.dt:.4g} Hz{done}', recording.path, time=0.0, size=uneven.jitter,
         now=uneven.now, otherwise=uneven.even)]
 
 
 def oddities(recording: Recording) -> list[Finding]:
     """Report what was found while the bag was read: its clock, and velocities that are none."""
     findings = [found(
-        'clock_set_back', f'the clock was set back by {item.seconds:.4g} s at '
-        f'{item.time:.3f} s; {item.lost} messages with stamps that had been there are left '
-        'out, and the record is split', recording.path, time=item.time, size=item.seconds)
+        'clock_set_back', f'the clock was set back by {item.seconds:.4g} s at {item.time:.3f} s; '
+        f'{item.lost} messages with repeated times are left out, and the recording is split '
+        'there', recording.path, time=item.time, size=item.seconds)
         for item in recording.oddities.set_backs]
     zero = recording.oddities.zero_velocities
     return findings if not zero else [*findings, found(
         'velocity_zeros', f'velocities of {", ".join(zero)} are all zero, though the joints '
-        'move; velocities are not used', recording.path, zero, time=0.0, size=0.0)]
+        'move; no velocities of this bag are used', recording.path, zero, time=0.0, size=0.0)]
