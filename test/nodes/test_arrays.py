@@ -115,5 +115,5 @@ def test_one_topic_has_one_type(arrays: Path) -> None:
     """What is described as an array for one gauge is none for another."""
     text = (arrays / 'arm.yaml').read_text().replace('index: 0', 'unit: um/m')
     (arrays / 'mixed.yaml').write_text(text)
-    with pytest.raises(ArmError, match='topic bridge cannot carry messages of several types'):
+    with pytest.raises(ArmError, match='topic bridge are described with different message types'):
         load_arm(arrays / 'mixed.yaml')
