@@ -121,7 +121,7 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
         for gauge in spec.gauges:
             if prismatic and gauge.joint == joint.name and gauge.axis is None:
                 msg = (f'{source}: gauge {gauge.name!r} is after the prismatic joint '
-                       f'{joint.name!r}, about whose axis nothing bends; give gauges[].axis')
+                       f'{joint.name!r}, whose axis is no bending axis; give gauges[].axis')
                 raise ArmError(msg)
 
 

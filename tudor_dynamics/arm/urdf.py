@@ -94,7 +94,7 @@ def parse(text: str, path: str) -> ElementTree.Element:
     for tag in ('link', 'joint'):
         count = sum(1 for _ in root.iter(tag))
         if count > MAX_LINKS:
-            msg = f'{path}: {count} {tag}s; at most {MAX_LINKS} are read: leave out what is no arm'
+            msg = f'{path}: {count} {tag}s; at most {MAX_LINKS} are read: remove other parts'
             raise ArmError(msg)
     return root
 

@@ -106,7 +106,7 @@ class Plant:
         if not (np.isfinite(dt) and dt > 0.0):
             raise SimulationError(f'the time step dt must be positive, found {dt} s')
         if not 0.0 <= rho <= 1.0:
-            msg = f'rho is the damping of the integrator, from 0 to 1, found {rho}'
+            msg = f'rho, the damping of the integrator, must be from 0 to 1, found {rho}'
             raise SimulationError(msg)
         self.mechanism = mechanism
         n = mechanism.size
