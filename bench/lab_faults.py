@@ -68,7 +68,7 @@ FACTS = {'standstill', 'jitter', 'load_unknown', 'same_recording', 'constant', '
 NEUTRAL = {'standstill', 'load_unknown', 'same_recording', 'rings'}
 """What is no cause of anything."""
 KEYS_OF_NOTES = {
-    r'looks like degrees': 'degrees',
+    r'look like degrees': 'degrees',
     r'velocity of .* opposite sign': 'velocity_sign',
     r'velocity of .* times the derivative': 'velocity_scale',
     r'velocity of .* does not follow': 'velocity_unlike',

@@ -236,13 +236,13 @@ def test_joints_against_urdf(content: Any, root: Path) -> None:
     content['links'] = []
     content['joints'][0]['name'] = 'shoulder'
     with pytest.raises(ArmError, match=(
-            r"any: joint 'shoulder' is not in the kinematics, whose joints are "
+            r"any: joint 'shoulder' is not among the joints of the URDF that can move, "
             r"\['joint1', 'joint2', 'joint3'\]; correct joints\[\].name")):
         arm_from_dict(content, base=base, source='any')
     content['joints'][0].update(name='joint1', type='prismatic')
     with pytest.raises(ArmError, match=(
-            "any: joint 'joint1' is described as prismatic, but is revolute in the kinematics; "
-            'correct one of the two')):
+            "any: joint 'joint1' is revolute in the URDF, but its type here is prismatic; "
+            r'correct joints\[\].type')):
         arm_from_dict(content, base=base, source='any')
 
 

@@ -216,8 +216,8 @@ def test_axis_of_any_joint(tmp_path: Path) -> None:
 @pytest.mark.parametrize(('text', 'expected'), [
     ('<robot', 'no valid XML .*; for xacro files run xacro first'),
     ('<robot name="r"/>', 'Pinocchio builds no model from this URDF'),
-    (URDF.format(kind='floating'), "joint 'turn' is floating; revolute, continuous, prismatic"),
-    (URDF.format(kind='planar'), "joint 'turn' is planar; revolute, continuous, prismatic"),
+    (URDF.format(kind='floating'), "joint 'turn' is floating, but only revolute, "),
+    (URDF.format(kind='planar'), "joint 'turn' is planar, but only revolute, "),
     (URDF.format(kind='screw'), 'r.urdf: '),
 ])
 def test_urdf_mistakes(tmp_path: Path, text: str, expected: str) -> None:

@@ -112,7 +112,7 @@ def test_open_values_are_named() -> None:
         arm_from_dict(OPEN, base=Path(), source='my.yaml')
     text = str(caught.value)
     assert text.startswith("my.yaml: still '?': kinematics.dh, joints[a].effort.unit, ")
-    assert 'in place of the question mark' in text
+    assert "replace each '?' by a value" in text
 
 
 def test_question_marks_within_text_are_text() -> None:

@@ -74,24 +74,24 @@ def test_defaults() -> None:
     ('joints', [], ['joints', 'at least 1 item']),
     ('joints.0.effort', {'unit': 'mA'}, ['joints.0.effort.unit', "'A', 'N m' or 'N'", "'mA'"]),
     ('joints.0.effort', {'unit': 'N m', 'torque_constant': 1.0},
-     ['joints.0.effort', 'torque_constant goes with unit: A, not with unit: N m']),
+     ['joints.0.effort', 'torque_constant needs unit: A, but unit is N m']),
     ('joints.0.effort', {'unit': 'A', 'torque_constant': -1.0},
      ['joints.0.effort.torque_constant', 'greater than 0', '-1.0']),
     ('joints.0.type', 'spherical', ['joints.0.type', "'revolute', 'continuous' or 'prismatic'"]),
     ('joints.0.friction', ['viscous', 'viscous'],
-     ['joints.0.friction', 'a friction term or displacement stands twice']),
+     ['joints.0.friction', 'has an entry twice; list each once']),
     ('joints.0.friction', ['dry'], ['joints.0.friction.0', "'viscous'", "'dry'"]),
     ('joints.0.limits', {'lower': 1.0, 'upper': 0.5},
      ['joints.0.limits', 'lower limit 1.0 is not below upper limit 0.5']),
     ('joints.0.limits', {'velocity': 0.0}, ['joints.0.limits.velocity', 'greater than 0']),
     ('joints.0.hold', float('nan'), ['joints.0.hold', 'finite number', 'nan']),
-    ('joints.1.name', 'one', ['top level', "two entries for the joint 'one'"]),
+    ('joints.1.name', 'one', ['top level', "joint 'one' has two entries"]),
     ('gravity', [0.0, -9.81], ['gravity.2', 'Field required']),
     ('gravity', [0.0, 0.0, float('inf')], ['gravity.2', 'finite number', 'inf']),
     ('gravity', [0.0, 0.0, -1e300], ['gravity.2', 'greater than or equal to', '-1e+300']),
     ('active_joints', ['three'],
      ["active joint 'three' is not among the joints ['one', 'two']"]),
-    ('active_joints', ['two', 'two'], ["two entries for the active joint 'two'"]),
+    ('active_joints', ['two', 'two'], ["active joint 'two' has two entries"]),
     ('active_joints', [], ['active_joints is empty', 'name at least one joint']),
     ('gauges.0.joint', 'three',
      ["gauge 'hub' names the joint 'three'", "not among the joints ['one', 'two']"]),
@@ -106,11 +106,11 @@ def test_defaults() -> None:
     ('kinematics', {'dh': 3 * [[0.0, 0.0, 0.0, 0.0]]},
      ['3 D-H rows for 2 joints', 'give one row for each joint']),
     ('kinematics', {'dh': 4 * [[0.0, 0.0, 0.0, 0.0]], 'convention': 'modified'},
-     ['4 D-H rows for 2 joints', 'one more at most, for the flange']),
+     ['4 D-H rows for 2 joints', 'at most one more, for a flange']),
     ('kinematics', {'dh': 2 * [[0.0, 0.0, 0.0, 0.0]], 'convention': 'craig'},
      ['kinematics.convention', "'standard' or 'modified'", "'craig'"]),
     ('kinematics', {'urdf': 'a.urdf', 'convention': 'modified'},
-     ['kinematics', 'leave it out with urdf']),
+     ['kinematics', 'remove it, or give dh, not urdf']),
     ('kinematics.dh.0', [0.0, 0.0, 0.0], ['kinematics.dh.0.3', 'Field required']),
     ('kinematics', {'urdf': 'nowhere.urdf'}, ['nowhere.urdf', 'check kinematics.urdf']),
 ])
@@ -145,9 +145,9 @@ def test_several_mistakes_at_once() -> None:
 def test_unit_against_joint_type() -> None:
     """A force at a revolute joint and a torque at a prismatic one are refused."""
     message = refusal(changed('joints.0.effort', {'unit': 'N'}))
-    assert "joint 'one' is revolute and has effort unit 'N'; expected 'N m' or A" in message
+    assert "joint 'one' is revolute, but its effort.unit is 'N'; give 'N m' or A" in message
     message = refusal(changed('joints.0.type', 'prismatic'))
-    assert "joint 'one' is prismatic and has effort unit 'N m'; expected 'N' or A" in message
+    assert "joint 'one' is prismatic, but its effort.unit is 'N m'; give 'N' or A" in message
 
 
 def test_gauge_behind_prismatic_joint() -> None:

@@ -38,7 +38,7 @@ pytestmark = [pytest.mark.shared,
 
 REFUSED = {
     'derived_constant_pose': 'no joint moves',
-    'derived_degrees': 'looks like degrees',
+    'derived_degrees': 'look like degrees',
     'derived_effort_short': 'message 0: effort has 4 values for 6 names',
     'derived_no_effort': 'neither efforts nor strains',
     'derived_one_message': 'too short: 1 usable',

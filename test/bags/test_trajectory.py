@@ -76,11 +76,11 @@ def test_message_as_others_read_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(('text', 'said'), [
     ('time,a\n0,1\n1,1\n', 'expected t, then each joint once'), ('', 'expected t, then'),
     ('t\n0\n1\n', 'expected t, then'), ('t,a,a\n0,1,1\n1,1,1\n', 'expected t, then'),
-    ('t,a,b,a_velocity\n0,1,1,1\n1,1,1,1\n', 'not that of all joints'),
+    ('t,a,b,a_velocity\n0,1,1,1\n1,1,1,1\n', 'not for all joints'),
     ('t,a,a_acceleration\n0,1,1\n1,1,1\n', 'accelerations without velocities'),
     ('t,a,a_velocity,a_acceleration\n0,1,0,0\n0,1,0,0\n', 'time does not increase'),
     ('t,a,a_velocity,a_acceleration\n0,1,0,0\n1,nan,0,0\n', 'not finite'),
-    ('t,a,a_velocity,a_acceleration\n0,1,0,x\n1,1,0,0\n', 'no row of numbers'),
+    ('t,a,a_velocity,a_acceleration\n0,1,0,x\n1,1,0,0\n', 'does not consist of numbers'),
     ('t,a\n0,1,2\n', 'rows of 2 numbers'),
     ('t,a,a_velocity,a_acceleration,a,a_velocity,a_acceleration\n', 'expected t')])
 def test_what_is_no_table(text: str, said: str, tmp_path: Path) -> None:

@@ -60,12 +60,12 @@ def test_bags_without_trajectories_and_with_several_topics(tmp_path: Path) -> No
         read_trajectories(tmp_path / 'states')
     path = Trajectory(JOINTS, T, Q)
     write_trajectories(tmp_path / 'two', [Sent(path, '/one'), Sent(path, '/other')])
-    with pytest.raises(BagError, match='/one, /other; name one of them by --topic'):
+    with pytest.raises(BagError, match='/one, /other; choose one of these by --topic'):
         read_trajectories(tmp_path / 'two')
     assert len(read_trajectories(tmp_path / 'two', '/other')) == 1
-    with pytest.raises(BagError, match='/third of'):
+    with pytest.raises(BagError, match='expected /third of'):
         read_trajectories(tmp_path / 'two', '/third')
-    with pytest.raises(TudorError, match='do not go into one table'):
+    with pytest.raises(TudorError, match='do not fit into one CSV file'):
         write_trajectories(tmp_path / 'path.csv', [Sent(path), Sent(path)])
 
 

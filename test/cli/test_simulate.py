@@ -180,7 +180,7 @@ BEAM = ('links', 0, 'flexible')
     (('links', 1, 'joint'), 'knee', 'knee'),
     (('links', 1, 'rigid'), {'mass': 1}, 'rigid and flexible'),
     (('kinematics', 'dh'), [[0.5, 0, 0, 0]] * 3, '3 D-H rows for 2 joints'),
-    (('kinematics', 'dh'), [[0.0, 0, 0, 0]] * 2, 'no length'),
+    (('kinematics', 'dh'), [[0.0, 0, 0, 0]] * 2, 'starts and ends at'),
     (('payload',), {'mass': 1, 'inertia': [1, 1, 9, 0, 0, 0]}, 'inertia'),
     (('simulation', 'initial'), {'elbow': 1}, 'elbow'),
 ])
@@ -210,7 +210,7 @@ def test_a_mechanism_that_moves_nothing_is_refused(description, tmp_path, capsys
     (['--torque', 'sin(x)'], "'x'"), (['--torque', '1/t'], 'not finite at t = 0'),
     (['--torque', '1', '--dt', '0.05'], 'too large'), (['--torque', '1', '--dt', '0'], '--dt'),
     (['--torque', '1', '--hold', 'knee'], 'knee'), (['--modes', '0'], '--modes'),
-    (['--torque', '1', '--animate', 'x.avi'], 'animations'),
+    (['--torque', '1', '--animate', 'x.avi'], 'expected a file name'),
     (['--torque', '1', '--plot', '--signals', 'q:knee'], 'no signal'),
     (['--torque', 'missing.csv'], 'missing.csv'), (['--force', '2*t'], 'x=EXPRESSION'),
     (['--force', 'w=2'], 'x=EXPRESSION'), (['--force', 'x=1/t'], 'not finite at t = 0')])

@@ -111,7 +111,7 @@ def test_what_was_done_is_not_done_again(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('', 'top level'), ('arms: []', 'arms'), ('arms: 3', 'arms'), ('[', 'plan.yaml'),
-    ('arms: [{name: a, bags: {2026-01-10: x}}]', 'there is no description of a'),
+    ('arms: [{name: a, bags: {2026-01-10: x}}]', 'arm a has no description'),
     ('arms: [{name: a/b, arm: x, bags: {2026-01-10: x}}]', 'cannot name a folder'),
     ('arms: [{name: a, arm: x, bags: {monday: x}}]', 'monday'),
     ('{arm: x, arms: [{name: a, bags: {2026-01-10: x}}, {name: a, bags: {2026-01-10: x}}]}',

@@ -80,7 +80,7 @@ def test_a_model_without_kilograms_is_refused() -> None:
     arm = two_gauge_arm()
     model = AnalyticalModel.new(arm, 'strain', FitSettings(estimator='wls')).fit(
         MOTION, readings(0.0))
-    with pytest.raises(ModelError, match='two payloads .*, or describe torque constants'):
+    with pytest.raises(ModelError, match='two loads .*, or with effort.torque_constant'):
         CarriedLoad(ModelBundle(arm, arm.spec.preprocessing, {'strain': {'analytical': model}}),
                     0.0)
 

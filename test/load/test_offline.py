@@ -212,5 +212,5 @@ def test_recordings_without_what_the_model_predicts() -> None:
     bare = replace(recording, strain=None)
     assert [item.output for item in estimate_payload(arm, known, [bare, recording]).outputs] == [
         'effort']
-    with pytest.raises(FitError, match='none of the outputs .*; record joint efforts or strains'):
+    with pytest.raises(FitError, match='none of the outputs .*; record the efforts or strains'):
         estimate_payload(arm, {'strain': known['strain']}, [bare])

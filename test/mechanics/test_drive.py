@@ -241,5 +241,5 @@ def test_each_imperfection_has_its_switch() -> None:
 
 def test_rotor_needs_inertia() -> None:
     """A motor without rotor inertia is refused by the name of its joint."""
-    with pytest.raises(SimulationError, match="joint 'a': rotor_inertia"):
+    with pytest.raises(SimulationError, match="rotor_inertia of joint 'a' is 0"):
         drive_row(MOTOR.model_copy(update={'rotor_inertia': 0.0}), DT, Imperfections())

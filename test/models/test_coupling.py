@@ -103,7 +103,7 @@ def test_it_is_learned() -> None:
     ({'matrix': [[1.0, 0.0], [0.0, 1.0]]}, 'expected 3 rows of 3'),
     ({'matrix': [[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 1.0, 1.0]]}, 'correct the ratios'),
     ({'pairs': [{'motor': 'c', 'joint': 'z', 'ratio': 1.0}]}, "'z', which is not among"),
-    ({'pairs': [{'motor': 'c', 'joint': 'c', 'ratio': 1.0}]}, 'coupled with itself')])
+    ({'pairs': [{'motor': 'c', 'joint': 'c', 'ratio': 1.0}]}, 'name two different joints')])
 def test_what_cannot_be_is_refused(wrong: dict[str, Any], message: str) -> None:
     """The message names what is wrong and what to do."""
     with pytest.raises(ArmError, match=message):
@@ -114,7 +114,7 @@ def test_a_held_joint() -> None:
     """A coupling with a held joint is left out; what is measured at motors needs both."""
     arm = arm_of(SIX_ROWS[:3], JOINTS, couplings={'pairs': PAIRS}, active_joints=['a', 'c'])
     assert np.array_equal(arm.coupling, np.eye(2))
-    with pytest.raises(ArmError, match='name both in active_joints, or neither'):
+    with pytest.raises(ArmError, match='list both in active_joints, or neither'):
         arm_of(SIX_ROWS[:3], JOINTS, active_joints=['a', 'c'],
                couplings={'pairs': PAIRS, 'efforts': 'motors'})
     assert arm.digest != arm_of(SIX_ROWS[:3], JOINTS, active_joints=['a', 'c']).digest

@@ -102,12 +102,12 @@ def test_short_arrays_are_counted(world: World, arrays: Path) -> None:
 def test_who_does_not_take_them_says_so(world: World, arrays: Path) -> None:
     """A simulated arm publishes joint states; nodes have no DynamicJointState."""
     node = world.add(ArmSimulatorNode, arm=str(arrays / 'arm.yaml'))
-    assert 'link2_hub comes in a Float64MultiArray on bridge; a simulated arm takes' in node.fault
+    assert 'bridge carries link2_hub as Float64MultiArray; a simulated arm supports' in node.fault
     content = yaml.safe_load((arrays / 'arm.yaml').read_text())
     for joint in content['joints']:
         joint['effort'] |= {'topic': 'dynamic_joint_states', 'interface': 'current'}
     (arrays / 'other.yaml').write_text(yaml.safe_dump(content))
-    with pytest.raises(ArmError, match='joint2 comes in a DynamicJointState .* node takes Joint'):
+    with pytest.raises(ArmError, match='as DynamicJointState; a node supports only'):
         refuse_interfaces(load_arm(arrays / 'other.yaml'), 'a node', arrays=True)
 
 
@@ -115,5 +115,5 @@ def test_one_topic_has_one_type(arrays: Path) -> None:
     """What is described as an array for one gauge is none for another."""
     text = (arrays / 'arm.yaml').read_text().replace('index: 0', 'unit: um/m')
     (arrays / 'mixed.yaml').write_text(text)
-    with pytest.raises(ArmError, match='topic bridge cannot carry messages of several types'):
+    with pytest.raises(ArmError, match='topic bridge are described with different message types'):
         load_arm(arrays / 'mixed.yaml')

@@ -144,7 +144,7 @@ def test_expected(world: World, bundle: Path) -> None:
 def test_without_a_scale(world: World, model: Path) -> None:
     """Strains of unknown gain tell no kilograms: the diagnosis says what would."""
     node = world.add(PayloadEstimatorNode, model=str(model))
-    assert 'two payloads' in node.fault
+    assert 'two loads' in node.fault
 
 
 def test_taken_back(world: World, bundle: Path, seen: Recording) -> None:

@@ -76,8 +76,8 @@ def check_no_open_values(content: Any, source: str) -> None:
         more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
         msg = f'still {OPEN!r}: {", ".join(name[:100] for name in names[:SHOWN])}{more}'
         raise ArmError(msg, place=source, remedy=(
-            'write it in place of the question mark; docs/reference/arm_yaml.md says what each '
-            'key means'))
+            f'replace each {OPEN!r} by a value; docs/reference/arm_yaml.md says what each key '
+            'means'))
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,5 +367,5 @@ def refuse_interfaces(arm: Arm, who: str, *, arrays: bool = False) -> None:
         if source.interface is not None or (source.index is not None and not arrays):
             kind = 'Float64MultiArray' if source.interface is None else 'DynamicJointState'
             raise ArmError(
-                f'{name} comes in a {kind} on {source.topic}; {who} takes {taken}',
-                place=arm.source, remedy='publish it as a JointState, and describe that topic')
+                f'{source.topic} carries {name} as {kind}; {who} supports only {taken}',
+                place=arm.source, remedy='publish it as JointState and name that topic here')

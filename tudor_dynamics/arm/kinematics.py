@@ -104,24 +104,24 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
     known = list(model.names)[1:]
     for joint in spec.joints:
         if joint.name not in known:
-            raise ArmError(f'{source}: joint {joint.name!r} is not in the kinematics, '
-                           f'whose joints are {known}; correct joints[].name '
-                           '(fixed joints and those that mimic another do not count)')
+            raise ArmError(f'{source}: joint {joint.name!r} is not among the joints of the URDF '
+                           f'that can move, {known}; correct joints[].name (joints that mimic '
+                           'another count as fixed)')
     for joint in spec.joints:
         prismatic = is_prismatic(model, joint.name)
         if joint.type is not None and prismatic != (joint.type == 'prismatic'):
             found = 'prismatic' if prismatic else 'revolute'
-            raise ArmError(f'{source}: joint {joint.name!r} is described as {joint.type}, '
-                           f'but is {found} in the kinematics; correct one of the two')
+            raise ArmError(f'{source}: joint {joint.name!r} is {found} in the URDF, but '
+                           f'its type here is {joint.type}; correct joints[].type')
         wrong = {'N m': prismatic, 'N': not prismatic}.get(joint.effort.unit, False)
         if wrong:
             kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
-            raise ArmError(f'{source}: joint {joint.name!r} is {kind} and has effort unit '
-                           f'{joint.effort.unit!r}; expected {unit!r} or A')
+            raise ArmError(f'{source}: joint {joint.name!r} is {kind}, but its effort.unit '
+                           f'is {joint.effort.unit!r}; give {unit!r} or A')
         for gauge in spec.gauges:
             if prismatic and gauge.joint == joint.name and gauge.axis is None:
                 msg = (f'{source}: gauge {gauge.name!r} is after the prismatic joint '
-                       f'{joint.name!r}, about whose axis nothing bends; give gauges[].axis')
+                       f'{joint.name!r}, whose axis is no bending axis; give gauges[].axis')
                 raise ArmError(msg)
 
 

@@ -362,8 +362,8 @@ def _shapes(arm: Arm, folders: tuple[Path, ...], missing: list[str]) -> pin.Geom
     try:
         geometry = pin.buildGeomFromUrdfString(arm.full_model, text, pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as err:
-        raise ArmError(f'the shapes for collisions cannot be read ({err})',
-                       place=arm.source, remedy='correct the <collision> elements') from None
+        raise ArmError(f'the <collision> elements of the URDF cannot be read ({err})',
+                       place=arm.source, remedy='correct them in the URDF') from None
     for item in geometry.geometryObjects:
         if hasattr(item.geometry, 'buildConvexHull'):
             with suppress(RuntimeError, ValueError):  # flat ones stay what they are

@@ -124,7 +124,7 @@ class KinematicsSpec(Spec):
         if (self.urdf is None) == (self.dh is None):
             raise ValueError('give either urdf: FILE or dh: [[a, alpha, d, theta_offset], ...]')
         if self.urdf is not None and self.convention != 'standard':
-            raise ValueError('convention is that of D-H rows; leave it out with urdf')
+            raise ValueError('convention is for D-H rows only; remove it, or give dh, not urdf')
         return self
 
 
@@ -142,8 +142,8 @@ class SourceSpec(Spec):
     @model_validator(mode='after')
     def _one_kind(self) -> SourceSpec:
         if self.index is not None and self.interface is not None:
-            raise ValueError('give index (Float64MultiArray) or interface (DynamicJointState), '
-                             'not both')
+            raise ValueError('give either index (of a Float64MultiArray) or interface (of a '
+                             'DynamicJointState), not both')
         return self
 
     def for_digest(self) -> dict[str, Any]:
@@ -166,7 +166,7 @@ class EffortSpec(SourceSpec):
     @model_validator(mode='after')
     def _constant_needs_current(self) -> EffortSpec:
         if self.torque_constant is not None and self.unit != 'A':
-            raise ValueError(f'torque_constant goes with unit: A, not with unit: {self.unit}')
+            raise ValueError(f'torque_constant needs unit: A, but unit is {self.unit}; correct it')
         return self
 
 
@@ -237,7 +237,7 @@ class JointSpec(Spec):
             inner, outer = getattr(planned, key), getattr(limits, key)
             if inner is not None and outer is not None and outwards * (inner - outer) > 0.0:
                 raise ValueError(f'planned.{key} {inner:g} is beyond limits.{key} {outer:g}: '
-                                 'nothing may be planned that must not happen')
+                                 'plans must keep within the limits; correct either value')
         return self
 
     _open = model_validator(mode='before')(without_auto('friction'))
@@ -246,7 +246,7 @@ class JointSpec(Spec):
     @classmethod
     def _no_repetition(cls, terms: tuple[str | float, ...]) -> tuple[str | float, ...]:
         if len(set(terms)) != len(terms):
-            raise ValueError(f'a friction term or displacement stands twice in {list(terms)}')
+            raise ValueError(f'{list(terms)} has an entry twice; list each once')
         return terms
 
     def state_values(self, term: str) -> tuple[float, ...]:
@@ -310,7 +310,7 @@ class CouplingPair(Spec):
     @model_validator(mode='after')
     def _two_joints(self) -> CouplingPair:
         if self.motor == self.joint:
-            raise ValueError(f'{self.motor!r} is coupled with itself; name another joint')
+            raise ValueError(f'motor and joint are both {self.motor!r}; name two different joints')
         return self
 
 
@@ -339,8 +339,8 @@ class CouplingsSpec(Spec):
         n = len(joints)
         if self.matrix is not None:
             if len(self.matrix) != n or any(len(row) != n for row in self.matrix):
-                raise ValueError(f'couplings.matrix: expected {n} rows of {n} numbers, '
-                                 'one a joint')
+                raise ValueError(f'couplings.matrix: expected {n} rows of {n} numbers: a row '
+                                 'for each motor, a column for each joint')
             matrix = np.array(self.matrix)
         else:
             matrix = np.eye(n)
@@ -471,8 +471,8 @@ class SensorSpec(Spec):
     @model_validator(mode='after')
     def _sensitive(self) -> SensorSpec:
         if self.gain == 0:
-            raise ValueError('gain 0 means a gauge that measures nothing: '
-                             'give the reading per N m, or leave the sensor out')
+            raise ValueError('with a gain of 0 the gauge would measure nothing; give its reading '
+                             'per N m, or remove this entry')
         return self
 
 
@@ -516,10 +516,10 @@ class DamperSpec(Spec):
         if self.mean_frequency >= self.velocity_bandwidth:
             raise ValueError(
                 f'mean_frequency {self.mean_frequency} Hz is not below velocity_bandwidth '
-                f'{self.velocity_bandwidth} Hz: nothing is left to damp; lower mean_frequency')
+                f'{self.velocity_bandwidth} Hz; the damper acts in between: lower mean_frequency')
         if self.rate <= 2 * self.velocity_bandwidth:
-            raise ValueError(f'rate {self.rate} Hz is too slow for velocity_bandwidth '
-                             f'{self.velocity_bandwidth} Hz: give more than twice as much')
+            raise ValueError(f'rate {self.rate} Hz is not above twice the velocity_bandwidth of '
+                             f'{self.velocity_bandwidth} Hz; increase rate')
         return self
 
 
@@ -561,11 +561,11 @@ class SectionSpec(Spec):
                                  f'{key} is missing')
         for key in ('height', 'width', 'outer', 'inner', 'area', 'Iz', 'Iy'):
             if getattr(self, key) is not None and key not in allowed:
-                raise ValueError(f'{key} does not go with a {self.shape} section, '
-                                 f'which needs {", ".join(needed)}')
+                raise ValueError(f'a {self.shape} section has no {key}, but {", ".join(needed)}; '
+                                 f'remove {key}, or correct shape')
         if self.outer is not None and self.inner is not None and self.inner >= self.outer:
-            raise ValueError(f'the inner diameter {self.inner} of the tube is not below '
-                             f'the outer {self.outer}')
+            raise ValueError(f'the inner diameter {self.inner:g} m of the tube is not below the '
+                             f'outer diameter {self.outer:g} m; correct inner or outer')
         return self
 
 
@@ -606,9 +606,9 @@ class InertiaPart(Spec):
             minors = (xx, yy, zz, xx * yy - xy * xy, xx * zz - xz * xz, yy * zz - yz * yz)
             if min(minors) < -scale or max(
                     xx - yy - zz, yy - xx - zz, zz - xx - yy) > scale:
-                raise ValueError('the inertia (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) is not that of a '
-                                 'body: principal moments must be positive and each no larger '
-                                 'than the sum of the others')
+                raise ValueError('no body has this inertia (Ixx, Iyy, Izz, Ixy, Ixz, Iyz): '
+                                 'principal moments must be positive and none larger than the '
+                                 'sum of the other two; correct the values')
         return self
 
     @property
@@ -658,7 +658,7 @@ class BeamSpec(Spec):
             raise ValueError('give either the end of the beam or its length, not both')
         for part in self.lumped:
             if isinstance(part.node, int) and part.node > self.elements:
-                raise ValueError(f'a lumped part sits at node {part.node}, but a beam of '
+                raise ValueError(f'an entry of lumped has node {part.node}, but a beam of '
                                  f'{self.elements} elements has nodes 0 to {self.elements}')
         return self
 
@@ -684,8 +684,8 @@ class LinkSpec(Spec):
     @model_validator(mode='after')
     def _damping_needs_spring(self) -> LinkSpec:
         if self.joint_damping > 0 and self.joint_stiffness is None:
-            raise ValueError('joint_damping is the damping of the joint spring: give '
-                             'joint_stiffness too, or use viscous_friction')
+            raise ValueError('joint_damping damps the spring of an elastic joint: give its '
+                             'joint_stiffness too; for a rigid joint, use viscous_friction')
         return self
 
 
@@ -753,7 +753,7 @@ class ArmSpec(Spec):
                              ('active joint', list(self.active_joints or ()))):
             for name in listed:
                 if listed.count(name) > 1:
-                    raise ValueError(f'two entries for the {what} {name!r}; give each a name')
+                    raise ValueError(f'{what} {name!r} has two entries; rename or remove one')
         for name in self.active_joints or ():
             if name not in names:
                 raise ValueError(f'active joint {name!r} is not among the joints {names}')
@@ -771,7 +771,7 @@ class ArmSpec(Spec):
         if rows is not None and len(rows) - len(names) not in (0, flange):
             raise ValueError(f'{len(rows)} D-H rows for {len(names)} joints: '
                              'give one row for each joint, base first'
-                             + (', and one more at most, for the flange' if flange else ''))
+                             + (', and at most one more, for a flange' if flange else ''))
         self._check_drives(names, gauges)
         return self
 
@@ -785,8 +785,8 @@ class ArmSpec(Spec):
             for j, joint in enumerate(joints):
                 if (at_motors and i != j and matrix[i, j]
                         and (motor in active) != (joint in active)):
-                    raise ValueError(f'couplings: {motor!r} and {joint!r} are coupled, measured '
-                                     'at their motors; name both in active_joints, or neither')
+                    raise ValueError(f'couplings: {joint!r} also turns the motor of {motor!r}; '
+                                     'list both in active_joints, or neither')
 
     def _check_types(self) -> None:
         """Refuse a topic that is described as if it carried messages of two types."""
@@ -796,9 +796,9 @@ class ArmSpec(Spec):
             kind = ('index' if source.index is not None else
                     'interface' if source.interface is not None else 'positions')
             if kinds.setdefault(source.topic.lstrip('/'), kind) != kind:
-                raise ValueError(f'the topic {source.topic} cannot carry messages of several '
-                                 'types: give index, or interface, with all that it carries, '
-                                 'and joint states on another one')
+                raise ValueError(f'values on topic {source.topic} are described with different '
+                                 'message types; give all of them index, all interface, or (for '
+                                 'JointState) neither')
 
     def _check_links(self, joints: list[str]) -> None:
         """Check that links and initial positions name joints of the arm."""
@@ -809,8 +809,8 @@ class ArmSpec(Spec):
             if link.joint in seen:
                 raise ValueError(f'links: joint {link.joint!r} has two entries; merge them')
             if link.rigid is not None and link.flexible is not None:
-                raise ValueError(f'links: the link of joint {link.joint!r} is rigid and flexible; '
-                                 'leave one out')
+                raise ValueError(f'links: joint {link.joint!r} has both rigid and flexible; '
+                                 'remove one of them')
             seen.append(link.joint)
         for name in self.simulation.initial:
             if name not in joints:
@@ -830,16 +830,15 @@ class ArmSpec(Spec):
                     raise ValueError(f'{key} names the {what} {name!r}, which is not among the '
                                      f'{what}s {known}')
                 if once and named.count(name) > 1:
-                    raise ValueError(f'{key} has the {what} {name!r} twice')
+                    raise ValueError(f'{key}: {what} {name!r} has two entries; merge them')
         motors = {motor.joint for motor in self.motors}
         for link in self.links:
             for key, other in (('hub_inertia', 'rotor_inertia'), ('joint_stiffness', 'stiffness'),
                                ('viscous_friction', 'viscous')):
                 if link.joint in motors and getattr(link, key):
                     raise ValueError(
-                        f'links: joint {link.joint!r} has {key} and an entry in motors; what its '
-                        f'drive adds stands in motors alone: give {other} there, remove {key} '
-                        'here')
+                        f'links: joint {link.joint!r} has {key}, though motors describes its '
+                        f'drive; remove {key} here, and give {other} in motors')
 
 
 MAX_PARTS = 8  # mistakes that one message names

@@ -62,7 +62,7 @@ class _Bounded(ElementTree.TreeBuilder):
         self._depth += 1
         self._count += 1
         if self._depth > MAX_DEPTH or self._count > MAX_ELEMENTS:
-            raise ArmError(f'more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements of XML')
+            raise ArmError(f'has more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements')
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> Any:
@@ -71,7 +71,7 @@ class _Bounded(ElementTree.TreeBuilder):
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
         """Refuse what could define entities, of which a few lines can stand for gigabytes."""
-        raise ArmError('has a DOCTYPE, which no URDF needs')
+        raise ArmError('has a <!DOCTYPE>, which may not be in a URDF: remove it')
 
 
 def read_urdf(path: Path) -> str:
@@ -94,7 +94,7 @@ def parse(text: str, path: str) -> ElementTree.Element:
     for tag in ('link', 'joint'):
         count = sum(1 for _ in root.iter(tag))
         if count > MAX_LINKS:
-            msg = f'{path}: {count} {tag}s; at most {MAX_LINKS} are read: leave out what is no arm'
+            msg = f'{path}: {count} {tag}s; at most {MAX_LINKS} are read: remove other parts'
             raise ArmError(msg)
     return root
 
@@ -117,8 +117,8 @@ def adapt(root: ElementTree.Element, path: str,
             limit.attrib.setdefault('effort', '1e9')
             limit.attrib.setdefault('velocity', '1e9')
         elif kind in ('floating', 'planar'):
-            raise ArmError(f'{path}: joint {joint.get("name")!r} is {kind}; revolute, continuous, '
-                           'prismatic and fixed joints can be modelled')
+            raise ArmError(f'{path}: joint {joint.get("name")!r} is {kind}, but only revolute, '
+                           'continuous, prismatic and fixed ones can be modelled; change its type')
     for link in root.iter('link'):  # meshes are not needed and often not there
         for tag in drawn:
             for element in link.findall(tag):
@@ -178,20 +178,20 @@ def check(root: ElementTree.Element, path: str) -> None:
                 raise _refused(path, name, f'has the {end} {link!r}, which is no link of the file',
                                'add the link, or correct its name')
         if child in above:
-            raise _refused(path, name, f'leads to {child!r}, as {above[child]!r} does: a closed '
-                           'loop', 'a URDF is a tree: leave one of the two joints out')
+            raise _refused(path, name, f'has the same child {child!r} as joint {above[child]!r}',
+                           'a URDF must be a tree: remove one of the two joints')
         above[child] = name
         below.setdefault(parent, []).append(child)
         _check_joint(joint, name, joints, path)
     reached = [name for name in links if name not in above]
     if len(reached) > 1:
-        raise ArmError(f'{len(reached)} roots ({", ".join(reached[:5])}), expected one link that '
-                       'is no child of a joint', place=path, remedy='connect the parts by joints')
+        raise ArmError(f'{len(reached)} links have no parent joint ({", ".join(reached[:5])}), '
+                       'expected one', place=path, remedy='connect them to one tree by joints')
     for link in reached:  # grows as it is gone through
         reached += below.get(link, [])
     for link in sorted(links.keys() - set(reached))[:1]:
         raise ArmError(f'link {link!r} is in a closed loop of joints', place=path,
-                       remedy='a URDF is a tree: leave one joint of the loop out')
+                       remedy='a URDF must be a tree: remove one joint of the loop')
     for name, element in links.items():
         moments = _moments(element)
         if moments is not None and moments[0] < -NEGATIVE * max(abs(moments[2]), 1e-12):
@@ -238,8 +238,8 @@ def _check_expanded(root: ElementTree.Element, path: str) -> None:
         elif element.tag not in (*NUMBERS, 'link', 'joint', 'parent', 'child'):
             continue
         if left is not None:
-            raise ArmError(f'{left[:60]!r} is left from xacro', place=path,
-                           remedy='run `xacro IN.urdf.xacro > OUT.urdf`, and give what it writes')
+            raise ArmError(f'{left[:60]!r} is xacro, not URDF', place=path,
+                           remedy='run `xacro IN.urdf.xacro > OUT.urdf`, and give OUT.urdf')
 
 
 def _named(root: ElementTree.Element, tag: str, path: str) -> dict[str, ElementTree.Element]:

@@ -188,7 +188,7 @@ def _verdict(
 ) -> dict[str, Any]:
     nothing = {'effort_model': False, 'strain_model': False}
     if plan is None:
-        return nothing | {'verdict': 'nothing: no joint positions in it'}
+        return nothing | {'verdict': 'nothing: the bag has no joint positions: record them'}
     try:
         found = assemble(bag, topics, plan, need_output=True, need_motion=True, checksum=False)
     except BagError as err:
@@ -233,7 +233,7 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
             reports.append(TopicReport(name, info.msgtype, len(log_time),
                                        **_times(log_time, 'log')))
         if info.count != len(log_time):
-            bag.notes.add(f'{name}: {info.count} messages announced, {len(log_time)} found')
+            bag.notes.add(f'{name}: the bag lists {info.count} messages, but has {len(log_time)}')
         if len(log_time):
             edges += [int(log_time[0]), int(log_time[-1])]
     plan = guess_plan(topics) if arm is None else plan_from_arm(arm)

@@ -82,7 +82,7 @@ class Cursor:
 
     def __init__(self, buffer: bytes) -> None:
         if len(buffer) < HEADER or bytes(buffer[:2]) not in (b'\x00\x00', b'\x00\x01'):
-            raise CdrError('no plain CDR encapsulation')
+            raise CdrError('does not begin as a plain CDR message')
         self.buffer = buffer
         self.order = '<' if buffer[1] else '>'
         self.position = HEADER
@@ -94,7 +94,7 @@ class Cursor:
         """Skip numbers; return where they begin."""
         start = self.position + (HEADER - self.position) % alignment
         if start + size > len(self.buffer):
-            raise CdrError(f'ends too early: {len(self.buffer)} bytes, {start + size} are needed')
+            raise CdrError(f'is cut off: {len(self.buffer)} bytes, needs {start + size} or more')
         self.position = start + size
         return start
 
@@ -116,18 +116,18 @@ class Cursor:
         self.significant[start:start + size] = 255
         raw = bytes(self.buffer[start:start + size])
         if not raw.endswith(b'\x00'):
-            raise CdrError(f'string at byte {start} has no terminator')
+            raise CdrError(f'the string at byte {start} does not end with a zero byte')
         try:
             return raw[:-1].decode()
         except UnicodeDecodeError:
-            raise CdrError(f'string at byte {start} is no UTF-8') from None
+            raise CdrError(f'the string at byte {start} is not UTF-8') from None
 
     def names(self) -> tuple[str, ...]:
         """Read a sequence of strings."""
         count = self.count()
         if count > min(len(self.buffer) // 5, MAX_NAMES):  # a string takes five bytes at least
-            raise CdrError(f'announces {count} names in {len(self.buffer)} bytes (at most '
-                           f'{MAX_NAMES} are read): damaged, or of another type')
+            raise CdrError(f'claims {count} names, more than its {len(self.buffer)} bytes can '
+                           f'hold or than the limit of {MAX_NAMES}')
         return tuple(self.text() for _ in range(count))
 
     def doubles(self) -> tuple[int, int]:
@@ -145,7 +145,7 @@ class Cursor:
         """Check that nothing is left, and make the layout."""
         left = len(self.buffer) - self.position
         if left > spare:
-            raise CdrError(f'has {left} bytes too many')
+            raise CdrError(f'has {left} bytes after its end')
         present = {name: place for name, place in fields.items() if place[1]}
         parts: list[tuple[str, Any, int]] = [] if not stamped else [
             ('sec', self.order + 'i4', HEADER), ('nanosec', self.order + 'u4', HEADER + 4)]
@@ -205,8 +205,8 @@ def array_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     cursor = Cursor(buffer)
     dimensions = cursor.count()
     if dimensions > min(len(buffer) // 12, MAX_NAMES):  # label, size and stride take twelve bytes
-        raise CdrError(f'announces {dimensions} dimensions in {len(buffer)} bytes; at most '
-                       f'{MAX_NAMES} are read')
+        raise CdrError(f'claims {dimensions} dimensions, more than its {len(buffer)} bytes can '
+                       f'hold or than the limit of {MAX_NAMES}')
     for _ in range(dimensions):
         cursor.text()
         cursor.count()
@@ -226,23 +226,23 @@ def dynamic_layout(buffer: bytes) -> Layout:
     joints = cursor.names()
     count = cursor.count()
     if count != len(joints):
-        raise CdrError(f'has interfaces of {count} joints for {len(joints)} names')
+        raise CdrError(f'has {count} interface_values for {len(joints)} joint_names')
     parts: dict[str, tuple[int, int]] = {}
     scattered: dict[str, list[tuple[str, int] | None]] = {}
     for number, joint in enumerate(joints):
         interfaces = cursor.names()
         place = cursor.doubles()
         if place[1] != len(interfaces):
-            raise CdrError(f'{joint!r} has {place[1]} values for {len(interfaces)} interfaces')
+            raise CdrError(f'{joint!r} has {place[1]} values, but {len(interfaces)} interfaces')
         key = f'joint {number}'
         parts[key] = place
         for column, interface in enumerate(interfaces):
             where = scattered.setdefault(interface, [None] * len(joints))
             if where[number] is not None:
-                raise CdrError(f'{joint!r} has the interface {interface!r} twice')
+                raise CdrError(f'joint {joint!r} has the interface {interface!r} twice')
             where[number] = (key, column)
         if len(scattered) > MAX_NAMES:
-            raise CdrError(f'has more than {MAX_NAMES} interfaces')
+            raise CdrError(f'has more than {MAX_NAMES} different interfaces')
     return cursor.finish(frame_id, joints, parts,
                          scattered={name: tuple(of) for name, of in scattered.items()})
 
@@ -304,11 +304,11 @@ def decode(
             try:
                 layout = parse(messages[int(index[0])])
             except CdrError as err:
-                raise BagError(f'topic {topic}, message {index[0]}: {err}; the bag is damaged or '
-                               'announces the wrong type') from None
+                raise BagError(f'topic {topic}, message {index[0]}: {err}; the bag is damaged, or '
+                               'names a wrong message type: record it again') from None
             if len(blocks) == MAX_LAYOUTS:
-                raise BagError(f'topic {topic}: names, fields or frames change more than '
-                               f'{MAX_LAYOUTS} times; record the joints of one arm on one topic')
+                raise BagError(f'topic {topic}: names, fields or frame_id of its messages vary in '
+                               f'more than {MAX_LAYOUTS} ways; record one arm on one topic')
             same = _same_layout(rows, layout)
             group = rows if same.all() else rows[same]
             blocks.append(MessageBatch(index[same], layout, group.view(layout.dtype).reshape(-1)))
@@ -487,12 +487,12 @@ class DecodedTopic:
         for field, (_, size) in layout.fields.items():
             if size not in (0, len(layout.names)):
                 raise BagError(f'{where}: {field} has {size} values for {len(layout.names)} '
-                               'names; a JointState array has the length of name or is empty: '
-                               'repair the publisher and record again', place=path)
+                               'names; each array must be empty or as long as name: correct the '
+                               'publisher and record again', place=path)
         for name in names:
             if layout.names.count(name) > 1:
-                raise BagError(f'{where}: {name!r} stands in name {layout.names.count(name)} '
-                               'times; repair the publisher and record again', place=path)
+                raise BagError(f'{where}: {layout.names.count(name)} values have the name {name!r}'
+                               '; correct the publisher and record again', place=path)
 
     def ranges(self, besides: Collection[str]) -> dict[str, float]:
         """Say how far joints move besides some [rad or m], outermost percents excluded."""
@@ -511,8 +511,8 @@ def decode_topic(raw: RawMessages, path: str) -> DecodedTopic:
     """Decode a topic."""
     layout = LAYOUTS.get(raw.msgtype)
     if layout is None:
-        raise BagError(f'{path}: topic {raw.topic} is of type {raw.msgtype}, expected '
-                       f'{JOINT_STATE}; name another topic in the arm description')
+        raise BagError(f'{path}: topic {raw.topic} is of type {raw.msgtype}, not {JOINT_STATE}; '
+                       'correct joint_topic, effort.topic or gauges[].topic in the description')
     try:
         blocks = decode(raw.data, layout, raw.topic)
     except BagError as err:

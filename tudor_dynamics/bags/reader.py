@@ -119,8 +119,8 @@ def choose_clock(
                 for name, states in topics.items()}
     for name, states in topics.items():
         if len(states.stamp) > 1 and np.mean(np.diff(states.log_time) > 0) < 0.9:
-            raise BagError(f'all header stamps in {", ".join(unset)} are zero and the log times '
-                           f'in {name} do not increase; let the publisher set header.stamp and '
+            raise BagError(f'all header stamps in {", ".join(unset)} are zero, and the log times '
+                           f'in {name} do not increase; set header.stamp in the publisher, and '
                            'record again', place=path)
     notes.add(f'all header stamps in {", ".join(unset)} are zero; log times are used, which '
               'include the delays of the network')
@@ -174,8 +174,8 @@ class Assembly:
         found = self.bag.topics[name].msgtype
         msgtype = JOINT_STATE if channel is None else channel.msgtype
         if name not in self.topics or found != msgtype:
-            remedy = 'name another topic in the arm description'
-            remedy = remedy if channel is None else REMEDIES.get(found, remedy)
+            remedy = 'correct joint_topic in the arm description' if channel is None else (
+                REMEDIES.get(found, 'correct the topic of these values in the arm description'))
             msg = f'topic {name} is of type {found}, expected {msgtype}; {remedy}'
             raise BagError(msg, place=self.path)
         return self.topics[name]
@@ -285,8 +285,8 @@ class Assembly:
             values[:, columns], inside = interpolate(motion.stamp, stream.stamp,
                                                      stream.values[source[1]])
             if not inside.any():
-                raise BagError(f'{stream.what} has no sample at the time of any joint state; let '
-                               'both publishers stamp with the same clock', place=self.path)
+                raise BagError(f'no stamp of {stream.what} is close to one of the joint states; '
+                               'stamp both by the same clock, and record again', place=self.path)
             found &= inside
             own, other = (np.median(np.diff(stamp)) if len(stamp) > 1 else 0.0
                           for stamp in (stream.stamp, motion.stamp))
@@ -476,7 +476,7 @@ def _messages(
         return None
     if bag.topics[name].msgtype != known[0]:
         raise BagError(f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
-                       f'{" or ".join(known)}; name another topic in the arm description')
+                       f'{" or ".join(known)}; give --truth a topic of such a type')
     return bag.read([name])[name]
 
 

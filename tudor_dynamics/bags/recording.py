@@ -252,9 +252,9 @@ def check_units(recording: Recording, plan: Sources, notes: Notes) -> None:
         if recording.dq is not None:
             suspects += _check_velocity(recording, column, name, slides, notes)
     if suspects:
-        raise BagError(f'looks like degrees ({"; ".join(suspects[:4])}); JointState is in rad and '
-                       'rad/s: multiply by pi/180 and record again, or correct type and limits in '
-                       'the arm description if the joint really moves so', place=recording.path)
+        raise BagError(f'joint states look like degrees ({"; ".join(suspects[:4])}); publish '
+                       'rad and rad/s and record again, or, if the values are right, correct type '
+                       'and limits of the joint in the arm description', place=recording.path)
 
 
 def without_zero_velocities(recording: Recording, plan: Sources, notes: Notes) -> Recording:
@@ -330,7 +330,7 @@ def check_plausible(
         notes.add(f'{", ".join(still)} does not move')
     if need_output and recording.effort is None and recording.strain is None:
         reasons = '; '.join(notes.lacking)
-        raise BagError(f'neither efforts nor strains ({reasons or "none described"}); nothing can '
-                       'be learned: correct effort.topic or gauges[].topic in the arm '
-                       'description, or record them', place=recording.path)
+        raise BagError(f'the bag has neither efforts nor strains ({reasons or "none described"}); '
+                       'correct effort.topic or gauges[].topic in the arm description, or record '
+                       'these topics', place=recording.path)
     return replace(recording, warnings=tuple(notes.texts))

@@ -64,7 +64,7 @@ def read_metadata(directory: Path) -> Metadata:
     except OSError as err:
         cause = f'cannot be read: {err.strerror}'
     except (KeyError, IndexError) as err:
-        cause = f'no key {err}'
+        cause = f'the key {err} is missing'
     except (AttributeError, TypeError, ValueError) as err:
         cause = ' '.join(str(err).split())[:300]
     raise BagError(cause, place=directory, remedy='check the bag with `ros2 bag info`')
@@ -73,16 +73,16 @@ def read_metadata(directory: Path) -> Metadata:
 def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     version = information['version']
     if not isinstance(version, int) or version > MAX_VERSION:
-        raise ValueError(f'version {version!r}; at most {MAX_VERSION} is known')
+        raise ValueError(f'format version {version!r}; at most {MAX_VERSION} can be read')
     if information['storage_identifier'] not in STORAGES.values():
-        msg = (f'storage {information["storage_identifier"]!r}; known are '
+        msg = (f'storage {information["storage_identifier"]!r} is unknown; known are '
                f'{", ".join(STORAGES.values())}')
         raise ValueError(msg)
     compression = str(information.get('compression_mode') or '').lower().replace('none', '')
     if compression not in ('', 'file', 'message', 'storage'):
-        raise ValueError(f'compression mode {compression!r}')
+        raise ValueError(f'compression mode {compression!r} is unknown')
     if compression and information['compression_format'] != 'zstd':
-        msg = f'compression format {information["compression_format"]!r}; zstd can be read'
+        msg = f'compression {information["compression_format"]!r}; only zstd can be read'
         raise ValueError(msg)
     names = [Path(name).name for name in information['relative_file_paths']]
     files = tuple(directory / name for name in dict.fromkeys(names))
@@ -391,9 +391,9 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
     with open_regular(journal) as stream:
         # written before SQLite changes the file itself, whose pages may now be of two times
         if stream.read(len(HOT_JOURNAL)) == HOT_JOURNAL:
-            raise BagError(f'{file}: its recorder was killed while it wrote, {journal.name} takes '
-                           f'that back: run `sqlite3 {file.name} "pragma quick_check"` beside it, '
-                           'best on a copy of the directory')
+            raise BagError(f'{file}: the recorder was killed while it wrote; to undo the broken '
+                           f'write by {journal.name}, run `sqlite3 {file.name} "pragma '
+                           'quick_check"` in this directory, best in a copy of it')
 
 
 def _open_directory(path: Path, notes: Notes) -> Bag:

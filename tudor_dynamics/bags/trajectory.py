@@ -83,16 +83,16 @@ class Trajectory:
         shape = (len(self.t), len(self.joints))
         if not shape[0]:
             msg = 'the trajectory has no points'
-            raise SignalError(msg, remedy='give at least one, with positions')
+            raise SignalError(msg, remedy='give at least one point with positions')
         for name, values in (('positions', self.q), ('velocities', self.dq),
                              ('accelerations', self.ddq), ('efforts', self.effort)):
             if values is not None and values.shape != shape:
-                raise SignalError(f'the trajectory has {name} of shape {values.shape}, expected '
-                                  f'{shape[0]} points of the joints {list(self.joints)}')
+                raise SignalError(f'the {name} have shape {values.shape}; expected {shape}, a row '
+                                  f'for each point, a column for each of {list(self.joints)}')
             if values is not None and not (np.abs(values) < LARGEST).all():
                 row = int(np.flatnonzero(~(np.abs(values) < LARGEST).all(axis=1))[0])
                 raise SignalError(f'{name} of point {row + 1} are not finite, or beyond '
-                                  f'{LARGEST:g}')
+                                  f'{LARGEST:g}; correct them')
         known = np.abs(self.t) < LARGEST
         later = np.diff(np.where(known, self.t, np.nan)) > 0.5 / SECOND  # messages count ns
         if not known.all() or not later.all():
@@ -102,7 +102,7 @@ class Trajectory:
             raise SignalError(msg)
         if self.ddq is not None and self.dq is None:
             msg = 'the trajectory has accelerations without velocities'
-            raise SignalError(msg, remedy='give both, or neither')
+            raise SignalError(msg, remedy='give velocities too, or remove both')
 
     @classmethod
     def from_points(
@@ -154,7 +154,7 @@ class Trajectory:
         if missing:
             msg = (f'the trajectory has the joints {list(self.joints)}; the model needs each of '
                    f'{list(joints)} once')
-            raise SignalError(msg, remedy='name joints as the arm description does')
+            raise SignalError(msg, remedy='use the names of the arm description')
         places = [self.joints.index(name) for name in joints]
         q, dq, ddq, effort = (None if values is None else values[:, places] for values in
                               (self.q, self.dq, self.ddq, self.effort))
@@ -189,7 +189,7 @@ def read_trajectory(path: Path) -> Trajectory:
             simplefilter('ignore', UserWarning)  # of a table without rows, which is refused below
             values = np.loadtxt(StringIO(body), delimiter=',', ndmin=2)
     except ValueError as err:
-        raise BagError(f'a line is no row of numbers ({err})', place=path) from None
+        raise BagError(f'a row does not consist of numbers ({err})', place=path) from None
     if values.shape[1:] != (len(columns),):
         msg = f'found a table of shape {values.shape}; expected rows of {len(columns)} numbers'
         raise BagError(msg, place=path)
@@ -197,8 +197,8 @@ def read_trajectory(path: Path) -> Trajectory:
     for ending, field in FIELDS.items():
         there = [name for name in joints if f'{name}{ending}' in columns]
         if there and len(there) < len(joints):
-            msg = f'found {there[0]}{ending}, but not that of all joints {list(joints)}'
-            raise BagError(msg, place=path, remedy='give it for all of them, or for none')
+            msg = f'there is a column {there[0]}{ending}, but not for all joints {list(joints)}'
+            raise BagError(msg, place=path, remedy='give such columns for all joints or none')
         found[field] = values[:, [columns.index(f'{name}{ending}') for name in joints]] \
             if there else None
     q = found['q']
@@ -247,9 +247,9 @@ def read_trajectories(path: Path, topic: str = '') -> list[Sent]:
     bag = open_bag(path)
     found = sorted(name for name, info in bag.topics.items() if info.msgtype == TRAJECTORY)
     if topic not in found if topic else len(found) != 1:
-        msg = (f'{topic or "one topic"} of {TRAJECTORY} is wanted, and the bag has '
+        msg = (f'expected {topic or "one topic"} of type {TRAJECTORY}, but the bag has '
                f'{", ".join(found) or "none"}')
-        raise BagError(msg, place=path, remedy='name one of them by --topic' if found else
+        raise BagError(msg, place=path, remedy='choose one of these by --topic' if found else
                        'record the topic on which trajectories are sent, or give a CSV file')
     name = topic or found[0]
     raw = bag.read([name])[name]
@@ -265,7 +265,7 @@ def _decode(data: bytes, topic: str, time: int, place: str) -> Sent:
     try:
         message: Any = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(data, TRAJECTORY)
     except Exception as err:  # rosbags raises whatever the bytes lead it to
-        msg = f'is no {TRAJECTORY} ({type(err).__name__})'
+        msg = f'cannot be read as {TRAJECTORY} ({type(err).__name__})'
         raise BagError(msg, place=place, remedy='the bag is damaged; record it again') from None
     joints, stamp = tuple(message.joint_names), message.header.stamp
     if len(joints) > MAX_NAMES:
@@ -291,6 +291,6 @@ def write_trajectories(path: Path, sent: Sequence[Sent]) -> None:
             [item.encode() for item in own]) for topic, own in topics.items()])
         return
     if len(sent) != 1:
-        msg = f'{len(sent)} trajectories do not go into one table'
-        raise UsageError(msg, place=path, remedy='write a bag: --out with a name without .csv')
+        msg = f'{len(sent)} trajectories do not fit into one CSV file'
+        raise UsageError(msg, place=path, remedy='give --out a name without .csv to write a bag')
     write_whole(path, sent[0].trajectory.table())

@@ -105,11 +105,11 @@ def load_plan(path: Path) -> FleetPlan:
     except ValueError as err:
         cause = validation_message(err) if isinstance(err, ValidationError) else str(err)
         raise UsageError(cause, place=path,
-                         remedy='docs/howto/fleet.md describes a plan') from None
+                         remedy='see docs/howto/fleet.md for what a plan holds') from None
     lacking = [arm.name for arm in plan.arms if arm.arm is None]
     if plan.arm is None and lacking:
-        raise UsageError(f'there is no description of {lacking[0]}', place=path,
-                         remedy='give arm: my_arm.yaml, for all or for this one')
+        raise UsageError(f'arm {lacking[0]} has no description', place=path,
+                         remedy='write arm: FILE.yaml in its entry, or at the top for all arms')
     return plan
 
 
@@ -319,8 +319,8 @@ class _Study:
         (first, one), *_ = arms.items()
         for name, arm in arms.items():
             if arm.channels != one.channels:
-                raise UsageError(f'{name} has other joints or gauges than {first}: a fleet is of '
-                                 'one kind', remedy='make a plan for each kind')
+                raise UsageError(f'{name} has other joints or gauges than {first}; all arms of a '
+                                 'plan must have the same', remedy='make a plan for each kind')
         return arms
 
     def _see(self) -> None:
@@ -345,12 +345,13 @@ class _Study:
             when = self.dates.setdefault((arm.name, date), _Date())
             when.whole.append(sight)
         if len(masses) > 1:
-            said = ', '.join(f'{mass} kg ({bag})' for mass, bag in list(masses.items())[:2])
+            said = ', '.join(f'{"unknown" if mass is None else f"{mass:g} kg"} ({bag})'
+                             for mass, bag in list(masses.items())[:2])
             raise UsageError(f'bags of several payloads cannot be compared: {said}',
-                             remedy='name bags of one payload in the plan')
+                             remedy='list bags of one payload in the plan')
         if not self.dates:
             raise FitError(f'none of {len(self.unused)} bags can be used; the first: '
-                           f'{self.unused[0]}', remedy='correct the plan, or replace these bags')
+                           f'{self.unused[0]}', remedy='correct the plan, or record others')
         for date_ in self.dates.values():
             date_.sights = parted(date_.whole, PARTS)
 
@@ -363,8 +364,8 @@ class _Study:
 
         found = spread_sample(list(self.dates.items()), SAMPLE, read)
         if not found or not common_outputs(found):
-            raise FitError('most bags cannot be read, or lack outputs that others have',
-                           remedy='`tudor info BAG` says what is in a bag')
+            raise FitError('most bags cannot be read, or share neither efforts nor strains',
+                           remedy='check each with `tudor info BAG`')
         return found
 
     def _measures(self, output: str, bags: Sequence[BagData]) -> list[Measure]:
@@ -394,7 +395,7 @@ class _Study:
             date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
             try:
                 if len(used) < 2:
-                    raise FitError(f'{len(used)} usable parts of bags, 2 are needed',
+                    raise FitError(f'only {len(used)} parts of its bags can be used, 2 are needed',
                                    remedy='record more')
                 date.models = {output: found for (_, output), found in fold_models(
                     Summing(tasks[name], tuple(date.sights))).items()}
@@ -402,8 +403,7 @@ class _Study:
                 self.unused.append(Unused(f'{name} {when}', err.advice))
                 del self.dates[name, when]
         if not self.dates:
-            raise FitError(f'no arm has bags that can be used: {self.unused[0]}',
-                           remedy='correct the plan')
+            raise FitError(f'no arm has usable bags: {self.unused[0]}', remedy='correct the plan')
 
     def _rings(self) -> list[Observation]:
         if not any(arm.gauges for arm in self.arms.values()):

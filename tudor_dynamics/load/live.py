@@ -403,9 +403,9 @@ class CarriedLoad:
     def __init__(self, bundle: ModelBundle, known: float) -> None:
         self.worth = load_worth(bundle.arm, bundle.models)
         if not self.worth:
-            raise ModelError('no output of this model gives a load in kilograms: fit a model to '
-                             'bags of two payloads (tudor fit --payload-of), or describe torque '
-                             'constants or the gain of a gauge')
+            raise ModelError('the model cannot estimate loads in kg; fit one to bags of two loads '
+                             '(tudor fit --payload-of), or with effort.torque_constant or '
+                             'sensors[].gain in the arm description')
         self.known = known
         self.frame, self.place = carrier_frame(bundle.arm), tip(bundle.arm)
         self.output = 'strain' if 'strain' in self.worth else 'effort'

@@ -317,7 +317,7 @@ def estimate_payload(
                      _by_rows(source, error, whole=whole))
     if not found:
         msg = f'the recording has none of the outputs that the model predicts: {list(models)}'
-        raise FitError(msg, remedy='record joint efforts or strains as for the fit')
+        raise FitError(msg, remedy='record the efforts or strains that the fit used')
     scaled = [item for item in found if item.scaled]
     return _combined(arm, scaled, known) if scaled else _relative(arm, found, known)
 

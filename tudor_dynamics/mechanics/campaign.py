@@ -62,7 +62,7 @@ class LoadChange:
         """Refuse what is no time and no mass."""
         if not (math.isfinite(self.time) and self.time >= 0.0
                 and math.isfinite(self.mass) and self.mass >= 0.0):
-            raise SimulationError(f'{self}: expected a time and a mass of 0 or more')
+            raise SimulationError(f'load of {self.mass} kg at {self.time} s: expected 0 or more')
 
 
 def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple[LoadChange, ...]:
@@ -72,8 +72,8 @@ def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple
     slot = (seconds - settings.FIRST_CHANGE) / count
     if not settings.BETWEEN_CHANGES <= slot < MAX_STEPS:
         raise SimulationError(f'{count} changes of the load do not fit into {seconds:g} s: each '
-                              f'takes {settings.BETWEEN_CHANGES:g} s after the first '
-                              f'{settings.FIRST_CHANGE:g} s; record longer or change less')
+                              f'needs {settings.BETWEEN_CHANGES:g} s, after a start of '
+                              f'{settings.FIRST_CHANGE:g} s; raise --seconds or lower --loads')
     rng = np.random.default_rng(seed)
     found = []
     for number in range(count):
@@ -105,9 +105,9 @@ def random_pushes(
     longest = settings.HELD_TIME[1] if held else settings.PUSH_TIME[1]
     room = 1.5 * longest + 0.5 * settings.PUSH_TIME[1]
     if not room <= slot < MAX_STEPS:
-        raise SimulationError(f'{count} pushes do not fit into {seconds:g} s: each takes up to '
-                              f'{room:g} s after the first {settings.FIRST_PUSH:g} s; record '
-                              'longer or push less')
+        raise SimulationError(f'{count} pushes do not fit into {seconds:g} s: each needs up to '
+                              f'{room:g} s, after a start of {settings.FIRST_PUSH:g} s; raise '
+                              '--seconds or lower --pushes')
     beams = [joint for joint in arm.active_joints if mechanism.length(joint) > 0.0]
     if not beams:
         msg = f'{arm.source}: no active joint moves an elastic link: describe links, or push none'
@@ -193,15 +193,15 @@ def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: fl
 def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     """Make a motion of a trajectory, at the rate of the loop: dt [s]."""
     if sorted(trajectory.joints) != sorted(arm.active_joints):
-        raise SimulationError(f'the trajectory moves {", ".join(trajectory.joints)}; give one of '
-                              f'the active joints of {arm.name}, {", ".join(arm.active_joints)}')
+        raise SimulationError(f'the trajectory has the joints {", ".join(trajectory.joints)}, but '
+                              f'needs those of {arm.name}: {", ".join(arm.active_joints)}')
     q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
     hard = hard_limits(arm)
     wrong = np.any((q < hard.lower) | (q > hard.upper) | (np.abs(dq) > hard.velocity), axis=0)
     beyond = [name for name, outside in zip(arm.active_joints, wrong, strict=True) if outside]
     if beyond:
         msg = f'the trajectory takes {", ".join(beyond)} beyond the limits of {arm.name}'
-        raise SimulationError(msg, remedy='plan it for this arm (tudor excite)')
+        raise SimulationError(msg, remedy='plan one for this arm with `tudor excite`')
     t = trajectory.t - trajectory.t[0]
     check_budget(f'a trajectory of {t[-1]:g} s at steps of {dt:g} s', t[-1] / dt,
                  48.0 * len(arm.joints))

@@ -380,8 +380,8 @@ class ClosedLoop:
         mechanism = self.plant.mechanism
         rows = np.flatnonzero(mechanism.body_int[:, at.POINT] == mechanism.tip)
         if self.arm.spec.payload is None or len(rows) != 1 or not 0.0 <= mass < float('inf'):
-            raise SimulationError(f'{self.arm.name}: a payload of {mass} kg cannot be attached; '
-                                  'give 0 kg or more, and payload: in the description')
+            raise SimulationError(f'{self.arm.name}: cannot attach a payload of {mass} kg; give '
+                                  '0 kg or more, and the key payload in the arm description')
         mechanism.body_float[rows[0], at.MASS] = mass
 
     def set_floor(self, floor: Floor | None) -> None:
@@ -445,7 +445,7 @@ class ClosedLoop:
         wanted = np.stack(given)
         if not np.isfinite(wanted).all():
             step = int(np.argwhere(~np.isfinite(wanted))[:, 1].min())
-            raise SimulationError(f'{self.arm.name}: a reference is not finite in step {step}')
+            raise SimulationError(f'{self.arm.name}: the reference of step {step} is not finite')
         begun = self._done
         rows = (begun + steps - 1) // every - (begun - 1) // every
         out = np.empty((rows, 6 * joints + gauges))
@@ -467,7 +467,7 @@ def steps_per_message(dt: float, rate: float) -> int:
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
     if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
         raise SimulationError(f'the message rate {rate:g} Hz does not divide the loop rate '
-                              f'{1.0 / dt:g} Hz (damper.rate); give e.g. {0.5 / dt:g}')
+                              f'{1.0 / dt:g} Hz (damper.rate); send at e.g. {0.5 / dt:g} Hz')
     return int(round(every))
 
 

@@ -175,8 +175,8 @@ def drive_row(motor: MotorSpec, dt: float, chosen: Imperfections) -> FloatArray:
     """Lay out the parameters of one motor: dt [s]; returns (PARAMETERS,)."""
     inertia, torque = motor.reflected_inertia, motor.joint_torque_constant
     if inertia <= 0.0:
-        raise SimulationError(f'motor of joint {motor.joint!r}: rotor_inertia is 0; the simulated '
-                              'drive needs it, give it in motors')
+        raise SimulationError(f'motors: rotor_inertia of joint {motor.joint!r} is 0; the '
+                              'simulated drive needs its true value')
     # A rigid gear is as stiff as the step allows, well damped.
     stiffest = inertia * (settings.RIGID_GEAR / dt) ** 2
     stiffness, damping = motor.stiffness, motor.damping
@@ -379,13 +379,13 @@ def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
     table = np.zeros((len(pushes), PUSH))
     for row, push in zip(table, pushes, strict=True):
         if push.joint not in mechanism.body_of:
-            raise SimulationError(f'there is no link after joint {push.joint!r} to push; links '
-                                  f'stand after {list(mechanism.body_of)}')
+            raise SimulationError(f'joint {push.joint!r} has no link to push; choose one of '
+                                  f'{list(mechanism.body_of)}')
         body = mechanism.body_of[push.joint]
         length = mechanism.length(push.joint)
         if not 0.0 <= push.distance <= length + 1e-9:
-            raise SimulationError(f'a push {push.distance:g} m along the link of {push.joint!r} '
-                                  f'lies outside its {length:g} m')
+            raise SimulationError(f'a push at {push.distance:g} m lies outside the link of '
+                                  f'{push.joint!r}; choose a place from 0 to {length:g} m')
         values = (push.time, push.duration, push.rise, *push.force)
         if not np.isfinite(values).all() or push.duration <= 0.0 or push.rise < 0.0:
             msg = f'{push}: times and forces must be finite, the duration positive'

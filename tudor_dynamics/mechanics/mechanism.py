@@ -134,8 +134,8 @@ def _body_frame(beam: BeamSpec, end: FloatArray, axis: FloatArray, where: str) -
     start = np.asarray(beam.start, dtype=float)
     length = float(np.linalg.norm(end - start))
     if length < 1e-9:
-        raise SimulationError(f'{where} has no length: it starts and ends at {start.tolist()} m '
-                              'of the joint frame; give its end, or length and direction')
+        raise SimulationError(f'{where} starts and ends at {start.tolist()} m of the joint frame; '
+                              'give another end, or length and direction')
     x = (end - start) / length
     if beam.height_axis is not None:
         y = unit_vector(beam.height_axis)
@@ -275,7 +275,7 @@ class Builder:
         tip = self.tip_frame()
         if not children and tip is not None and tip.parentJoint == index:
             return np.array(tip.placement.translation)
-        msg = f'{where}: where it ends does not follow from the kinematics; give end or length'
+        msg = f'{where} has no end, and the kinematics do not give it; add end or length'
         raise SimulationError(msg)
 
     def tip_frame(self) -> pin.Frame | None:
@@ -420,8 +420,8 @@ def build_mechanism(arm: Arm) -> Mechanism:
         raise SimulationError(f'{arm.source}: the simulator does not model couplings; remove them '
                               'from a copy of the description to simulate the arm without them')
     if not arm.spec.links and not any(i.mass > 0 for i in list(arm.full_model.inertias)[1:]):
-        raise SimulationError(f'{arm.source}: the description has no links; add links: with a '
-                              'rigid or flexible entry a joint to simulate it')
+        raise SimulationError(f'{arm.source}: the description has no links; to simulate the arm, '
+                              'add links with rigid or flexible for each joint')
     for index in range(1, arm.full_model.njoints):
         builder.link(index)
     tip = builder.tip_frame()

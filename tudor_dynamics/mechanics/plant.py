@@ -104,9 +104,9 @@ class Plant:
     ) -> None:
         check_type(mechanism, Mechanism, 'mechanism', 'build_mechanism(arm)')
         if not (np.isfinite(dt) and dt > 0.0):
-            raise SimulationError(f'the step must be positive, found {dt} s')
+            raise SimulationError(f'the time step dt must be positive, found {dt} s')
         if not 0.0 <= rho <= 1.0:
-            msg = f'rho is the damping of the integrator, from 0 to 1, found {rho}'
+            msg = f'rho, the damping of the integrator, must be from 0 to 1, found {rho}'
             raise SimulationError(msg)
         self.mechanism = mechanism
         n = mechanism.size
@@ -239,8 +239,8 @@ class Plant:
     def drive(self, joint: str, kind: DrivenBy) -> None:
         """Choose how a joint is driven from now on: by torque, by a given motion, or held."""
         if joint not in self.mechanism.joints or kind not in ('torque', 'motion', 'hold'):
-            raise SimulationError(f'joint {joint!r} cannot be driven by {kind!r}: joints are '
-                                  f'{list(self.mechanism.joints)}, drives torque, motion and hold')
+            raise SimulationError(f'joint {joint!r} cannot be driven by {kind!r}; give one of '
+                                  f'{list(self.mechanism.joints)}, and torque, motion or hold')
         number = self.mechanism.joints.index(joint)
         index = self._q[number]
         self._drives[number] = kind
@@ -376,7 +376,7 @@ class Plant:
             z[elastic] -= change * min(1.0, 0.2 / max(largest, 1e-300))
             if largest < 1e-11:
                 return
-        msg = (f'{mechanism.name}: no static equilibrium was found, the links are too weak for '
+        msg = (f'{mechanism.name}: no static equilibrium was found: the links are too weak for '
                'their weight; check sections and material, or set simulation.start: undeformed')
         raise SimulationError(msg)
 

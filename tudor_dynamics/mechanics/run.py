@@ -127,12 +127,12 @@ class Probe:
     def _check(self, joint: str, distance: float) -> None:
         mechanism = self.plant.mechanism
         if joint not in mechanism.beams:
-            raise SimulationError(f'{mechanism.name}: there is no beam after joint {joint!r}; '
-                                  f'beams stand after {list(mechanism.beams)}')
+            raise SimulationError(f'{mechanism.name}: joint {joint!r} has no beam; joints with a '
+                                  f'beam are {list(mechanism.beams)}')
         length = mechanism.length(joint)
         if not -1e-9 <= distance <= length + 1e-9:
-            raise SimulationError(f'{mechanism.name}: a section {distance:g} m from the start of '
-                                  f'the beam after {joint!r} lies outside its {length:g} m')
+            raise SimulationError(f'{mechanism.name}: a place at {distance:g} m lies outside the '
+                                  f'beam of {joint!r}; give one from 0 to {length:g} m')
 
 
 # -- Inertial sensors on a mechanism: at the far end of each beam and at the tip
@@ -270,8 +270,8 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
     mechanism = plant.mechanism
     unknown = [name for name in free_joints if name not in mechanism.joints]
     if unknown or count < 1:
-        raise SimulationError(f'{count} modes with the joints {unknown or list(free_joints)} '
-                              f'free: expected 1 or more, and some of {list(mechanism.joints)}')
+        raise SimulationError(f'{count} modes with free joints {unknown or list(free_joints)}: '
+                              f'expected 1 or more, with some of {list(mechanism.joints)} free')
     free = mechanism.elastic.copy()
     for joint in free_joints:
         free[mechanism.q_index[mechanism.joints.index(joint)]] = True

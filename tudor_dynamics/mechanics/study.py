@@ -119,7 +119,7 @@ MAX_FRAMES = 600
 def check_target(path: Path) -> None:
     """Say before a run whether its animation can be written."""
     if path.suffix.lower() not in ('.gif', '.mp4'):
-        raise SimulationError(f'{path}: animations are .gif or .mp4')
+        raise SimulationError(f'{path}: expected a file name that ends with .gif or .mp4')
     if path.suffix.lower() == '.mp4' and shutil.which('ffmpeg') is None:
         raise SimulationError(f'{path}: .mp4 needs ffmpeg, which is not installed; use .gif')
 
@@ -252,7 +252,7 @@ def force_signal(words: Sequence[str], t: FloatArray) -> FloatArray:
     """Give the force at the tip (samples, 3) [N] that the command line asks for, or zero."""
     found = named_inputs(words, t, AXES, AXES, '')
     if '' in found:
-        raise SimulationError(f'{found[""]!r} is no force: give x=EXPRESSION, y=... or z=... [N, '
+        raise SimulationError(f'{found[""]!r} is no force; give x=EXPRESSION, y=... or z=... [N, '
                               'base frame], or a CSV file with columns t, x, y, z')
     return sampled_columns('force', found, t, AXES, AXES)
 
@@ -288,7 +288,7 @@ def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
         raise SimulationError(msg) from None
     if not np.isfinite(values).all():
         when = t[np.flatnonzero(~np.isfinite(values))[0]]
-        raise SimulationError(f'the {name} is not finite at t = {when:g} s')
+        raise SimulationError(f'the {name} is not finite at t = {when:g} s; correct it')
     return values
 
 
@@ -300,7 +300,7 @@ def sampled_columns(
     result = np.zeros((t.size, len(columns)))
     for name, value in given.items():
         if name not in allowed:
-            raise SimulationError(f'{what} of {name!r}: expected some of {list(allowed)}')
+            raise SimulationError(f'{what} of {name!r}: unknown name; use some of {list(allowed)}')
         result[:, columns.index(name)] = sampled(value, t, f'{what} of {name}')
     return result
 
