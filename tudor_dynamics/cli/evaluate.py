@@ -37,7 +37,7 @@ from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
     evaluate_collisions, find_truth, FREE, MethodResult, Truth, truth_of_file,
     WatchedBag, within)
-from tudor_dynamics.identification.doctor.between import Evaluated, examine_evaluation
+from tudor_dynamics.identification.doctor.between import examine_evaluation
 from tudor_dynamics.identification.next_steps import changes, ErrorChange, fit_with, touched
 from tudor_dynamics.identification.validation import rounded, Validation
 from tudor_dynamics.library import predict_bags, warn_of_training
@@ -334,13 +334,15 @@ def run(args: argparse.Namespace) -> int:
         return 1 if worse else 0
     rows = [(output, kind, item.score, output_units(bundle.arm, output))
             for output, kinds in found.items() for kind, item in kinds.items()]
-    print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}', rows))
     say(*map(str, worse))
     if compared and not worse:
         say('the model is what it was in its validation: no channel is worse by more than '
             'chance')
+    print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}', rows))
     print_findings(findings)
-    _print_loads(evaluated, bundle)
+    for bag, carried in evaluated.loads.items():
+        say(f'load in {bag}: {carried.sentence}')
+        say_command(shlex.join(['tudor', 'payload', bag, '--model', args.model]))
     if worse and all(item.kind == 'standstill' for item in findings):
         _print_cause(args, data, [touched(change, found[change.output][change.kind])
                                   for change in worse])
@@ -361,21 +363,6 @@ def _print_cause(
     else:
         say('the doctor finds no cause in these bags: temperature and wear of the drives change '
             'friction; fit again with these bags')
-
-
-def _print_loads(evaluated: Evaluated, bundle: ModelBundle) -> None:
-    if not evaluated.loads:
-        return
-    from tudor_dynamics.show.page import load_shares, load_values  # slow to import
-    for bag, carried in evaluated.loads.items():
-        table = new_table(f'load in {bag}', ('what',), ('value', 'std. deviation'))
-        for name, unit, value, std in load_values(carried):
-            table.add_row(f'{name} [{unit}]', f'{value:.4g}', f'{std:.2g}')
-        print_table(table)
-        table = new_table('residual', ('channel',), ('without', 'with it', 'explained [%]'))
-        for name, unit, before, after, share in load_shares(bundle.arm, carried):
-            table.add_row(f'{name} [{unit}]', f'{before:.3g}', f'{after:.3g}', f'{share:.0f}')
-        print_table(table)
 
 
 def _counts(change: ErrorChange, compared: Sequence[ErrorChange]) -> bool:
@@ -401,17 +388,13 @@ def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
     arrays: dict[str, Any] = {}
     for output, kinds in found.items():
         for kind, item in kinds.items():
-            stamp, measured, predicted = (
-                np.concatenate([getattr(trace, field) for trace in item.traces])
-                for field in ('stamp', 'measured', 'predicted'))
             name = f'{output}_{kind}'
             arrays[f'{output}_channels'] = np.array(item.channels)
             arrays[f'{name}_bag'] = np.repeat([trace.bag for trace in item.traces],
                                               [len(trace.t) for trace in item.traces])
-            arrays[f'{name}_stamp'] = stamp
-            arrays[f'{name}_measured'] = measured
-            arrays[f'{name}_predicted'] = predicted
-            arrays[f'{name}_residual'] = measured - predicted
+            for field in ('stamp', 'measured', 'predicted', 'residual'):
+                arrays[f'{name}_{field}'] = np.concatenate(
+                    [getattr(trace, field) for trace in item.traces])
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     write(path, '--save', buffer.getvalue())
