@@ -135,7 +135,7 @@ SERVICE = {
     '~/reset': 'starts again after a fault, a collision or a refusal',
     '~/calibrate': 'learns thresholds from `calibration_time` of free motion',
     '~/reload': 'reads the model again',
-    '~/expect_payload': 'a load may come or go within 3 s without being a collision '
+    '~/expect_payload': 'a load picked up or released within 3 s is not reported as a collision '
                         '(with `payload_source: estimate`)',
     '~/joints_tested': 'called by `joint_test`',
     '~/retreat': 'leads back to where the approach started',

@@ -56,7 +56,7 @@ def test_a_bag_that_cannot_be_played(tmp_path: Path, world: World, root: Path) -
     out, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2 and 'no such file' in out and 'Traceback' not in out
     player = world.add(node_class('bag_player'), bag=str(root / BAG), start_offset=1e4, loop=True)
-    assert player.exit_code is None and 'is over after 2' in player.fault
+    assert player.exit_code is None and 'the bag lasts 2' in player.fault
 
 
 def test_waiting_is_no_missing_input(world: World, root: Path) -> None:

@@ -221,7 +221,7 @@ def test_two_publishers_of_collisions(world: World, model: Path) -> None:
 
     def told(node: Any, rival: str) -> bool:
         level, message, _ = node.status()
-        return level == WARN and f'{rival} publish on collision, too' in message
+        return level == WARN and f'{rival} can also publish on collision' in message
     assert world.spin(lambda: told(nodes[0], '/collision_detector')
                       and told(nodes[1], '/monitor'))
     world.end(nodes[1])
@@ -258,12 +258,12 @@ def test_methods_of_the_model(
                      methods=['strain', 'momentum'])
     node.meter.begin()
     level, message, _ = node.status()
-    assert level == WARN and 'methods momentum: the model has no' in message
+    assert level == WARN and 'methods momentum: the bundle has no model' in message
     world.end(node)
     node = world.add(MonitorNode, model=str(tmp_path / 'elm'), kind='elm', methods=['momentum'])
     node.meter.begin()
     level, message, _ = node.status()
-    assert level == ERROR and 'methods momentum: the model has no' in message
+    assert level == ERROR and 'methods momentum: the bundle has no model' in message
 
 
 def test_log_of_starts_and_levels(world: World, model: Path) -> None:

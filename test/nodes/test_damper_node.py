@@ -209,7 +209,7 @@ def test_a_damper_that_hears_no_positions(world: World, tudor: Path) -> None:
     assert not arm.wait(0.2).any()
     status = arm.told()
     assert status.level == DiagnosticStatus.STALE
-    assert status.message == 'no joint positions arrive: no commands are sent'
+    assert status.message == 'no joint positions arrive on joint_states: no commands are sent'
     assert arm.run(400)[-50:].any() and arm.told().message == 'running'
 
 
@@ -328,7 +328,7 @@ def test_others_that_command_or_publish_positions(world: World, tudor: Path) -> 
     assert world.spin(lambda: arm.node.crowded is not None)
     status = arm.told()
     assert status.level == DiagnosticStatus.ERROR
-    assert '/probe can command the joints, too, on /velocity_commands' in status.message
+    assert '/probe can also command the joints on /velocity_commands' in status.message
     world.probe.destroy_publisher(world.outputs.pop('velocity_commands'))
     other = world.probe.create_publisher(JointState, 'joint_states', 10)
     assert world.spin(lambda: arm.node.crowded is not None

@@ -117,15 +117,16 @@ def test_a_new_goal_or_message_takes_over(client: Client) -> None:
     assert client.result(wrong)[1] == -1
     second = client.send(*WAY)
     assert client.result(first) == (
-        GoalStatus.STATUS_ABORTED, -1, 'another goal took over')
+        GoalStatus.STATUS_ABORTED, -1, 'a newer goal replaced this one')
     client.arm.run(10)
     client.arm.goals.publish(trajectory(*WAY))
     assert client.result(second) == (
-        GoalStatus.STATUS_ABORTED, -1, 'another trajectory took over, from joint_trajectory')
+        GoalStatus.STATUS_ABORTED, -1, 'a newer trajectory on joint_trajectory replaced this goal')
     third = client.send(*WAY)
     client.arm.run(10)
     client.arm.goals.publish(trajectory())
-    assert client.result(third)[1:] == (-1, 'stopped: a trajectory without points')
+    assert client.result(third)[1:] == (
+        -1, 'stopped: a trajectory without points came on joint_trajectory')
 
 
 REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
@@ -139,16 +140,17 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
                        'joint2 reaches position 9, outside'),
     'tolerance of an unknown joint': (
         WAY, {'path_tolerance': {'name': 'wrist', 'position': 0.1}}, -2,
-        'wrong joints, unknown in path_tolerance: wrist'),
+        'wrong joints: path_tolerance has the unknown joint wrist'),
     'tolerance of a speed': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'velocity': 0.1}}, -1,
-        'goal_tolerance of joint2 bounds more than positions'),
+        'goal_tolerance of joint2: only positions are checked'),
     'several degrees of freedom': (
         WAY, {'component_path_tolerance': []}, -2,
-        'wrong joints: none has several degrees of freedom'),
+        'wrong joints: the arm has no multi-DOF joints'),
     'impossible tolerance': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'position': -2.0}}, -1,
-        'goal_tolerance of joint2 is -2; give 0 for the default, -1 for none, or a distance')}
+        'goal_tolerance of joint2 has the position -2; give rad or m, 0 for the default, -1 for '
+        'no bound')}
 
 
 def test_refusals_have_code_and_reason(client: Client) -> None:

@@ -72,7 +72,7 @@ def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tudor = str(root / 'config/tudor.yaml')
     for words, expected in (
             (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no damper'),
-            (['--arm', tudor, '--joints', 'joint1'], "joint 'joint1' is not active"),
+            (['--arm', tudor, '--joints', 'joint1'], "'joint1' is not an active joint"),
             (['--arm', tudor, '--step', '50'], 'at most 5 degrees')):
         assert main(['joint_test', *words]) == 2
         error = capsys.readouterr().err

@@ -137,7 +137,7 @@ def test_expected(world: World, bundle: Path) -> None:
     """A load is announced by a service; without a model that tells kilograms it is refused."""
     node = world.add(PayloadEstimatorNode, model=str(bundle))
     answer = node.port._expect()
-    assert 'without being a collision' in answer and node.port.load is not None
+    assert 'not reported as a collision' in answer and node.port.load is not None
     assert world.call(Trigger, 'payload_estimator/expect_payload').success
 
 

@@ -150,7 +150,7 @@ def test_a_live_monitor_is_required(world: World, tudor: Path) -> None:
         status = generator.told()
         assert status.level == DiagnosticStatus.WARN and cause in status.message
     generator.node._look()
-    refused('nobody publishes collision')
+    refused('no node publishes collision')
     publisher = world.probe.create_publisher(Bool, 'collision', latched())
     assert world.spin(lambda: publisher.get_subscription_count() > 0)
     generator.node._look()
@@ -168,7 +168,7 @@ def test_a_live_monitor_is_required(world: World, tudor: Path) -> None:
     assert generator.node.set_parameters([
         Parameter('require_monitor', value=False)])[0].successful
     generator.node._look()
-    assert 'nobody watches for collisions any more' in generator.told().message
+    assert 'no node watches for collisions any more' in generator.told().message
 
 
 def test_two_publishers_of_collisions(world: World, tudor: Path) -> None:
@@ -340,6 +340,7 @@ def test_rivals_are_named(world: World, tudor: Path) -> None:
     generator.node._look()
     status = generator.told()
     assert status.level == DiagnosticStatus.ERROR
-    assert status.message == '/probe can lead the arm, too, on /joint_reference: end all but one'
+    assert status.message == (
+        '/probe can also send references on /joint_reference: let only one node publish there')
     for publisher in (second, rival):
         world.probe.destroy_publisher(publisher)

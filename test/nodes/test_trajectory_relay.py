@@ -98,7 +98,7 @@ REFUSED: dict[str, tuple[tuple[Any, ...], dict[str, Any], str]] = {
     'too fast': ((point(0.0, 0.8, 0.1), point(0.1, 1.6, 0.1)), {},
                  'joint2 reaches velocity 12, outside'),
     'far from the arm': ((point(0.0, 1.0, 0.1), point(2.0, 1.2, 0.1)), {},
-                         'the first point is due at once, and joint2 is 0.2 away'),
+                         'joint2 is 0.2 rad or m away from the point that is due'),
     'unknown joint': (LONG, {'names': ['joint2', 'wrist']}, 'wrong joints, unknown: wrist'),
     'all over': (LONG, {'stamp': 10**18}, 'all points are in the past'),
     'times': ((point(1.0, 0.8, 0.1), point(1.0, 0.9, 0.1)), {}, 'time does not increase')}
@@ -140,7 +140,7 @@ def test_a_collision_stops_the_controller(world: World, root: Path, newer: bool)
     assert len(chain.controller.taken) == 2 and not chain.controller.rejected
     place = chain.controller.q
     chain.send(point(0.0, *place), point(1.0, *(place + 0.1)))
-    assert chain.relay.refused == 'a collision was reported; look at the arm, then ~/reset'
+    assert chain.relay.refused == 'a collision was reported; check the arm and call ~/reset'
     assert 'collision: the controller was stopped' in chain.told().message
     refused = world.call(Trigger, 'trajectory_relay/reset')
     assert not refused.success and 'still reported' in refused.message
@@ -174,7 +174,7 @@ def test_another_leader_is_named(world: World, root: Path) -> None:
     chain.relay._look()
     status = chain.told()
     assert status.level == DiagnosticStatus.ERROR
-    assert status.message.startswith('/probe can command the controller, too, on /joint_traj')
+    assert status.message.startswith('/probe can also command the controller on /joint_traj')
 
 
 def test_it_adds_efforts(world: World, root: Path, tmp_path: Path) -> None:
@@ -239,7 +239,8 @@ def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said:
     assert status.level == DiagnosticStatus.WARN and status.message.startswith('not shaped: ')
     chain.relay.set_parameters([Parameter('not_shaped', value='refuse')])
     chain.send(point(2.0, 2.1, 0.1))
-    assert chain.relay.refused.startswith('it cannot be shaped: ') and said in chain.relay.refused
+    assert chain.relay.refused.startswith('the trajectory cannot be shaped: ')
+    assert said in chain.relay.refused
     assert len(chain.controller.taken) == 2
 
 
@@ -309,5 +310,6 @@ def test_no_action_of_the_controller(world: World, root: Path, control_msgs: Non
     result = future.result().get_result_async()
     assert world.spin(result.done)
     assert result.result().result.error_string == (
-        'joint_trajectory_controller offers no action: is it active?')
+        'the controller joint_trajectory_controller offers no action '
+        'follow_joint_trajectory: activate it')
     client.destroy()

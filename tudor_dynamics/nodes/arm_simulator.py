@@ -205,9 +205,9 @@ class ArmSimulatorNode(TudorNode):
             return level, message
         if self.arm.failure:
             return ERROR, (f'{self.arm.failure}; the arm rests at its initial pose and takes no '
-                           'commands until ~/reset')
+                           'commands until you call ~/reset')
         if level != OK:
-            return WARN, 'no commands: the joints stand still'
+            return WARN, f'no commands arrive on {VELOCITY_COMMANDS}: the joints stand still'
         return level, message
 
 

@@ -43,8 +43,8 @@ def message_class(msgtype: str) -> Any:
     try:
         return getattr(import_module(f'{package}.msg'), name)
     except (ImportError, AttributeError):
-        msg = f'message type {msgtype} is not installed; install its package, or choose topics'
-        raise BagError(msg) from None
+        raise BagError(f'message type {msgtype} is not installed', remedy='install the package '
+                       f'{package}, or leave its topics out of the parameter topics') from None
 
 
 class BagPlayerNode(TudorNode):
@@ -75,13 +75,13 @@ class BagPlayerNode(TudorNode):
 
     def _open(self) -> None:
         if not self.value('bag'):
-            raise BagError('no bag: set the parameter bag')
+            raise BagError('no bag: set the parameter bag to a rosbag2 directory, .mcap or .db3')
         self.track = track = read_track(self.value('bag'), self.value('topics'))
         self._first = int(np.searchsorted(
             track.time, track.time[0] + round(float(self.value('start_offset')) * 1e9)))
         if self._first == len(track.time):
-            raise BagError(f'start_offset {self.value("start_offset"):g} s: the bag is over after '
-                           f'{(track.time[-1] - track.time[0]) * 1e-9:.3f} s')
+            raise BagError(f'the bag lasts {(track.time[-1] - track.time[0]) * 1e-9:.3f} s; lower '
+                           f'the parameter start_offset, now {self.value("start_offset"):g} s')
         for topic, msgtype in track.topics.items():
             try:
                 kind = message_class(msgtype)
@@ -137,8 +137,8 @@ class BagPlayerNode(TudorNode):
         if self.fault or (self.track is None and not self.finished):
             return super().verdict()
         if self.finished:
-            return OK, 'at the end'
-        return OK, 'waits for subscribers' if self.meter.count == 0 else 'plays'
+            return OK, 'the bag has been played to its end'
+        return OK, 'waits for subscribers' if self.meter.count == 0 else 'plays the bag'
 
 
 main = partial(run, BagPlayerNode)

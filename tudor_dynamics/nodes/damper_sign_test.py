@@ -64,7 +64,7 @@ class SignTester(Trial):
     def needs(self) -> list[Any]:
         """Wait for strains, too."""
         return [*super().needs(),
-                (lambda: all(len(heard) > 1 for heard in self._strain), 'strains of the gauges')]
+                (lambda: all(len(heard) > 1 for heard in self._strain), 'strains of all gauges')]
 
     def listen(self, gauge: int, seconds: float, *, watch: bool = False) -> StepResponse:
         """Record the strain of a gauge; with ``watch`` the damper goes off where it grows."""
@@ -78,15 +78,15 @@ class SignTester(Trial):
                 watch = False
         response = self._response(gauge)
         if response is None:
-            raise TudorError(f'no strain of {self.arm.gauge_names[gauge]}; start its driver')
+            raise TudorError(f'fewer than 20 strains of {self.arm.gauge_names[gauge]} arrived in '
+                             f'{seconds:g} s on {self.arm.gauges[gauge].topic}; check its driver')
         return response
 
     def _response(self, gauge: int) -> StepResponse | None:
         heard = self._strain[gauge]
         if len(heard) < 20:
             return None
-        stamp, strain = np.array([item[0] for item in heard]) * 1e-9, np.array(
-            [item[1] for item in heard])
+        stamp, strain = np.array(heard).T * [[1e-9], [1.0]]
         grid = np.linspace(stamp[0], stamp[-1], len(stamp))  # lost messages leave no dent
         return StepResponse(float(grid[1] - grid[0]), np.interp(grid, stamp, strain))
 
@@ -108,9 +108,9 @@ class SignTester(Trial):
         response = self.listen(self._gauge(joint), RECORD, watch=share > 0.0)
         assert self.q is not None
         if abs(self.q[index] - self._goal[index]) > 0.5 * abs(step):
-            msg = (f'{joint} is at {self.q[index]:.3g} and was sent to {self._goal[index]:.3g}: '
-                   f'the diagnostics of {DAMPER} say why it was held; test again')
-            raise TudorError(msg)
+            unit = 'm' if self.arm.is_prismatic(joint) else 'rad'
+            raise TudorError(f'{joint} is at {self.q[index]:.3g}, not at {self._goal[index]:.3g} '
+                             f'{unit}: see the diagnostics of {DAMPER}, then test again')
         return response
 
     def _go(self, index: int) -> None:
@@ -138,7 +138,7 @@ class SignTester(Trial):
             right = right and result.sign is Sign.RIGHT
             print(result.text, flush=True)
         self.set_damping(1.0 if right else 0.0)
-        print('the damper is on' if right else 'the damper is off')
+        print(f'the damper is {"on" if right else "off"}: its parameter damping is now {right:d}')
         return 0 if right else 1
 
 
@@ -150,6 +150,6 @@ def damped_joints(arm: Arm) -> list[str]:
 
 main = partial(run_trial, trial_parser(
     'damper_sign_test',
-    'Make small steps of each joint without and with the damper: it must damp.',
+    'Move each joint by small steps: the link must ring less with the damper than without.',
     ['--arm my_arm.yaml --step 3'], '0 every sign is right, 1 a sign is wrong or unclear',
-    3.0, 10.0), SignTester, damped_joints, 'has no damper with a gauge', (20.0, 100.0))
+    3.0, 10.0), SignTester, damped_joints, 'is not in damper.joints of the arm', (20.0, 100.0))

@@ -55,7 +55,7 @@ class ForceControllerNode(MovingNode):
         Figure('wanted [N]', lambda controller: f'{controller.wanted:.3g}', 'controller'),
         Figure('force [N]', lambda controller: f'{controller.force:.3g}', 'controller'),
         Figure('weight by', lambda node: node.controller and node.static.source))
-    ending = 'shut down: no references are given any more'
+    ending = 'shut down: the node sends no references; start it again to go on'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('force_controller', SILENT, **kwargs)
@@ -92,15 +92,15 @@ class ForceControllerNode(MovingNode):
 
     def _reset(self) -> str:
         if self.controller is None:
-            return 'nothing to reset yet'
+            return 'not configured yet: there is nothing to reset'
         self.controller.clear()
-        return 'forces are taken again'
+        return f'accepts forces on {WANTED_FORCE} again'
 
     def _retreat(self) -> str:
         if self.controller is None:
-            return 'no surface is touched yet'
+            return 'not configured yet: the tip touches no surface'
         self.controller.retreat()
-        return 'leaves the surface'
+        return 'the tip leaves the surface'
 
     def _on_wanted(self, message: Float64) -> None:
         if self.controller is None or not self.active:
@@ -135,10 +135,10 @@ class ForceControllerNode(MovingNode):
         if controller is None or level != OK:
             return level, message
         if controller.phase is Phase.HELD:
-            return ERROR, f'{controller.cause}: the pose is held, ~/reset takes forces again'
+            return ERROR, f'{controller.cause}: the arm holds its pose; call ~/reset to go on'
         if self.static.source == 'none':
-            return WARN, ('the weight in the readings of the gauges is unknown: set model, or add '
-                          'links: to the arm description')
+            return WARN, ('the weight of the arm in the gauge readings is unknown: set the '
+                          'parameter model, or add the key links to the arm description')
         return OK, controller.cause
 
 

@@ -72,7 +72,7 @@ class JointStateFilterNode(TudorNode):
 
     def _reset(self) -> str:
         self.filter.reset()
-        return 'the next sample is a first one'
+        return 'the filter restarts with the next sample'
 
     def _on_joints(self, message: JointSample) -> None:
         begun = self.meter.begin()

@@ -102,10 +102,10 @@ class JointTester(Trial):
         self._activate(True)
         self._commands = 0
         if not self.spin_until(lambda: self._commands > 0, PATIENCE):
-            raise TudorError(f'{DAMPER} commands nothing on {VELOCITY_COMMANDS}; {self._hints()}')
+            raise TudorError(self._hinted(f'{DAMPER} sends nothing on {VELOCITY_COMMANDS}'))
 
-    def _hints(self) -> str:
-        return '; '.join(f'{name} says: {text}' for name, text in self._said.items())
+    def _hinted(self, what: str) -> str:
+        return '; '.join([what, *(f'{name} says: {text}' for name, text in self._said.items())])
 
     def nudge(self, joint: str, step: float) -> JointAnswer:
         """Nudge a joint; where any goes astray, stop all."""
@@ -145,7 +145,7 @@ class JointTester(Trial):
             largest = NUDGE_LARGEST * step
             answer = self.nudge(joint, step)
             while answer.right is None and 2.0 * step <= largest:
-                print(f'{answer.text}: unclear, once more with a larger nudge', flush=True)
+                print(f'{answer.text}; this is unclear: trying a larger step', flush=True)
                 step *= 2.0
                 self.start()
                 answer = self.nudge(joint, step)
@@ -156,25 +156,25 @@ class JointTester(Trial):
             self._activate(False)
         self.set_damping(damping)
         if not answer.right:
-            end = (f'{DAMPER} is inactive: mend this, and test again before anything else moves'
-                   if answer.right is False else 'unclear: take a larger --step')
-            print('; '.join(text for text in (end, self._hints()) if text))
+            end = (f'{DAMPER} is inactive now: correct this, then test again before any motion'
+                   if answer.right is False else 'unclear: test again with a larger --step')
+            print(self._hinted(end))
             return 1
         if set(joints) == set(self.arm.active_joints) and self._tested.service_is_ready():
             result = self.call(self._tested, Trigger.Request(), DAMPER)
             if not result.success:
-                print(f'{DAMPER} does not take the result: {result.message}')
+                print(f'{DAMPER} rejects the result of the test: {result.message}')
                 return 1
         print('all joints that were tested answer their commands')
         return 0
 
 
 parser = trial_parser(
-    'joint_test', 'Nudge each joint: it must answer its own commands, by as much, and soon.',
+    'joint_test', 'Move each joint a little: it must follow its own commands, as far as these.',
     ['--arm my_arm.yaml', '--arm my_arm.yaml --controller velocity_controller --step 1'],
     '0 all joints are right, 1 one is wrong or unclear', math.degrees(NUDGE), 1e3 * NUDGE_SLIDE)
 parser.add_argument('--controller', metavar='NAME',
                     help='controller of ros2_control whose parameter joints has to be in the '
                     "order of the arm's active joints")
-main = partial(run_trial, parser, JointTester, lambda arm: arm.active_joints, 'is not active',
-               (5.0, 20.0))
+main = partial(run_trial, parser, JointTester, lambda arm: arm.active_joints,
+               'is not an active joint of the arm', (5.0, 20.0))

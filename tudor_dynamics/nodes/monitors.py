@@ -110,7 +110,7 @@ class WatchedArm:
         if node is not None and node.failure:
             host.get_logger().error(f'{self.namespace}: {node.failure}')
             last = node.failure.strip().splitlines()[-1]
-            self.fault = f'failed, restarts in {pause:g} s: {last}'
+            self.fault = f'its monitor failed and restarts in {pause:g} s: {last}'
             self.failures += 1
             self._due = now + pause
             self.end(host)
@@ -156,8 +156,8 @@ class MonitorsNode(TudorNode):
         for arm in self.arms:
             arm.make()
         if not self.arms:
-            self.fault = ('no namespaces: name those of the arms, such as '
-                          "namespaces:=['left', 'right']; for one arm there is monitor")
+            self.fault = ('no namespaces: set the parameter namespaces to those of the arms, such '
+                          "as ['left', 'right']; for a single arm run the node monitor")
         refused = [f'{arm.namespace}: {arm.fault}' for arm in self.arms if arm.fault]
         if refused and len(refused) == len(self.arms):
             self.close()
@@ -173,10 +173,10 @@ class MonitorsNode(TudorNode):
                 namespace = expand_topic_name(name, self.get_name(), self.get_namespace())
                 validate_namespace(namespace)
             except (InvalidNamespaceException, ValueError) as err:
-                msg = f'parameter namespaces: {name!r} is no namespace: {err}'
+                msg = f'parameter namespaces: {name!r} is no valid namespace: {err}'
                 raise TudorError(msg) from None
             if namespace in found:
-                msg = f'parameter namespaces: {name!r} stands there twice; give each arm its own'
+                msg = f'parameter namespaces: {name!r} appears twice; give each arm its own'
                 raise TudorError(msg)
             found.append(namespace)
         return found
@@ -201,7 +201,7 @@ class MonitorsNode(TudorNode):
         if level == OK and faults:
             return ERROR, '; '.join(faults)
         if level == OK and failed:
-            return WARN, f'{", ".join(failed)}: failed before; see the log'
+            return WARN, f'the monitor of {", ".join(failed)} failed and restarted; see the log'
         return level, message
 
     def close(self) -> None:

@@ -64,7 +64,7 @@ class OscillationDamperNode(MovingNode):
     FIGURES: tuple[Figure, ...] = (
         Figure('state', lambda controller: controller.state.name.lower(), 'controller'),
         Figure('cause', lambda controller: controller.cause, 'controller'),
-        Figure('loop delay [ms]', lambda controller: 'unknown before motion' if (
+        Figure('loop delay [ms]', lambda controller: 'unknown until motion' if (
             delay := controller.gains.delay.delay) is None else f'{1e3 * delay:.1f}',
             'controller'),
         Figure('age of stamps [ms]', lambda node: node.controller and node.clocks.text()),
@@ -83,7 +83,7 @@ class OscillationDamperNode(MovingNode):
         Figure('damper JOINT', lambda controller: dict(zip(
             controller.damper.joints, controller.damper.report(), strict=True)), 'controller'))
     feels = True
-    ending = 'shut down: the joints are braked to standstill, and no more is commanded'
+    ending = 'shut down: the joints brake to standstill; start the node again to go on'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('oscillation_damper', LONGEST_GAP, **kwargs)
@@ -106,7 +106,7 @@ class OscillationDamperNode(MovingNode):
             controller.adaptation = Adaptation(
                 load_schedule(self.value('gain_schedule'), arm), controller.planned.acceleration)
         for text in controller.limits.missing:
-            self.get_logger().warning(f'{text}; nothing bounds it: add it to limits: of the joint')
+            self.get_logger().warning(f'{text} is described; add it to the limits of the joint')
         self.controller = controller
         self._references = NamedReader(controller.joints, self.drops)
         return arm, controller.damper.gauges
@@ -140,13 +140,13 @@ class OscillationDamperNode(MovingNode):
             self.gate.reset()
             self.clocks.reset()
         self._faults = {}
-        return 'the arm is held, and the damper fades in again'
+        return 'the arm holds its pose, and the damper fades in again'
 
     def _tested(self) -> str:
         if self.controller is None or not self.active:
-            raise UsageError('the damper is not active', remedy='activate it, and test again')
+            raise UsageError('the damper is not active', remedy='activate it and test again')
         self.controller.tested = True
-        return 'any motion is taken until the driver starts again'
+        return 'follows any reference until the driver of the arm restarts'
 
     def _on_reference(self, message: JointState) -> None:
         q = self._references.read(message, 'position')
@@ -212,20 +212,20 @@ class OscillationDamperNode(MovingNode):
         if controller is None or not self.active:
             return level, message
         if controller.state is State.FAULT:
-            return ERROR, f'{controller.cause}; joints are stopped: mend it, then call ~/reset'
+            return ERROR, f'{controller.cause}; joints are stopped: correct it, then call ~/reset'
         clock = self.clocks.fault()
         if clock:
             return ERROR, clock
         if controller.blind:
-            return STALE, 'no joint positions arrive: no commands are sent'
+            return STALE, f'no joint positions arrive on {self._own}: no commands are sent'
         if controller.missing:
-            return STALE, f'{controller.cause}: standstill is commanded'
+            return STALE, f'{controller.cause}: the damper commands standstill'
         if self.crowded and self.crowded[0] == ERROR:
             return self.crowded
         gains = controller.gains
         if gains.excited:
-            return ERROR, (f'the damper is off: {gains.excited}; look at its sign, its gain '
-                           'and the delay of the loop, then ~/reset')
+            return ERROR, (f'the damper is off: {gains.excited}; run damper_sign_test, check '
+                           'the gains and the loop delay, then call ~/reset')
         bad = self._gauge_faults(controller)
         if bad:
             return ERROR, '; '.join(bad)
@@ -236,14 +236,14 @@ class OscillationDamperNode(MovingNode):
                     f'{controller.cause}: the joints are held')
         delay = gains.delay.delay
         if gains.allowed_share < 1.0 and delay is not None:
-            off = 'is off' if gains.allowed_share == 0.0 else 'takes less'
-            return WARN, (f'the damper {off}: the loop has a delay of '
-                          f'{1e3 * (delay + gains.late):.0f} ms, its gains hold up to '
+            off = 'is off' if gains.allowed_share == 0.0 else 'acts with reduced gain'
+            return WARN, (f'the damper {off}: the loop delay is '
+                          f'{1e3 * (delay + gains.late):.0f} ms; its full gain needs at most '
                           f'{1e3 * gains.full_delay:.0f} ms')
         gain = gains.position_gain_in_use
         if gain < gains.position_gain:
-            return WARN, (f'position gain {gain:.2g} 1/s instead of {gains.position_gain:.2g}: '
-                          'the delay of the loop allows no more')
+            return WARN, (f'the position gain is {gain:.2g}, not {gains.position_gain:.2g} 1/s: '
+                          'the loop delay allows no more; shorten this delay')
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
             return WARN, f'fixed gains: {adaptation.unknown}'
@@ -251,7 +251,7 @@ class OscillationDamperNode(MovingNode):
         if note:
             return WARN, note
         if controller.limits.missing:
-            return WARN, f'not bounded, {"; ".join(controller.limits.missing)}'
+            return WARN, f'limits are not described: {"; ".join(controller.limits.missing)}'
         return level, message
 
     def _look(self) -> None:

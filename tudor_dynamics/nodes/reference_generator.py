@@ -70,7 +70,7 @@ class ReferenceGeneratorNode(MovingNode):
         Figure('trajectory', lambda source: _progress(source), 'source'),
         Figure('off the reference JOINT [rad]', lambda source: _off(source), 'source'),
         Figure('begun again', lambda source: source.note or None, 'source'))
-    ending = 'shut down: the reference brakes, and no more is published'
+    ending = 'shut down: the reference brakes to standstill; start the node again to go on'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('reference_generator', LONGEST_GAP, **kwargs)
@@ -161,9 +161,9 @@ class ReferenceGeneratorNode(MovingNode):
 
     def _reset(self) -> str:
         if self.source is None:
-            return 'nothing to reset yet'
+            return 'not configured yet: there is nothing to reset'
         self.source.reset(self.steady())
-        return 'goals are taken again'
+        return 'accepts goals again'
 
     def _on_joints(self, message: JointState) -> None:
         begun = self.meter.begin()
@@ -177,9 +177,9 @@ class ReferenceGeneratorNode(MovingNode):
     def _on_goal(self, message: JointTrajectory) -> None:
         assert self.source is not None
         if not message.points:  # controllers stop at this
-            self.source.stop('a trajectory without points')
+            self.source.stop(f'a trajectory without points came on {JOINT_TRAJECTORY}')
         elif not self._take(message) and self.server is not None:
-            self.server.end(f'another trajectory took over, from {JOINT_TRAJECTORY}')
+            self.server.end(f'a newer trajectory on {JOINT_TRAJECTORY} replaced this goal')
 
     def _take(self, message: JointTrajectory, goal: Any = None) -> str:
         """Take a trajectory, of a goal with its tolerances; give why not."""
@@ -265,7 +265,7 @@ class ReferenceGeneratorNode(MovingNode):
         """See who leads the arm, who says where it is, and who publishes collisions."""
         if self.source is None:
             return
-        self.crowded = self.crowd(self._output, 'lead the arm', self._own)
+        self.crowded = self.crowd(self._output, 'send references', self._own)
         self.monitors = self.publishing(self.resolve_topic_name(COLLISION))
         now = self.steady()
         heard = [self._heard.get(name) for name in self.monitors]
@@ -273,11 +273,11 @@ class ReferenceGeneratorNode(MovingNode):
         if any(able for _, able in alive):
             self._unwatched = ''
         elif alive:
-            self._unwatched = 'the monitor says that it cannot judge the arm'
+            self._unwatched = f'{", ".join(self.monitors)} cannot judge the arm; see /diagnostics'
         elif self.monitors:
             self._unwatched = f'{", ".join(self.monitors)} sends no diagnostics'
         else:
-            self._unwatched = f'nobody publishes {COLLISION}'
+            self._unwatched = f'no node publishes {COLLISION}'
         self.source.halt(self._unwatched if self.value('require_monitor') else '')
         self._heard = {name: item for name, item in self._heard.items() if now - item[0] < 60.0}
 
@@ -313,16 +313,16 @@ class ReferenceGeneratorNode(MovingNode):
         if level != OK:
             return level, message
         if source.reacting or source.collision:
-            return WARN, f'collision: {self.value("reaction")}; ~/reset takes goals again'
+            return WARN, f'collision, reaction {self.value("reaction")}: call ~/reset to go on'
         if source.halted:
-            return WARN, f'no goals are taken: {source.halted}'
+            return WARN, f'the node accepts no goals: {source.halted}'
         if self.crowded is not None:
             return self.crowded
         if len(self.monitors) > 1:
             return WARN, (f'{len(self.monitors)} nodes publish {COLLISION}: '
-                          f'{", ".join(self.monitors)}')
+                          f'{", ".join(self.monitors)}; let only one publish there')
         if self._unwatched and self.monitors:
-            return WARN, f'nobody watches for collisions any more: {self._unwatched}'
+            return WARN, f'no node watches for collisions any more: {self._unwatched}'
         return level, message
 
 

@@ -106,10 +106,10 @@ class TrajectoryRelayNode(TudorNode):
 
     def _reset(self) -> str:
         if self.collision:
-            raise UsageError(f'a collision is still reported on {COLLISION}', remedy='look at the '
-                             'arm, call ~/reset of the node that reports it, then this again')
+            raise UsageError(f'a collision is still reported on {COLLISION}', remedy='check the '
+                             'arm, call ~/reset of the node that reports it, then of this node')
         self.held = False
-        return 'trajectories are taken again'
+        return 'accepts trajectories again'
 
     def _on_joints(self, message: JointState) -> None:
         begun = self.meter.begin()
@@ -126,18 +126,19 @@ class TrajectoryRelayNode(TudorNode):
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         if not message.points:
-            self._stop('a trajectory without points')
+            self._stop(f'a trajectory without points came on {JOINT_TRAJECTORY}')
         elif not self._check(message):
-            self._leave(f'another trajectory took over, from {JOINT_TRAJECTORY}')
+            self._leave(f'a newer trajectory on {JOINT_TRAJECTORY} replaced this goal')
             self._output.publish(message)
 
     def _on_goal(self, goal: Any) -> str:
         """Forward a goal; give why not."""
         if not self._client.server_is_ready():
-            return self._refuse(f'{self.value("controller")} offers no action: is it active?')
+            return self._refuse(f'the controller {self.value("controller")} offers no action '
+                                'follow_joint_trajectory: activate it')
         why = self._check(goal.trajectory)
         if not why:
-            self._leave('another goal took over')
+            self._leave('a newer goal replaced this one')
             self._goal = mine = [None]
             self._client.send_goal_async(goal, partial(self._fed_back, mine)).add_done_callback(
                 partial(self._accepted, mine))
@@ -150,7 +151,7 @@ class TrajectoryRelayNode(TudorNode):
     def _accepted(self, mine: list[Any], future: Any) -> None:
         handle = future.result()
         if not handle.accepted:
-            self._ended(mine, f'{self.value("controller")} rejected the goal: see its log')
+            self._ended(mine, f'{self.value("controller")} rejected the goal; see its log')
             return
         mine[0] = handle
         handle.get_result_async().add_done_callback(lambda done: self._ended(
@@ -194,7 +195,7 @@ class TrajectoryRelayNode(TudorNode):
         follower = self.follower
         assert follower is not None
         if self.held or self.collision:
-            raise SignalError('a collision was reported', remedy='look at the arm, then ~/reset')
+            raise SignalError('a collision was reported', remedy='check the arm and call ~/reset')
         if self._q is None or self.steady() - self._at > self.value('timeout'):
             raise SignalError('no joint positions arrive: start the driver of the arm')
         self._step()
@@ -208,6 +209,7 @@ class TrajectoryRelayNode(TudorNode):
                 self.ahead.carry(self.value('payload'))
                 self._payload = self.value('payload')
             sent = self.ahead.along(whole)
+        why = ''
         if since >= 0.0 and whole.t[0] <= since < whole.t[-1]:
             # controllers do not lead from where the arm is to points that are due: they jump
             curve = spline(whole)
@@ -216,14 +218,12 @@ class TrajectoryRelayNode(TudorNode):
             if off.max() > self.value('start_tolerance'):
                 k = int(off.argmax())
                 raise SignalError(
-                    f'the first point is due at once, and {self._names[k]} is {off[k]:.3g} away',
-                    remedy='begin where the arm is, or give the first point a later time')
+                    f'{self._names[k]} is {off[k]:.3g} rad or m away from the point that is due',
+                    remedy='begin where the arm is, or raise time_from_start of the points')
             why = Path(own, whole, since).beyond(follower.bounds)
             if not why:
                 follower.leave()
                 state = own
-        else:
-            why = ''
         why = why or follower.take(whole, since, state, follower.path is None)
         if why:
             raise SignalError(why)
@@ -239,13 +239,13 @@ class TrajectoryRelayNode(TudorNode):
             shaper = impulses(self.value('shaping'), self.value('shaping_frequency'),
                               self.value('shaping_damping'))
             if np.abs(state.dq).max() > AT_REST:
-                raise SignalError('the arm still moves', remedy='send one motion after another')
+                raise SignalError('the arm still moves', remedy='send motions one by one')
             begin = max(since, 0.0)
             return convolved(
                 from_state(whole, state, begin) if whole.t[0] > begin else whole, shaper)
         except SignalError as err:
             if self.value('not_shaped') == 'refuse':
-                raise SignalError(f'it cannot be shaped: {err}') from None
+                raise SignalError(f'the trajectory cannot be shaped: {err}') from None
             self.not_shaped = str(err)
             return whole
 
@@ -301,9 +301,9 @@ class TrajectoryRelayNode(TudorNode):
         if level != OK:
             return level, message
         if self.held or self.collision:
-            return WARN, 'collision: the controller was stopped; ~/reset takes trajectories again'
+            return WARN, 'collision: the controller was stopped; call ~/reset to go on'
         if not self._output.get_subscription_count():
-            return WARN, f'nobody hears {self._output.topic_name}: is the controller active?'
+            return WARN, f'no node hears {self._output.topic_name}: activate the controller'
         if self.refused:
             return WARN, f'refused: {self.refused}'
         return (WARN, f'not shaped: {self.not_shaped}') if self.not_shaped else (level, message)

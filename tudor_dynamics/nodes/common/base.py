@@ -131,8 +131,8 @@ class ClockWatch:
     def fault(self) -> str:
         """Say what is wrong with stamps that make the arm stand; empty for nothing."""
         if self._zeros >= ENOUGH:
-            return ('all stamps of the positions are zero: the driver has to set header.stamp, '
-                    'without which no sample time is known')
+            return ('all stamps of the positions are zero, so the sample time is unknown: let the '
+                    'driver set header.stamp')
         return ''
 
     def offset(self) -> str:
@@ -140,18 +140,18 @@ class ClockWatch:
         if self._count < ENOUGH or self.age is None or -EARLY <= self.age <= OLD:
             return ''
         where = 'in the future' if self.age < 0.0 else 'in the past'
-        return (f'stamps of the positions are {abs(self.age):.3g} s {where}: the clocks of driver '
-                'and this machine differ, or one of the two uses simulated time')
+        return (f'stamps of the positions are {abs(self.age):.3g} s {where}: synchronize the '
+                'clocks of this machine and the driver, and set use_sim_time alike for both')
 
 
 UNUSABLE = {
-    'unknown_names': 'the names in it are not those of the arm',
-    'short_array': 'its arrays are shorter than its names',
-    'not_finite': 'its values are no numbers',
-    'not_one_point': 'it is no trajectory of one point',
-    'impossible_command': 'it is no command for these joints',
-    'duplicate_stamp': 'its stamps are repeated',
-    'backward_stamp': 'its stamps go backwards'}
+    'unknown_names': 'their names are not those of the arm description',
+    'short_array': 'their arrays are shorter than their names',
+    'not_finite': 'their values are not finite',
+    'not_one_point': 'they are not trajectories of one point',
+    'impossible_command': 'they are not valid commands for the joints of the arm',
+    'duplicate_stamp': 'they repeat the stamp of the message before',
+    'backward_stamp': 'their stamps are older than that of the message before'}
 """Drops that are the fault of who sends, and what they mean."""
 OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)  # topics that every node has
 
@@ -375,11 +375,11 @@ class TudorNode(Node):
         rivals, sources = self.rivals(publisher), sorted(
             self.publishing(self.resolve_topic_name(positions)) if positions else ())
         if rivals:
-            return ERROR, (f'{", ".join(rivals)} can {verb}, too, on {publisher.topic_name}: end '
-                           'all but one')
+            return ERROR, (f'{", ".join(rivals)} can also {verb} on {publisher.topic_name}: let '
+                           'only one node publish there')
         return None if len(sources) < 2 else (WARN, (
-            f'{len(sources)} nodes publish positions on {positions}: {", ".join(sources)}; there '
-            'may be one'))
+            f'{len(sources)} nodes publish positions on {positions}: {", ".join(sources)}; let '
+            'only one publish there'))
 
     def serve(self, name: str, action: Callable[[], str]) -> None:
         """Offer a Trigger service."""
@@ -405,7 +405,7 @@ class TudorNode(Node):
     def described_arm(self, contents: str, reader: str = '') -> Arm:
         """Read the parameter ``arm``; a reader takes no interfaces but JointStates."""
         if not self.value('arm'):
-            raise ArmError(f'no arm: set the parameter arm to a description with {contents}')
+            raise ArmError(f'no arm: set the parameter arm to a YAML file with {contents}')
         arm = load_arm(self.value('arm'))
         if reader:
             refuse_interfaces(arm, reader)
@@ -468,7 +468,7 @@ class TudorNode(Node):
         if not since or since.total() < TOO_MANY * (used + since.total()):
             return ''
         cause, count = since.most_common(1)[0]
-        return f'{count} messages in a second cannot be used, {cause}: {UNUSABLE[cause]}'
+        return f'cannot use {count} messages of the last second ({cause}): {UNUSABLE[cause]}'
 
     def publish_diagnostics(self, extra: DiagnosticStatus | None = None) -> None:
         """Publish the state of the node; called once a second."""

@@ -78,8 +78,8 @@ class CollisionOutput:
         self._records.publish(String(data=json.dumps(record)))
         name = max(event.ratios, key=lambda channel: event.ratios[channel])
         self._node.get_logger().warning(
-            f'collision at {event.link} by {event.method}, {record["time"]}: {name} '
-            f'{event.residuals[name]:.4g}, {event.ratios[name]:.2f} times its threshold')
+            f'collision at {event.link}, detected by {event.method} at {record["time"]}: the '
+            f'residual of {name} is {event.ratios[name]:.2f} times its threshold')
         header = Header(frame_id=event.link)
         header.stamp = time_message(event.onset)
         self._events.publish(header)
@@ -89,7 +89,7 @@ class CollisionOutput:
         node = self._node
         node.publish_diagnostics(DiagnosticStatus(
             level=WARN, name=f'{node.get_name()}: collision', hardware_id=node.hardware(),
-            message=f'collision at {event.link}, by {event.method}',
+            message=f'collision at {event.link}, detected by {event.method}',
             values=[KeyValue(key=k, value=v) for k, v in values.items()]))
 
     def values(self) -> dict[str, str]:
@@ -152,7 +152,7 @@ class ContactOutput:
                 values['contact note'] = last.note
         if self._summary:
             found = self._summary
-            where = ('place not known, from force' if found['place'] is None else
+            where = ('place on the link unknown' if found['place'] is None else
                      f'{found["place"]:.3f} m from its joint')
             values['last contact'] = f'{found["link"]}, {found["force"]:.2f} N, {where}'
         return values
@@ -237,11 +237,12 @@ class DetectNode(ModelNode):
         """Say which methods were asked for in vain, and which have no thresholds."""
         unserved = [m for m in self.value('methods') if m not in watch.methods]
         self._unserved = '' if not unserved else (
-            f'methods {", ".join(unserved)}: the model has no {self.value("kind")} model for that')
+            f'methods {", ".join(unserved)}: the bundle has no model that they can use with kind '
+            f'{self.value("kind")}; change the parameter methods or kind')
         missing = [m for m in watch.methods if m not in watch.stages]
         return '' if not missing else (
-            f'no thresholds for {", ".join(missing)}: fit the model with more free motion, or '
-            'call ~/calibrate while the arm moves freely')
+            f'the model has no thresholds for {", ".join(missing)}: run tudor fit with more '
+            'motion without contact, or call ~/calibrate while the arm moves without contact')
 
     def came(self, topic: str, stamp: int) -> None:
         """Count a message that the detector needs; say at once where fewer are judged."""
@@ -254,9 +255,8 @@ class DetectNode(ModelNode):
         collision = values.get('false_alarms_per_hour', self.value('false_alarms_per_hour'))
         contact = values.get('contact_alarms_per_hour', self.value('contact_alarms_per_hour'))
         if contact < collision:
-            msg = (f'contact_alarms_per_hour {contact:g} is below false_alarms_per_hour '
-                   f'{collision:g}: contact only warns, so allow it at least as many')
-            raise TudorError(msg)
+            raise TudorError(f'contact_alarms_per_hour, {contact:g}, must not be less than '
+                             f'false_alarms_per_hour, {collision:g}')
 
     def apply(self) -> None:
         super().apply()
@@ -313,7 +313,7 @@ class DetectNode(ModelNode):
         if self.watch is not None and found.excesses:
             self.collision_output.level(self.watch.level)
         for load in found.loads:
-            self.get_logger().info(f'no collision but a load: {load.mass:.3f} kg now')
+            self.get_logger().info(f'the load changed, no collision: it is now {load.mass:.3f} kg')
         if found.residuals:
             self.port.publish(found.residuals[-1][1].motion.stamp, len(found.loads))
 
@@ -330,10 +330,10 @@ class DetectNode(ModelNode):
 
     def _calibrate(self) -> str:
         if self.watch is None or self.bundle is None:
-            raise TudorError(f'nothing to calibrate: {self.fault or "no model"}')
+            raise TudorError(f'cannot calibrate: {self.fault or "no model is loaded"}')
         if self.meter.stale(float(self.value('timeout'))):
-            msg = 'nothing to learn from: no samples come in; start the robot and call again'
-            raise TudorError(msg)
+            raise TudorError('cannot calibrate: no samples arrive', remedy='start the driver of '
+                             'the arm, then call ~/calibrate again')
         seconds = float(self.value('calibration_time'))
         self._calibration = Calibration(
             {method: self.bundle.arm.channels[SOURCE[method]] for method in self.watch.methods},
@@ -357,11 +357,11 @@ class DetectNode(ModelNode):
             def take() -> None:
                 if self.bundle is bundle and self.watch is not None:
                     self.watch.use_thresholds(learned, replace(settings))
-                    self._note = 'thresholds of ~/calibrate in use'
+                    self._note = 'thresholds of ~/calibrate replace those of the model'
             return take
 
         def refuse(why: str) -> None:
-            self._note = f'calibration failed, the thresholds before stay in use: {why}'
+            self._note = f'calibration failed, the previous thresholds stay in use: {why}'
             self.get_logger().error(self._note)
         self.in_background(learn, refuse)
 
@@ -395,14 +395,14 @@ class DetectNode(ModelNode):
         verdict = self.coverage.verdict
         learning = self._calibration is not None and not self.watch.stages
         errors = [
-            f'no change in {", ".join(dead)} while the arm moves: dead sensor' if dead else '',
+            f'{", ".join(dead)}: no change while the arm moves; check the sensor' if dead else '',
             self._unserved if not self.watch.methods else '',
             verdict.text if verdict.level is CoverageLevel.NONE and not learning else '']
         warnings = [
             verdict.text if not learning else '', self._unserved, self._note,
             self.watch.outside_training,
-            f'{", ".join(rivals)} publish on {COLLISION}, too: give each its own topic or '
-            'namespace' if rivals else '']
+            f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
+            'namespace, or remap the topic' if rivals else '']
         for level, texts in ((ERROR, errors), (WARN, warnings)):
             if any(texts):
                 return level, '; '.join(text for text in texts if text)

@@ -60,14 +60,14 @@ def tolerances_of(goal: Any, names: Sequence[str], default: Tolerances) -> Toler
         bounds = np.array(np.broadcast_to(bound, len(names)))
         for item in getattr(goal, field):
             if item.name not in names:
-                raise SignalError(f'{WRONG_JOINTS}, unknown in {field}: {item.name}',
+                raise SignalError(f'{WRONG_JOINTS}: {field} has the unknown joint {item.name}',
                                   remedy=f'the joints are {", ".join(names)}')
             if item.velocity > 0.0 or item.acceleration > 0.0:
-                raise SignalError(f'{field} of {item.name} bounds more than positions',
-                                  remedy='leave velocity and acceleration 0')
+                raise SignalError(f'{field} of {item.name}: only positions are checked',
+                                  remedy='leave its velocity and acceleration 0')
             if not (item.position >= 0.0 or item.position == -1.0):
-                raise SignalError(f'{field} of {item.name} is {item.position:g}',
-                                  remedy='give 0 for the default, -1 for none, or a distance')
+                raise SignalError(f'{field} of {item.name} has the position {item.position:g}',
+                                  remedy='give rad or m, 0 for the default, -1 for no bound')
             if item.position:
                 bounds[names.index(item.name)] = max(item.position, 0.0)
         return bounds
@@ -96,12 +96,12 @@ class FollowServer:
         asked = goal.request
         several = (asked.multi_dof_trajectory.points, asked.component_path_tolerance,
                    asked.component_goal_tolerance)
-        why = (f'{WRONG_JOINTS}: none has several degrees of freedom' if any(several) else
-               self._take(asked))
+        why = self._take(asked) if not any(several) else (
+            f'{WRONG_JOINTS}: the arm has no multi-DOF joints; leave the fields for them empty')
         if why:
             goal.execute(partial(self._finish, why))
             return
-        self.end('another goal took over')
+        self.end('a newer goal replaced this one')
         # execute() would need a callback that waits, for which rclpy's executors spin all the time
         goal._update_state(GoalEvent.EXECUTE)
         self._goal = goal

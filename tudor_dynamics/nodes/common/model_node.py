@@ -135,9 +135,9 @@ class PayloadPort:
 
     def _expect(self) -> str:
         if not isinstance(self.load, PayloadStage):
-            raise TudorError('no model that estimates a load is loaded; see the diagnostics')
+            raise TudorError('no model to estimate the load is in use; the diagnostics say why')
         self.announce()
-        return 'a load may come or go within 3 s without being a collision'
+        return 'a load picked up or released within 3 s is not reported as a collision'
 
     def announce(self) -> None:
         """Let a load come or go now; of no effect where the load is a parameter."""
@@ -248,7 +248,7 @@ class ModelNode(TudorNode):
     def _reload(self) -> str:
         """Load beside the running model, and answer at once: the diagnostics have the outcome."""
         if self._loader is not None:
-            raise TudorError('still loading the model; call again when it is in use')
+            raise TudorError('still loading a model or thresholds; call ~/reload again later')
 
         def load() -> Callable[[], None]:
             whole = self._load()
@@ -258,7 +258,7 @@ class ModelNode(TudorNode):
                 self.fault = self._reload_fault = ''
                 self._whole = whole
                 self._adopt(bundle, prepared)
-                self.get_logger().info(f'model {self.source} in use')
+                self.get_logger().info(f'model {self.source} is now in use')
             return take
 
         def refuse(why: str) -> None:
@@ -315,8 +315,8 @@ class ModelNode(TudorNode):
             return level, message
         known = None if self._whole is None else self._whole.payload_range
         if known is not None and not known[0] <= self.payload <= known[1]:
-            return WARN, (f'payload {self.payload:g} kg: the model was fitted to {known[0]:g} to '
-                          f'{known[1]:g} kg')
+            return WARN, (f'parameter payload {self.payload:g} kg is outside the {known[0]:g} to '
+                          f'{known[1]:g} kg that the model was fitted to: it extrapolates')
         if self._reload_fault:
             return ERROR, f'reload refused: {self._reload_fault}'
         return level, message

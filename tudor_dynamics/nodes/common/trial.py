@@ -54,7 +54,7 @@ class Trial(Node):
 
     def __init__(self, name: str, arm: Arm, **kwargs: Any) -> None:
         if arm.spec.damper is None:
-            raise ArmError(f'{arm.source}: no damper is described; add damper: to test it')
+            raise ArmError(f'{arm.source}: no damper is described; add the key damper')
         refuse_interfaces(arm, name)
         super().__init__(name, **kwargs)
         self.arm, self.steady = arm, steady_clock(self)
@@ -97,8 +97,8 @@ class Trial(Node):
         """Wait for the arm and the nodes; a TudorError says what is missing."""
         for done, what in self.needs():
             if not self.spin_until(done, PATIENCE):
-                raise TudorError(f'{what} did not come within {PATIENCE:g} s; start the arm and '
-                                 'its nodes first')
+                raise TudorError(f'{what} did not appear within {PATIENCE:g} s; start the driver '
+                                 f'of the arm, {DAMPER} and reference_generator first')
 
     def call(self, client: Any, request: Any, what: str) -> Any:
         """Call a service; a TudorError says that it did not answer."""
@@ -107,7 +107,7 @@ class Trial(Node):
                 future = client.call_async(request)
                 if self.spin_until(future.done, PATIENCE / ATTEMPTS):
                     return future.result()
-        raise TudorError(f'{what} did not answer within {PATIENCE:g} s; start it again')
+        raise TudorError(f'the node {what} did not answer within {PATIENCE:g} s; restart it')
 
     def parameter(self, node: str, name: str) -> ParameterValue:
         """Read a parameter of another node."""
@@ -121,8 +121,8 @@ class Trial(Node):
         """Set the share of the damper's gain."""
         request = SetParameters.Request(
             parameters=[Parameter('damping', value=float(share)).to_parameter_msg()])
-        if not self.call(self._damping, request, DAMPER).results[0].successful:
-            raise TudorError(f'{DAMPER} refused damping {share:g}; its log says why')
+        if not (result := self.call(self._damping, request, DAMPER).results[0]).successful:
+            raise TudorError(f'{DAMPER} refused its parameter damping {share:g}: {result.reason}')
 
     def roomy(self, joint: int, place: float, step: float) -> float:
         """Give a step, or the one to the other side where there is no room for it."""
@@ -177,7 +177,7 @@ def run_trial(
         joints = options.joints or able
         for name in joints:
             if name not in able:
-                raise ArmError(f'joint {name!r} {others}; expected some of {able}')
+                raise ArmError(f'--joints: {name!r} {others}; choose from {", ".join(able)}')
         for name, value, bound, unit in (
                 ('step', options.step, largest[0], 'degrees'),
                 ('slide', options.slide, largest[1], 'mm')):
