@@ -145,10 +145,10 @@ DRIVES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], float, str]] = {
     'degrees': (lambda u: u * 57.3, 57.3, '(degrees confused with radians?)'),
     'radians': (lambda u: u / 57.3, 1.0 / 57.3, '(degrees confused with radians?)'),
     'half': (lambda u: 0.5 * u, 0.5, 'times as far as commanded'),
-    'tenfold': (lambda u: u * [10.0, 1.0], 10.0, 'a decimal place?'),
+    'tenfold': (lambda u: u * [10.0, 1.0], 10.0, 'wrong decimal place?'),
     'negated tenth': (lambda u: -0.1 * u, -0.1, 'the other way')}
 ENCODERS: dict[str, tuple[float, str]] = {
-    'a tenth': (0.1, 'a decimal place?'), 'a half': (0.5, 'times as far as commanded'),
+    'a tenth': (0.1, 'wrong decimal place?'), 'a half': (0.5, 'times as far as commanded'),
     'backwards': (-1.0, 'the joint moves the other way: a sign is wrong')}
 BOUND = 1.0
 """How far the true joint goes at most until it is found [deg]."""

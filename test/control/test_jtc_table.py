@@ -254,7 +254,7 @@ TABLE = (
          off(0.0, 0.0), at(0.1, 0.3, 0.0), ended('reached'))),
     Row('not at the goal after `goal_time`', 'aborted', 'the same, with joint and distance',
         (bounds(goal=0.03, goal_time=0.5), LINE, off(0.0, 0.04), at(2.7, 0.3, 0.0),
-         ended('missed: joint3 by 0.04, more than 0.03, 0.5 s after the end'))),
+         ended('missed the goal: joint3 is 0.04 [rad or m] away'))),
     Row('not at the goal, `goal_time` 0', 'it waits for as long as it takes', SAME,
         (bounds(goal=0.03), LINE, off(0.0, 0.04), at(9.0, 0.3, 0.0), ended(''), off(0.0, 0.0),
          at(0.1, 0.3, 0.0), ended('reached'))),

@@ -224,7 +224,7 @@ class JointRecord:
             moved = np.ptp(self._moved[:, j])
             if way and moved > settings.RUNAWAY * settings.LEAST_WAY * self._step:
                 return JointAnswer(name, False, f'{name}: {_times(moved / way)}: check units and '
-                                   'gear ratio in its driver')
+                                   'gears of its driver')
             return JointAnswer(name, None, f'{name}: oscillation_damper commanded a move of only '
                                f'{factor * way:.2g} of {factor * self._step:.2g} {unit}: its '
                                'diagnostics say why')
@@ -318,7 +318,7 @@ class JointRecord:
             return self._drifts(j, line[0])
         moved, way = np.ptp(self._moved[:, j]), np.ptp(self._ways, axis=0).max()
         if moved > self._step and moved > settings.RUNAWAY * way:
-            return f'{_times(moved / way)}, to and fro: check units and gear ratio in its driver'
+            return f'{_times(moved / way)}, back and forth: check units and gears of its driver'
         return ''
 
     def _silent(self, j: int, fit: _Fit) -> tuple[bool | None, str]:
