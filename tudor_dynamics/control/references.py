@@ -484,7 +484,7 @@ class ReferenceSource:
         resting = bool(np.all(np.abs(motion.dq) < settings.RESTING_SPEED * planned))
         self._away = self._away + dt if resting and away.max() > settings.NEAR_TIME else 0.0
         if away.max() > settings.FOLLOWING_TIME or self._away > settings.LOST_TIME:
-            self.note = 'the arm was too far from its reference, which restarted at the arm'
+            self.note = 'the arm was far from its reference, which restarted where the arm is'
             return True
         return False
 
