@@ -90,7 +90,7 @@ def wrong(strain: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(('fault', 'why'), [
-    (missing, 'is missing'), (stuck, 'stuck'), (wrong, 'no force at the tip|N on the tip')])
+    (missing, 'is missing'), (stuck, 'stuck'), (wrong, 'no force at the tip|force on the tip')])
 def test_a_gauge_fault_ends_in_a_held_pose(fault: Callable, why: str) -> None:
     """The arm stands, says why, and takes no force until it is cleared."""
     bench = bench_on(2000.0)

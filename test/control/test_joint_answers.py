@@ -140,16 +140,16 @@ def told(**change: Callable[[Sample], np.ndarray]) -> Callable[[Sample], Sample]
 AT = np.radians([45.0, 30.0])
 FIRST = np.array([1.0, 0.0])
 DRIVES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], float, str]] = {
-    'negated': (lambda u: u * [-1.0, 1.0], -1.0, 'it moves the other way: a sign is wrong'),
-    'all negated': (lambda u: -u, -1.0, 'it moves the other way: a sign is wrong'),
-    'degrees': (lambda u: u * 57.3, 57.3, '(degrees and radians?)'),
-    'radians': (lambda u: u / 57.3, 1.0 / 57.3, '(degrees and radians?)'),
+    'negated': (lambda u: u * [-1.0, 1.0], -1.0, 'the joint moves the other way: a sign is wrong'),
+    'all negated': (lambda u: -u, -1.0, 'the joint moves the other way: a sign is wrong'),
+    'degrees': (lambda u: u * 57.3, 57.3, '(degrees confused with radians?)'),
+    'radians': (lambda u: u / 57.3, 1.0 / 57.3, '(degrees confused with radians?)'),
     'half': (lambda u: 0.5 * u, 0.5, 'times as far as commanded'),
-    'tenfold': (lambda u: u * [10.0, 1.0], 10.0, 'a decimal place?'),
+    'tenfold': (lambda u: u * [10.0, 1.0], 10.0, 'wrong decimal place?'),
     'negated tenth': (lambda u: -0.1 * u, -0.1, 'the other way')}
 ENCODERS: dict[str, tuple[float, str]] = {
-    'a tenth': (0.1, 'a decimal place?'), 'a half': (0.5, 'times as far as commanded'),
-    'backwards': (-1.0, 'it moves the other way: a sign is wrong')}
+    'a tenth': (0.1, 'wrong decimal place?'), 'a half': (0.5, 'times as far as commanded'),
+    'backwards': (-1.0, 'the joint moves the other way: a sign is wrong')}
 BOUND = 1.0
 """How far the true joint goes at most until it is found [deg]."""
 
@@ -195,7 +195,7 @@ def test_encoders_that_lie(name: str, whole: bool, rate: float, payload: float) 
     answer = nudge(rig, 0)
     assert answer.right is False and text in answer.text, answer
     assert answer.sign == np.sign(scale) and 0.6 < answer.scale / abs(scale) < 1.3
-    assert ('in the encoder that position' if whole else 'velocity is right') in answer.text
+    assert ('in the encoder that measures' if whole else 'velocity is right') in answer.text
     assert gone(rig, begin) < BOUND
 
 
@@ -217,8 +217,8 @@ def test_swapped_order(what: str, joint: int, rate: float, payload: float) -> No
     answer = nudge(rig, joint)
     own, other = arm().active_joints[joint], arm().active_joints[1 - joint]
     assert answer.right is False and (answer.joint, answer.answered) == (own, other), answer
-    assert f'commands move the position of {other}' in answer.text if what == 'positions' else (
-        f'{own}: its commands move {other}: the order of the commands is swapped' in answer.text)
+    assert f'but the position of {other}' in answer.text if what == 'positions' else (
+        f'{own}: commands to this joint move {other}: the driver has another order' in answer.text)
     assert gone(rig, begin) < BOUND
 
 
@@ -229,7 +229,7 @@ def test_a_deaf_drive(rate: float, payload: float) -> None:
     lie(rig, lambda u: u * [0.0, 1.0])
     rig.run(0.3)
     answer = nudge(rig, 0)
-    assert answer.right is False and 'it does not answer' in answer.text, answer
+    assert answer.right is False and 'the joint does not answer' in answer.text, answer
     assert answer.sign == 0 and answer.answered == ''
 
 
@@ -246,7 +246,7 @@ def test_an_encoder_that_drifts(joint: int, speed: float, rate: float, payload: 
     answer = nudge(rig, 0)
     assert answer.right is False, answer
     assert answer.joint == arm().active_joints[joint] and 'moves by itself' in answer.text
-    found = re.search(r'by itself, by (-?[\d.]+) deg/s', answer.text)
+    found = re.search(r'by itself at (-?[\d.]+) deg/s', answer.text)
     assert found and float(found[1]) == pytest.approx(
         speed, rel=0.5), answer
     assert gone(rig, begin) < BOUND + 0.3 * speed + 6.0 * min(speed, 0.1)
@@ -256,7 +256,7 @@ def test_an_encoder_that_drifts(joint: int, speed: float, rate: float, payload: 
 def test_a_late_loop(rate: float, payload: float) -> None:
     """50 ms more than there should be."""
     answer = nudge(standing(rate, payload, delay=0.055), 0)
-    assert answer.right is False and 'it answers late' in answer.text, answer
+    assert answer.right is False and 'the joint answers late' in answer.text, answer
     assert 0.055 < answer.delay < 0.055 + 2.5 / rate + 0.012
 
 
@@ -288,7 +288,7 @@ def test_one_command_for_two_joints() -> None:
     lie(rig, lambda u: np.array([u[0], u[0] + u[1]]))
     rig.run(0.3)
     answer = nudge(rig, 0)
-    assert answer.right is False and 'its commands move joint3, too' in answer.text, answer
+    assert answer.right is False and 'to this joint move joint3, too' in answer.text, answer
 
 
 def test_what_is_not_commanded_is_unclear() -> None:
@@ -298,7 +298,7 @@ def test_what_is_not_commanded_is_unclear() -> None:
     for k in range(300):
         record.positions(0.01 * k, AT)
         record.command(np.zeros(2))
-    assert record.judge().right is None and 'hardly commanded' in record.judge().text
+    assert record.judge().right is None and 'a move of only 0 of 0.5 deg' in record.judge().text
 
 
 def test_gaps_are_left_out() -> None:
@@ -321,8 +321,8 @@ def test_orders_and_poses() -> None:
     """What can be said before anything moves."""
     joints = arm().active_joints
     assert order_fault(joints, ['joint2', 'joint3']) == ''
-    assert 'the order is another one' in order_fault(joints, ['joint3', 'joint2'])
-    assert 'the joints are other ones' in order_fault(joints, ['joint1', 'joint2', 'joint3'])
+    assert 'the order differs' in order_fault(joints, ['joint3', 'joint2'])
+    assert 'the joints differ' in order_fault(joints, ['joint1', 'joint2', 'joint3'])
     assert pose_fault(arm(), AT) == ''
     assert 'joint2 is at 0, outside its limits' in pose_fault(arm(), np.zeros(2))
 
@@ -343,4 +343,4 @@ def test_what_answers_its_own_commands_is_not_moved_by_others() -> None:
         q = q + dt * speed * [1.0, -1.0]
     answer = record.judge()
     assert answer.right is False and answer.joint == 'joint3', answer
-    assert 'it moves the other way: a sign is wrong' in answer.text
+    assert 'the joint moves the other way: a sign is wrong' in answer.text

@@ -103,4 +103,4 @@ def test_swing_that_is_fed() -> None:
     peaks = (0.004, 0.004, 0.004, 0.169, 0.076, 0.045, 0.066, 0.177, 0.061, 0.051, 0.017)
     assert watch(RingingWatch(SPEED), lambda t: float(SPEED[0]) * peaks[int(t / 0.4001)],
                  4.2) == ''
-    assert 'again and again' in watch(RingingWatch(SPEED), lambda t: 1.6, 2.0, moving=True)
+    assert 'speed limit' in watch(RingingWatch(SPEED), lambda t: 1.6, 2.0, moving=True)

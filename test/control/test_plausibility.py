@@ -75,10 +75,10 @@ def test_honest_encoders_are_believed(size: float, dt: float, frequency: float) 
 @pytest.mark.parametrize('reading, text, astray', [
     (lambda q, t: [3.0 - q[0], q[1]], 'against its commands', True),
     (lambda q, t: [0.75 + 0.5 * q[0], q[1]], 'times as far', False),
-    (lambda q, t: q + [0.1 * t, 0.0], 'on top of its commands', True),
+    (lambda q, t: q + [0.1 * t, 0.0], 'in addition to its commands', True),
     (lambda q, t: np.array([1.5, q[1]]), 'does not move', False),
     (lambda q, t: q + [0.04 * (t > 0.7), 0.0], 'jumped by 0.04', False),
-    (lambda q, t: [1.5, 0.1] + (q - [1.5, 0.1])[::-1], 'move as the other', True)])
+    (lambda q, t: [1.5, 0.1] + (q - [1.5, 0.1])[::-1], 'follow commands to the other', True)])
 def test_what_lies_is_told(
     reading: Callable[[np.ndarray, float], np.ndarray], text: str, astray: bool,
 ) -> None:
@@ -90,7 +90,7 @@ def test_what_lies_is_told(
 
 @pytest.mark.parametrize('reading, text', [
     (lambda q, t: [3.0 - q[0], q[1]], 'encoder counts backwards'),
-    (lambda q, t: [0.75 + 0.5 * q[0], q[1]], 'encoder counts 0.5'),
+    (lambda q, t: [0.75 + 0.5 * q[0], q[1]], 'moves 0.5 times as far'),
     (lambda q, t: q + [0.1 * t, 0.0], 'encoder drifts')])
 def test_own_speeds_of_the_driver_tell_encoders_from_drives(
     reading: Callable[[np.ndarray, float], np.ndarray], text: str,
@@ -121,7 +121,7 @@ def test_readings_that_are_not_judged_do_not_stand_still() -> None:
 
 def test_no_pose_and_jumps_before_any_command() -> None:
     """Somebody else may move the arm, but not by a step, nor beyond its range."""
-    for reading, text in (([1.9, 0.1], 'jumped by 0.4'), ([1.5, 2.0], 'no pose')):
+    for reading, text in (([1.9, 0.1], 'jumped by 0.4'), ([1.5, 2.0], 'far outside')):
         judge = watch()
         judge.restart(np.array([1.5, 0.1]))
         doubts = judge.step(0.004, 0.004, np.array(reading), Commanded(2), LAGS)

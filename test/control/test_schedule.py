@@ -55,13 +55,13 @@ def test_file_and_back(tmp_path: Path) -> None:
     again = load_schedule(path, load_arm(CONFIG / 'tudor.yaml'))
     np.testing.assert_allclose(again.at(0.1, np.ones(2)).row(), schedule().at(
         0.1, np.ones(2)).row(), rtol=1e-5)
-    with pytest.raises(ScheduleError, match='it is for the joints'):
+    with pytest.raises(ScheduleError, match='the schedule is for joints'):
         load_schedule(path, load_arm(CONFIG / 'two_blade_arm.yaml'))
 
 
 @pytest.mark.parametrize('more, cause', [
-    ({'payload': (0.0, 0.0, 0.4)}, 'payload does not rise'),
-    ({'pose': ((0.2, 1.6, 3.0),)}, 'axes of poses'),
+    ({'payload': (0.0, 0.0, 0.4)}, 'payload do not increase'),
+    ({'pose': ((0.2, 1.6, 3.0),)}, '1 grid axes in pose'),
     ({'pose': ((0.2, 1.6), (-1.3, 1.3))}, 'for a grid of'),
     ({'damped': ('joint2', 'elbow')}, 'elbow'),
     ({'columns': ('gain(joint2)',)}, 'columns'),
@@ -120,7 +120,7 @@ def test_payload_is_told_and_gets_old() -> None:
     weights = walk(to, 0.0, 1.5)
     assert max(np.diff(weights)) <= 0.01 / SCHEDULE_BLEND_TIME + 1e-9 and weights[-1] == 1.0
     weights = walk(to, 1.5, 2.0)
-    assert weights[0] == 1.0 and weights[-1] == 0.0 and 'older than 2 s' in to.unknown
+    assert weights[0] == 1.0 and weights[-1] == 0.0 and 'reported for 2 s' in to.unknown
 
 
 def test_another_payload_is_followed() -> None:

@@ -269,7 +269,7 @@ def test_encoder_out_of_range() -> None:
     rig = Rig(tudor(), rate=250.0)
     rig.alter = lambda sample: dataclasses.replace(sample, q=sample.q + [4.0, 0.0])
     rig.run(1.0)
-    assert rig.controller.state is State.FAULT and 'no pose' in rig.controller.cause
+    assert rig.controller.state is State.FAULT and 'far outside' in rig.controller.cause
     still(rig)
     judge(rig)
 

@@ -61,6 +61,6 @@ def test_the_simulated_arm_is_right(root: Path) -> None:
             env={**os.environ, 'PYTHONPATH': str(root)}, timeout=PATIENCE, capture_output=True,
             text=True, check=False)
         assert test.returncode == 0, test
-        assert 'the sign is right' in test.stdout and 'the damper is on' in test.stdout
+        assert 'sign of the gauge is right' in test.stdout and 'the damper is on' in test.stdout
     finally:
         end(nodes)

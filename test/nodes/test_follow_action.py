@@ -174,7 +174,7 @@ def test_tolerances_of_a_goal(client: Client) -> None:
     client.arm.run(30)
     status, code, text = client.result(goal)
     assert (status, code) == (GoalStatus.STATUS_ABORTED, -4)
-    assert text.startswith('off the path: joint2 by 0.02')
+    assert text.startswith('off the path: joint2 is 0.02')
     client.arm.run(40)
     goal = client.send(point(0.5, 0.81, 0.1), point(1.0, 0.82, 0.1),
                        goal_tolerance=[client.tolerance(name='joint2', position=0.01)],
@@ -182,7 +182,8 @@ def test_tolerances_of_a_goal(client: Client) -> None:
     client.arm.run(70)
     status, code, text = client.result(goal)
     assert (status, code) == (GoalStatus.STATUS_ABORTED, -5)
-    assert text == 'missed: joint2 by 0.02, more than 0.01, 0.2 s after the end'
+    assert text == (
+        'missed the goal: joint2 is 0.02 [rad or m] away, tolerance 0.01, 0.2 s after the end')
     goal = client.send(point(0.5, 0.83, 0.1), point(1.0, 0.82, 0.1))
     client.arm.run(60)
     assert client.result(goal)[1:] == (0, 'reached')

@@ -59,12 +59,12 @@ PROGRAM = 'import sys; from tudor_dynamics.nodes.joint_test import main; sys.exi
 TRUE = 'lambda x: x'
 LIES = {
     'swapped': ('lambda u: u[::-1]', TRUE,
-                'joint2: its commands move joint3: the order of the commands is swapped'),
+                'joint2: commands to this joint move joint3: the driver has another order'),
     'negated': ('lambda u: [u[0], -u[1]]', TRUE,
-                'joint3: it moves the other way: a sign is wrong'),
+                'joint3: the joint moves the other way: a sign is wrong'),
     'a tenth': (TRUE, 'lambda q: [q[0], 0.7 + 0.1 * q[1], q[2]]',
-                "in the positions: the driver's own velocity is right"),
-    'deaf': ('lambda u: [0.0, 0.0]', TRUE, 'joint2: it does not answer')}
+                'in the positions that the driver reports: its velocity is right'),
+    'deaf': ('lambda u: [0.0, 0.0]', TRUE, 'joint2: the joint does not answer')}
 
 
 def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,7 +120,7 @@ def test_drivers_that_are_right_and_that_lie(
                 [sys.executable, '-c', PROGRAM, '--arm', arm, '--controller', 'driver', *clock],
                 timeout=PATIENCE, capture_output=True, text=True, check=False,
                 env={**os.environ, 'PYTHONPATH': str(root)})
-            assert done.returncode == 1 and 'the order is another one' in done.stdout, done
+            assert done.returncode == 1 and 'the order differs' in done.stdout, done
             assert 'nothing was moved' in done.stdout
             code, said = test()
             assert code == 0, said

@@ -321,7 +321,8 @@ def test_no_goals_among_random_targets(world: World, tudor: Path) -> None:
     """They would not be driven to."""
     generator = Generator(world, tudor, mode='aprbs', seed=3)
     generator.run(5)
-    assert generator.node._take(trajectory(point(1.0, *GOAL))) == 'random targets are driven'
+    assert generator.node._take(trajectory(point(1.0, *GOAL))) == (
+        'this node drives random targets: restart it with mode:=goals')
     assert np.ptp(generator.run(160), axis=0).max() > 0.02
 
 

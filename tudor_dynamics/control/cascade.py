@@ -207,8 +207,8 @@ def motor_gains(motor: MotorSpec, damper: DamperSpec) -> JointGains:
     bandwidth w: K = J w / k_t, and the integrator has its corner at a fifth of w.
     """
     if motor.reflected_inertia <= 0.0:
-        raise ArmError(f'motor of joint {motor.joint!r}: rotor_inertia is 0, so that the velocity '
-                       'loop cannot be tuned; give it in motors')
+        raise ArmError(f'joint {motor.joint!r}: no velocity loop can be tuned for a rotor_inertia '
+                       'of 0; set it [kg m^2] in motors: of the arm description')
     bandwidth = 2.0 * math.pi * damper.velocity_bandwidth
     gain = motor.reflected_inertia * bandwidth / motor.joint_torque_constant
     return JointGains(
@@ -219,15 +219,14 @@ def motor_gains(motor: MotorSpec, damper: DamperSpec) -> JointGains:
 def arm_gains(arm: Arm) -> list[JointGains]:
     """Tune the cascade of an arm's active joints."""
     if arm.spec.damper is None:
-        raise ArmError(f'{arm.source}: there is no damper, which has position_gain and '
-                       'velocity_bandwidth of the joint cascade; add damper:')
+        raise ArmError(f'{arm.source}: there is no damper section, which has position_gain and '
+                       'velocity_bandwidth of the joint loops; add damper:')
     motors = {motor.joint: motor for motor in arm.spec.motors}
-    result = []
     for joint in arm.joints:
         if joint.name not in motors:
-            raise ArmError(f'{arm.source}: joint {joint.name!r} has no entry in motors; add one')
-        result.append(motor_gains(motors[joint.name], arm.spec.damper))
-    return result
+            raise ArmError(f'{arm.source}: joint {joint.name!r} has no motor; add it to motors: '
+                           'with gear_ratio, torque_constant and rotor_inertia')
+    return [motor_gains(motors[joint.name], arm.spec.damper) for joint in arm.joints]
 
 
 def velocity_lag(damper: DamperSpec) -> float:

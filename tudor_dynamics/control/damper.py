@@ -164,12 +164,12 @@ class Status(IntEnum):
 
 MEANING = {
     Status.DAMPING: 'damps',
-    Status.STARTING: 'waits until the gauge has been valid for some time',
-    Status.SATURATED: 'faded out, current or speed of the joint is at its limit',
-    Status.MISSING: 'faded out, the strain is missing or not a number: check the gauge',
-    Status.STALE: 'faded out, no new strain arrives: check the driver of the gauge',
-    Status.STUCK: 'faded out, the strain does not change at all: the gauge is dead',
-    Status.IMPLAUSIBLE: 'faded out, the strain jumped or left its range: check the wiring',
+    Status.STARTING: f'damping is off until the gauge is valid for {settings.RECOVERY_TIME:g} s',
+    Status.SATURATED: 'damping is off while the joint is at a limit of current, speed or position',
+    Status.MISSING: 'damping is off: the strain is missing or not a number; check the gauge',
+    Status.STALE: 'damping is off: no new strain arrives; check the driver of the gauge',
+    Status.STUCK: 'damping is off: the strain does not change; check gauge and amplifier',
+    Status.IMPLAUSIBLE: 'damping is off: the strain jumped or is too large; check the wiring',
 }
 
 
@@ -209,7 +209,7 @@ STRAIN_SCALE = {'um/m': 1e6, 'm/m': 1.0}
 def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
     """Take the settings of the dampers of active joints from an arm description."""
     if arm.spec.damper is None:
-        msg = f'{arm.source}: there is no damper; add damper: with a gain for each joint'
+        msg = f'{arm.source}: there is no damper section; add damper: with gauges and gains'
         raise ArmError(msg)
     gauges = {gauge.name: gauge for gauge in arm.gauges}
     limits = {joint.name: joint.limits for joint in arm.spec.joints}
@@ -336,8 +336,8 @@ Measure = Callable[[str, float, float], StepResponse]
 def ringing(response: StepResponse) -> FloatArray:
     """Take slow motion out of a response."""
     if len(response.strain) * response.dt < 2.0:
-        raise SignalError(f'a response of {len(response.strain) * response.dt:g} s is too short '
-                          'to see a decay; record 3 s or more')
+        raise SignalError(f'a strain response of {len(response.strain) * response.dt:g} s is too '
+                          'short to see a decay; record 3 s or more')
     from scipy.signal import butter, sosfiltfilt  # slow to import
 
     sos = butter(2, settings.SIGN_HIGH_PASS * 2.0 * response.dt, 'highpass', output='sos')
@@ -379,7 +379,7 @@ def check_sign(
     plain = measure(joint, step, 0.0)
     peak = float(np.abs(ringing(plain)).max())
     if peak == 0.0 or peak < 5.0 * math.sqrt(noise):
-        text = 'the link hardly rang; take a larger step, or one that ends sooner'
+        text = 'the link hardly rang after the step; test again with a larger --step'
         return SignResult(joint, Sign.UNCLEAR, f'{joint}: {text}')
     for share in settings.SIGN_SHARES:
         result = _compare(joint, plain, measure(joint, -step, share), noise)
@@ -397,13 +397,13 @@ def _compare(
     after = decay_time(damped, min(noise, float(np.mean(end ** 2))))
     louder = (np.sqrt(np.mean(ringing(damped)[-len(damped.strain) // 3:] ** 2))
               > 1.2 * np.sqrt(np.mean(ringing(plain)[-len(plain.strain) // 3:] ** 2)))
-    change = f'the ringing lasts {after:.2f} s instead of {before:.2f} s'
+    change = f'with the damper, ringing lasts {after:.2f} s instead of {before:.2f} s'
     if louder or after * settings.SIGN_DECAY >= before:
         sign, text = Sign.WRONG, (
-            f'{change}: the damper excites the link; reverse the sign of the gauge in its driver '
-            '(strain is positive for the load that the joint holds); no damper until then')
+            f'{change}: the damper excites the link; reverse the sign of the gauge in its driver')
     elif after <= settings.SIGN_DECAY * before:
-        sign, text = Sign.RIGHT, f'{change}: the sign is right'
+        sign, text = Sign.RIGHT, f'{change}: the sign of the gauge is right'
     else:
-        sign, text = Sign.UNCLEAR, f'{change}: too small a change to judge; take a larger gain'
+        sign, text = Sign.UNCLEAR, (f'{change}: the change is too small to judge the sign; raise '
+                                    'the gain of the joint in damper: of the arm description')
     return SignResult(joint, sign, f'{joint}: {text}')

@@ -48,8 +48,8 @@ class TipSensing:
         sensors = {sensor.gauge: sensor for sensor in arm.spec.sensors}
         self._used = [k for k, gauge in enumerate(arm.gauges) if gauge.name in sensors]
         if not self._used:
-            raise ArmError(f'{arm.source}: no gauge has a gain in N m; add sensors: with the gain '
-                           'of each gauge to control a force')
+            raise ArmError(f'{arm.source}: no gauge has a gain, so the force is unknown; add '
+                           'sensors: with the reading of each gauge per N m as gain')
         gauges = [arm.gauges[k] for k in self._used]
         self.names = tuple(gauge.name for gauge in gauges)
         self._gain = np.array([sensors[name].gain for name in self.names])
@@ -134,8 +134,8 @@ class TipSensing:
             wrong = int(np.argmax(off / allowed))
             self._odd = self._odd + dt if off[wrong] > allowed[wrong] else 0.0
             if self._odd > settings.FORCE_STUCK:
-                self.fault = (f'no force at the tip explains the reading of gauge '
-                              f'{self.names[wrong]} together with the others: check it')
+                self.fault = ('no force at the tip explains the readings of all gauges; check '
+                              f'gauge {self.names[wrong]}, which fits worst')
         return force
 
     def _watch(self, dt: float, values: FloatArray) -> None:
@@ -144,9 +144,9 @@ class TipSensing:
         self._before = values.copy()
         for g, name in enumerate(self.names):
             if not math.isfinite(values[g]):
-                self.fault = f'gauge {name} is missing'
+                self.fault = f'the reading of gauge {name} is missing: check its driver'
             elif self._same[g] > settings.FORCE_STUCK:
-                self.fault = f'gauge {name} does not change: it is stuck or silent'
+                self.fault = f'the reading of gauge {name} is stuck: check gauge and driver'
 
 
 # -- Holds a force of the tip against a surface of unknown height and stiffness.
@@ -191,15 +191,14 @@ class ForceController:
     ) -> None:
         length = math.sqrt(sum(value * value for value in normal))
         if not (math.isfinite(length) and length > 1e-6):
-            msg = f'normal {list(normal)} has no direction; give that of the force on the tip'
-            raise UsageError(msg)
+            raise UsageError(f'normal {list(normal)} has no direction; give a vector along the '
+                             'force on the tip, in the base frame')
         self.settings = settings
         self.sensing = TipSensing(arm, np.array(normal) / length)
         self.limits, self._planned = hard_limits(arm), motion_limits(arm)
         self._names = arm.active_joints
-        self.phase, self.cause = Phase.IDLE, 'no joint positions yet'
-        self.force = self.wanted = 0.0
-        self._target = 0.0
+        self.phase, self.cause = Phase.IDLE, 'waits for joint positions'
+        self.force = self.wanted = self._target = 0.0
         self._q: FloatArray | None = None
         self._dq = np.zeros(len(arm.active_joints))
         self._smooth = self._error = 0.0
@@ -218,8 +217,8 @@ class ForceController:
         force [N]; returns an empty string if it is taken.
         """
         if not (math.isfinite(force) and self.settings.touch < force <= self.settings.largest):
-            return (f'a force of {force:g} N: expected more than {self.settings.touch:g} N, from '
-                    f'which contact is detected, and at most {self.settings.largest:g} N')
+            return (f'the force is {force:g} N; expected more than {self.settings.touch:g} N '
+                    f'(parameter touch), at most {self.settings.largest:g} N (parameter largest)')
         if self._q is None:
             return 'no joint positions arrive: start the driver of the arm'
         if self.phase in (Phase.HELD, Phase.RETREAT):
@@ -239,7 +238,7 @@ class ForceController:
     def clear(self) -> None:
         """Take forces again after a held pose."""
         if self.phase is Phase.HELD:
-            self.phase, self.cause = Phase.IDLE, 'waits for a force'
+            self.phase, self.cause = Phase.IDLE, 'waits for a wanted force'
             self._brake = None
 
     def stop(self, cause: str) -> None:
@@ -261,12 +260,12 @@ class ForceController:
         """
         if self._q is None or dt <= 0.0:
             if self._q is not None and self.phase not in (Phase.IDLE, Phase.HELD):
-                self.stop('positions were interrupted')
+                self.stop('the joint positions were interrupted')
             self._q = np.clip(q, self.limits.lower, self.limits.upper)
             self._dq = np.zeros(len(q))
             self._brake = None
             if self.phase is Phase.IDLE:
-                self.cause = 'waits for a force'
+                self.cause = 'waits for a wanted force'
         elif self.phase in (Phase.IDLE, Phase.HELD) or self._deviates(q, self._q) or (
                 not self._press(self._q, dt, strain, share)):
             self._rest(dt)
@@ -299,7 +298,7 @@ class ForceController:
         self._dq = dq / float(np.max(np.abs(dq) / self._planned.velocity, initial=1.0))
         new = place + dt * self._dq
         if size <= 1e-6 or self.limits.outside(new).any():
-            self.stop('the way along the normal leaves the limits of the joints')
+            self.stop('the tip cannot move on along the normal: joint limit or singular pose')
             return False
         self._q = new
         return True
@@ -310,7 +309,8 @@ class ForceController:
         before = self._smooth
         self._smooth += min(dt / (settings.FORCE_SMOOTH + dt), 1.0) * (self.force - self._smooth)
         if self.force > chosen.largest:
-            self.stop(f'{self.force:.1f} N on the tip, more than {chosen.largest:g} N')
+            self.stop(f'the force on the tip is {self.force:.1f} N, above the parameter largest '
+                      f'of {chosen.largest:g} N')
             return 0.0
         if self.phase is Phase.APPROACH:
             self._smooth = max(self._smooth, 0.0) if self.force > 0.0 else 0.0
@@ -319,12 +319,12 @@ class ForceController:
                 self._target, self._touched = self._smooth, self._way
                 self._alone = 0.0
             elif self._way > chosen.reach:
-                self.stop(f'no surface within {1e3 * chosen.reach:.0f} mm')
+                self.stop(f'no surface within {1e3 * chosen.reach:.0f} mm (parameter reach)')
                 return 0.0
             return -chosen.approach_speed
         if self.phase is Phase.RETREAT:
             if self._way <= 0.0:
-                self.phase, self.cause, self._touched = Phase.IDLE, 'waits for a force', 0.0
+                self.phase, self.cause, self._touched = Phase.IDLE, 'waits for a wanted force', 0.0
                 return 0.0
             return chosen.approach_speed
         late = self._target
@@ -332,10 +332,10 @@ class ForceController:
         lost = self._smooth < settings.FORCE_SOFT * self.wanted
         self._alone = self._alone + dt if lost else 0.0
         if self._alone > chosen.lost:
-            self.stop('the surface is lost')
+            self.stop(f'contact was lost for {chosen.lost:g} s')
             return 0.0
         if self._way - self._touched > chosen.give:
-            self.stop(f'the surface gives way by more than {1e3 * chosen.give:.0f} mm')
+            self.stop(f'the surface gives way by over {1e3 * chosen.give:.0f} mm (parameter give)')
             return 0.0
         rate = (self._smooth - before - (self._target - late)) / dt
         speed = chosen.integral * (self._smooth - self._target) + chosen.proportional * rate

@@ -188,19 +188,19 @@ class RingingWatch:
             self._peaks.append(peak)
         if self._wild_windows >= settings.WILD_WINDOWS:
             self.reset()
-            return 'its commands are at the limits, or far from the reference, again and again'
+            return 'commands are often at the speed limit, or far from the reference speed'
         peaks = list(self._peaks)
         grown = [now > settings.RINGING_GROWTH * before
                  for before, now in zip(peaks, peaks[1:], strict=False)]
         # all four are loud: a push, or its end, in the middle of a window grows into the next
         if len(grown) > 2 and min(peaks[-4:]) > settings.RINGING_LOUD and all(grown[-3:]):
             self.reset()
-            return 'the oscillation grows while the reference rests'
+            return 'an oscillation grows while the reference is at rest'
         if len(peaks) == settings.RINGING_LASTS + 2 and all(
                 now > settings.RINGING_LOUD and now > settings.RINGING_DECAY * before
                 for before, now in zip(peaks[:-2], peaks[2:], strict=True)):
             self.reset()
-            return 'the oscillation does not decay while the reference rests'
+            return 'an oscillation does not decay while the reference is at rest'
         return ''
 
 

@@ -77,7 +77,7 @@ def _times(scale: float) -> str:
     off = {hint: abs(abs(math.log(scale)) - math.log(factor))
            for factor, hint in settings.KNOWN_SCALES.items()}
     hint = min(off, key=lambda hint: off[hint])
-    return (f'it moves {scale:.3g} times as far as commanded'
+    return (f'the joint moves {scale:.3g} times as far as commanded'
             + (f' ({hint}?)' if off[hint] < settings.SCALE_NEAR else ''))
 
 
@@ -193,7 +193,7 @@ class JointRecord:
         """Say how the nudged joint answered; if rightly, what else moved."""
         if len(self._rows) < settings.LEAST_SAMPLES:
             name = self._joints[self._nudged]
-            return JointAnswer(name, None, f'{name}: no commands or positions: start the arm')
+            return JointAnswer(name, None, f'{name}: no commands or positions came: start the arm')
         t, q, self._dq, commands = (np.array(column) for column in zip(*self._rows, strict=True))
         self._time, self._moved = t - t[0], q - q[0]
         self._ways = np.zeros_like(q)
@@ -223,10 +223,11 @@ class JointRecord:
         if way < settings.LEAST_WAY * self._step:
             moved = np.ptp(self._moved[:, j])
             if way and moved > settings.RUNAWAY * settings.LEAST_WAY * self._step:
-                return JointAnswer(name, False, f'{name}: {_times(moved / way)}: look at the '
-                                   'scale of the drive')
-            return JointAnswer(name, None, f'{name}: it was hardly commanded, by '
-                               f'{factor * way:.2g} of {factor * self._step:.2g} {unit}')
+                return JointAnswer(name, False, f'{name}: {_times(moved / way)}: check units and '
+                                   'gears of its driver')
+            return JointAnswer(name, None, f'{name}: oscillation_damper commanded a move of only '
+                               f'{factor * way:.2g} of {factor * self._step:.2g} {unit}: its '
+                               'diagnostics say why')
         if not clear:
             right, text = self._silent(j, fits[j])
             return JointAnswer(name, right, f'{name}: {text}')
@@ -236,7 +237,7 @@ class JointRecord:
         too = [i for i in clear if i != k and abs(fits[i].scale) > settings.MOVES_TOO
                and not self._own(i).unexplained < fits[i].unexplained]
         if fit.unexplained > settings.UNEXPLAINED or gaps > settings.UNEXPLAINED:
-            right, text = None, f'{self._figures(j, fit)}; {100 * gaps:.0f} % are gaps'
+            right, text = None, f'{self._figures(j, fit)}; no positions for {gaps:.0%} of the time'
         elif k != j:
             right, text = False, self._swapped(j, k)
         elif not fit.near(1.0):
@@ -244,13 +245,12 @@ class JointRecord:
         elif abs(fit.drift) > settings.DRIFT * self._step:
             right, text = False, self._drifts(j, fit.drift)
         elif too:
-            right, text = False, (f'its commands move {self._joints[too[0]]}, too: look at the '
-                                  'order and the wiring of the drives')
+            right, text = False, (f'commands to this joint move {self._joints[too[0]]}, too: '
+                                  'check the order of commands and the wiring of the drives')
         elif fit.delay - fit.delay_error > self._late:
-            right, text = False, (
-                f'it answers late, after {1e3 * fit.delay:.0f} ms, more than '
-                f'{1e3 * self._late:.0f} ms: shorten the loop, or lower the gains and raise '
-                'damper.full_delay')
+            right, text = False, (f'the joint answers late, after {1e3 * fit.delay:.0f} ms, more '
+                                  f'than {1e3 * self._late:.0f} ms: reduce the delay of driver or '
+                                  'network, or lower the gains and raise damper.full_delay')
         elif fit.error > settings.SCALE_ERROR:
             right, text = None, self._figures(j, fit)
         else:
@@ -264,8 +264,8 @@ class JointRecord:
 
     def _figures(self, j: int, fit: _Fit) -> str:
         factor, unit = self._units[j]
-        return (f'it moves {fit.scale:.3g} +- {fit.error:.2g} times as far as commanded, after '
-                f'{1e3 * fit.delay:.0f} ms, noise {factor * fit.noise:.2g} {unit}')
+        return (f'the joint moves {fit.scale:.3g} +- {fit.error:.2g} times as far as commanded, '
+                f'{1e3 * fit.delay:.0f} ms late, with {factor * fit.noise:.2g} {unit} of noise')
 
     def _velocity(self, j: int) -> _Fit | None:
         """Fit the velocities that the driver itself reports; None where it reports none."""
@@ -283,12 +283,12 @@ class JointRecord:
         if own is None:
             where = 'in the drive or in the encoder'
         elif own.near(1.0):
-            where = "in the positions: the driver's own velocity is right"
+            where = 'in the positions that the driver reports: its velocity is right'
         elif own.near(fit.scale):
-            where = 'in the drive, or in the encoder that position and velocity are from'
+            where = 'in the drive, or in the encoder that measures position and velocity'
         else:
-            where = f"in both: the driver's own velocity is {own.scale:.3g} times the command"
-        texts = ['it moves the other way: a sign is wrong'] if fit.scale < 0.0 else []
+            where = f'in drive and encoder: reported velocity is {own.scale:.3g} times the command'
+        texts = ['the joint moves the other way: a sign is wrong'] if fit.scale < 0.0 else []
         if not (fit.near(1.0) or fit.near(-1.0)):
             texts.append(_times(abs(fit.scale)))
         return f'{"; ".join(texts)}; the fault is {where}'
@@ -296,15 +296,15 @@ class JointRecord:
     def _swapped(self, j: int, k: int) -> str:
         own = self._velocity(j)
         if own is not None and own.near(1.0):
-            return (f'its commands move the position of {self._joints[k]} but its own velocity: '
-                    'the driver swaps positions; correct their order or names there')
-        return (f'its commands move {self._joints[k]}: the order of the commands is swapped, or '
-                'that of all readings')
+            return (f'commands to this joint change its velocity, but the position of '
+                    f'{self._joints[k]}: correct order or names of the positions in the driver')
+        return (f'commands to this joint move {self._joints[k]}: the driver has another order of '
+                'the joints in commands or readings')
 
     def _drifts(self, j: int, drift: float) -> str:
         factor, unit = self._units[j]
-        return (f'it moves by itself, by {factor * drift:.2g} {unit}/s: an encoder that drifts, '
-                'a drive with an offset, or somebody else who commands it')
+        return (f'the joint moves by itself at {factor * drift:.2g} {unit}/s: its encoder drifts, '
+                'its drive has an offset, or another node commands it')
 
     def _by_itself(self, j: int) -> str:
         """Say what a joint does that no command made; empty for nothing."""
@@ -318,7 +318,7 @@ class JointRecord:
             return self._drifts(j, line[0])
         moved, way = np.ptp(self._moved[:, j]), np.ptp(self._ways, axis=0).max()
         if moved > self._step and moved > settings.RUNAWAY * way:
-            return f'{_times(moved / way)}, back and forth: look at the scale of the drive'
+            return f'{_times(moved / way)}, back and forth: check units and gears of its driver'
         return ''
 
     def _silent(self, j: int, fit: _Fit) -> tuple[bool | None, str]:
@@ -330,8 +330,8 @@ class JointRecord:
                 or np.ptp(self._moved[:, j]) > settings.MOVES_TOO * way):
             return None, self._figures(j, fit)
         factor, unit = self._units[j]
-        return False, (f'it does not answer to commands of {factor * way:.2g} {unit}: drive off, '
-                       'brake on, encoder frozen, or nobody hears its commands')
+        return False, (f'the joint does not answer commands of {factor * way:.2g} {unit}: drive '
+                       'off, brake on, encoder frozen, or no driver takes the commands')
 
 
 def nudges(joint: str, q: float, step: float) -> Trajectory:
@@ -349,8 +349,8 @@ def pose_fault(arm: Arm, q: FloatArray) -> str:
     for j in np.flatnonzero((q < limits.lower - settings.BEYOND)
                             | (q > limits.upper + settings.BEYOND)):
         return (f'{arm.active_joints[j]} is at {q[j]:.4g}, outside its limits '
-                f'{limits.lower[j]:.4g} .. {limits.upper[j]:.4g}: look at order, sign, unit and '
-                'zero of the positions')
+                f'{limits.lower[j]:.4g} .. {limits.upper[j]:.4g} [rad or m]: check order, sign, '
+                'unit and zero of the positions in the driver')
     return ''
 
 
@@ -358,6 +358,6 @@ def order_fault(joints: Sequence[str], found: Sequence[str]) -> str:
     """Say what is wrong with the joints of a controller, in their order; empty for nothing."""
     if list(found) == list(joints):
         return ''
-    what = 'order is another one' if sorted(found) == sorted(joints) else 'joints are other ones'
-    return (f'the controller has {list(found)}, commands come for {list(joints)}: the {what}; '
-            f'set its parameter joints to {list(joints)}')
+    what = 'order differs' if sorted(found) == sorted(joints) else 'joints differ'
+    return (f'the {what}: the controller drives {list(found)}, commands are for {list(joints)}; '
+            f'set the parameter joints of the controller to {list(joints)}')

@@ -103,7 +103,7 @@ class ReferenceGate:
         now, timeout [s], q (joints,) [rad or m].
         """
         if self.age(now) > timeout:
-            return f'no reference for {1e3 * timeout:.0f} ms'
+            return f'no reference arrived for {1e3 * timeout:.0f} ms'
         found = self._deviation(now, timeout, q)
         return str(found) if found.seconds > settings.FOLLOWING_TIME else ''
 
@@ -114,30 +114,30 @@ class ReferenceGate:
         now, timeout [s], q (joints,) [rad or m], held (joints,) [rad/s or m/s].
         """
         if self.age(now) > timeout:
-            return self.refusal or 'no reference comes'
+            return self.refusal or 'no reference arrives on joint_reference'
         found = self._deviation(now, timeout, q)
         if found.seconds > settings.NEAR_TIME:
-            return (f'the reference is {found.away:.3g} away from {found.joint}: it has to begin '
-                    'at the arm')
+            return (f'the reference is {found.away:.3g} [rad or m] away from {found.joint}: it '
+                    'must begin at the arm')
         resting = settings.RESTING_SPEED * self._planned
         if np.any(np.abs(self.dq) > resting):
-            return 'the reference moves already: it has to begin at rest'
-        return 'the arm brakes' if np.any(np.abs(held) > resting) else ''
+            return 'the reference moves already: it must begin at rest'
+        return 'the arm still brakes' if np.any(np.abs(held) > resting) else ''
 
     def _deviation(self, now: float, timeout: float, q: FloatArray) -> Deviation:
         return Deviation.of(self._joints, self.place(now, timeout) - q, self._planned)
 
     def _impossible(self, q: FloatArray, dq: FloatArray) -> str:
         if not (np.isfinite(q).all() and np.isfinite(dq).all()):
-            return 'reference not finite: its values are no numbers'
+            return 'reference not finite: a position or velocity is NaN or infinite'
         limits = self._limits
         for j in np.flatnonzero(limits.outside(q)):
             degrees = '' if abs(q[j]) < 2.0 * math.pi else '; are these degrees?'
             return (f'reference outside limits: {self._joints[j]} {q[j]:.4g} is not within '
-                    f'{limits.lower[j]:.4g} .. {limits.upper[j]:.4g}{degrees}')
+                    f'{limits.lower[j]:.4g} .. {limits.upper[j]:.4g} [rad or m]{degrees}')
         for j in np.flatnonzero(np.abs(dq) > limits.velocity):
-            return (f'reference too fast: {self._joints[j]} {dq[j]:.4g} is beyond the speed limit '
-                    f'{limits.velocity[j]:.4g}')
+            return (f'reference too fast: {self._joints[j]} at {dq[j]:.4g} exceeds its velocity '
+                    f'limit of {limits.velocity[j]:.4g} [rad/s or m/s]')
         return ''
 
 
@@ -185,7 +185,7 @@ class MotionController:
 
     def __init__(self, arm: Arm, share: float = 1.0, timeout: float = 0.1) -> None:
         if arm.spec.damper is None:
-            msg = f'{arm.source}: there is no damper; add damper: with a gain for each joint'
+            msg = f'{arm.source}: there is no damper section; add damper: with gauges and gains'
             raise ArmError(msg)
         self.joints, self.gauges = arm.active_joints, arm.gauge_names
         self.limits = hard_limits(arm)
@@ -219,12 +219,12 @@ class MotionController:
         # Until when the cause of a fault is estimated again, and when next.
         self._explain_until = self._explain_at = -math.inf
         self.cuts: Counter[str] = Counter()
-        self.state, self.cause = State.HOLDING, 'no reference yet'
+        self.state, self.cause = State.HOLDING, 'no reference has arrived yet'
 
     def reset(self) -> bool:
         """Leave a fault and begin again; True where its own motion is braked, without a break."""
         moving = not (self._unknown or self.missing or self.state is State.FAULT)
-        self.state, self.cause = State.HOLDING, 'no reference yet'
+        self.state, self.cause = State.HOLDING, 'no reference has arrived yet'
         self.reference.reset()
         self.damper.reset()
         if self.adaptation is not None:
@@ -271,7 +271,7 @@ class MotionController:
         if age is not None and self.ages.step(now, age) > self._latest:
             self.cuts['late'] += 1
             return None if self._q is None or self._silent else self._brake(
-                now, f'positions come {1e3 * self.ages.late:.0f} ms late')
+                now, f'joint positions come {1e3 * self.ages.late:.0f} ms late (busy computer?)')
         gains.late = max(self.ages.late, 0.0)
         gains.period = gains.period or max(dt, 0.0)
         if self._q is None or dt <= 0.0 or dt > self._patience or (
@@ -336,7 +336,7 @@ class MotionController:
         """Brake without looking at positions, as `watch`; None once the joints stand: now [s]."""
         if self._q is None or not self.envelope.command.any():
             return None
-        return self._brake(now, 'asked to stand still')
+        return self._brake(now, 'the node was deactivated or shut down')
 
     def _slow_down(self, now: float) -> FloatArray:
         """Give a slower command; a sample that is only late finds the arm following."""
@@ -397,7 +397,7 @@ class MotionController:
         if not self._unknown:  # it was commanded all the time, only not seen
             self._begin(now, q, self.envelope.command)
         if self.state is State.FOLLOWING:
-            self.state, self.cause = State.HOLDING, 'positions were interrupted'
+            self.state, self.cause = State.HOLDING, 'the joint positions were interrupted'
 
     def _begin(self, now: float, q: FloatArray, dq: FloatArray) -> None:
         """Brake from a known motion, and hold where that ends."""

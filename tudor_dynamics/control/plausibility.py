@@ -285,12 +285,12 @@ class MotionWatch:
         if not telling or not (found or outside.any() or jumped.any()):
             return []
         self._onset = self.state[:, ONSET].copy()
-        doubts = [Doubt(int(j), f'its position {q[j]:.4g} is no pose of the arm, with limits of '
-                        f'{self._limits.lower[j]:.4g} .. {self._limits.upper[j]:.4g}', False,
-                        later=False)
+        doubts = [Doubt(int(j), f'the measured position {q[j]:.4g} is far outside its limits '
+                        f'{self._limits.lower[j]:.4g} .. {self._limits.upper[j]:.4g} [rad or m]',
+                        False, later=False)
                   for j in np.flatnonzero(outside)]
-        doubts += [Doubt(int(j), f'its position jumped by {step[j]:.3g} within {1e3 * dt:.3g} ms',
-                         False, later=False) for j in np.flatnonzero(jumped)]
+        doubts += [Doubt(int(j), f'the measured position jumped by {step[j]:.3g} [rad or m] in '
+                         f'{1e3 * dt:.3g} ms', False, later=False) for j in np.flatnonzero(jumped)]
         beyond = self.state[:, BEYOND] > 0.0
         frozen = np.abs(self.state[:, STOOD]) > self.speed * settings.FROZEN_TIME
         for j in np.flatnonzero((beyond | frozen) & ~jumped):
@@ -345,8 +345,8 @@ class MotionWatch:
                 fastest > 3.0 * settings.RUNAWAY * settings.UNCONFIRMED_SPEED * self.speed[j]):
             yield (settings.PUSHES * left(wanted) if pushed
                    else settings.RUNS * float(np.std(mine))), Doubt(
-                j, 'it runs away' + (
-                    f', {sizes[0] / sizes[1]:.2g} times as far as it is commanded'
+                j, 'the joint runs away from its commands' + (
+                    f', {sizes[0] / sizes[1]:.2g} times as far as commanded'
                     if 1e-3 < sizes[1] / sizes[0] < 1.0 / settings.RUNAWAY else '')
                 + f': {RADIANS}', True)
         place = int(np.abs(np.diff(change)).argmax())
@@ -354,7 +354,7 @@ class MotionWatch:
         yield left(wanted + step * (np.arange(len(mine)) > place)) + (
             math.inf if abs(step) < settings.JUMP_SHARE * max(
                 np.ptp(change), self.state[j, ALLOWED]) else 0.0), Doubt(
-                j, f'its position jumped by {step:.3g} within '
+                j, f'the measured position jumped by {step:.3g} [rad or m] in '
                 f'{1e3 * (times[place + 1] - times[place]):.3g} ms', False)
         for i in range(len(self._joints)):
             both_push = pushed and pushing[i]  # of two that are swapped, one is slower
@@ -363,19 +363,19 @@ class MotionWatch:
                     np.ptp(moved[:, i] - asked[:, i]) > settings.SWAPPED * self.state[i, ALLOWED]):
                 both = max(left(asked[:, i]), float(np.std(moved[:, i] - wanted)))
                 yield both / settings.FREE, Doubt(
-                    j, f'it and {self._joints[i]} move as the other is commanded: their driver '
-                    'swaps commands, or readings are swapped', True, swapped=True)
+                    j, f'this joint and {self._joints[i]} each follow commands to the other: the '
+                    'driver swaps their commands or their readings', True, swapped=True)
         if sizes[0] < settings.SAME_SIZE * sizes[1]:
             yield left(-wanted), Doubt(
-                j, 'it moves against its commands: its driver negates them, or its encoder counts '
-                'backwards', True)
+                j, 'the joint moves against its commands: its driver negates them, or its encoder '
+                'counts backwards', True)
         ratio = float(np.cov(mine, wanted)[0, 1] / max(np.var(wanted, ddof=1), 1e-12))
         if ratio < 0.0:  # as fast as it answers, or faster: drives saturate
             ratio = math.copysign(sizes[0] / max(sizes[1], 1e-9), ratio)
         rate = float(change @ since / max(since @ since, 1e-12))
         yield unlikely * fast(rate) * left(wanted + rate * since), Doubt(
-            j, f'it moves by {rate:.3g} a second on top of its commands: its encoder drifts, or '
-            'its drive creeps', True, drifts=True)
+            j, f'the joint moves at {rate:.3g} [rad/s or m/s] in addition to its commands: its '
+            'encoder drifts, or its drive creeps', True, drifts=True)
         common = unlikely * settings.FREE * (2.0 if 2.0 / 3.0 < ratio < 1.5 else 1.0)
         yield common * left(ratio * wanted), Doubt(j, self._scaled(ratio), (
             ratio < 0.0 or ratio > 1.0))
@@ -383,13 +383,13 @@ class MotionWatch:
     def _scaled(self, ratio: float) -> str:
         """Say what a joint means that moves by a part, or a multiple, of what is commanded."""
         if -2.0 * settings.STANDS < ratio < settings.STANDS:  # held against its load it gives way
-            return (f'it does not move although it is commanded to ({ratio:.2g} times as far): '
-                    'the encoder stands or slips, the brake is on, or the driver ignores commands '
-                    'or divides them by 57 (degrees and radians)')
+            return (f'the joint does not move although it is commanded ({ratio:.2g} of the way): '
+                    'its encoder is frozen or slips, its brake is on, or its driver ignores '
+                    'commands or confuses degrees with radians')
         if ratio < 0.0:
-            return (f'it moves against its commands, {-ratio:.2g} times as far: its driver '
+            return (f'the joint moves against its commands, {-ratio:.2g} times as far: its driver '
                     'negates them, or its encoder counts backwards')
-        return f'it moves {ratio:.2g} times as far as it is commanded: ' + (
+        return f'the joint moves {ratio:.2g} times as far as commanded: ' + (
             RADIANS if ratio > settings.RADIANS_FROM
             else 'the scale of its driver or of its encoder is wrong')
 
@@ -406,21 +406,21 @@ class MotionWatch:
             return ''
         steps = np.diff(moved - made)
         if np.abs(steps).max() > settings.JUMP_SHARE * np.ptp(moved - made):
-            return (f'its position jumped by {steps[np.abs(steps).argmax()]:.3g} off the speed '
-                    'that its driver reports')
+            return (f'the position jumped by {steps[np.abs(steps).argmax()]:.3g} [rad or m], '
+                    'which the reported velocity does not show: the encoder lost counts')
         if abs(mine) < settings.STANDS * abs(way):
-            return (f'its position stands still ({mine / way:.2g} times what its driver reports): '
-                    'encoder frozen, slipping, or drifting against the motion')
+            return (f'the position moves {mine / way:.2g} times as far as the reported velocity '
+                    'implies: the encoder is frozen, slips, or drifts against the motion')
         rate = (mine - way) / (times[-1] - times[0])
         steady = np.std(moved - made - rate * (times - times[0])) * (
             1.0 + abs(rate) / (settings.FAST_DRIFT * self.speed[j]))
         if abs(way) < settings.STANDS * abs(mine) or steady < np.std(moved - mine / way * made):
-            return (f'its position drifts by {rate:.3g} a second from the speed that its driver '
-                    'reports: its encoder drifts')
+            return (f'the position moves at {rate:.3g} [rad/s or m/s] in addition to the reported '
+                    'velocity: the encoder drifts')
         if mine * way < 0.0:
-            return 'its encoder counts backwards: its position goes against the reported speed'
-        return (f'its encoder counts {mine / way:.2g} times the way that its driver reports: its '
-                'scale is wrong, or it slips')
+            return 'the position moves against the reported velocity: the encoder counts backwards'
+        return (f'the position moves {mine / way:.2g} times as far as the reported velocity '
+                'implies: the scale of the encoder is wrong, or it slips')
 
 
 class AgeWatch:

@@ -61,7 +61,7 @@ class ReactingReference:
         hard: Limits | None = None,
     ) -> None:
         if reaction not in REACTIONS:
-            raise UsageError(f'reaction {reaction!r}; expected one of {", ".join(REACTIONS)}')
+            raise UsageError(f'reaction is {reaction!r}; expected one of {", ".join(REACTIONS)}')
         self.limits = limits
         self.reaction = reaction
         self.retreat_time = retreat_time
@@ -265,12 +265,11 @@ class ReferenceSource:
         self.names = arm.active_joints
         self.tolerances, self.partial = Tolerances(), True
         self.motion: ReactingReference | None = None
-        self.outcome = ''
+        self.outcome = self.note = ''
         self._asked = -math.inf
         self._ends: FloatArray | None = None
         self._own: Tolerances | None = None
         self._overdue = 0.0
-        self.note = ''
         self.actual: FloatArray | None = None
         self._at = -math.inf
         self._away = 0.0
@@ -311,9 +310,9 @@ class ReferenceSource:
         if why := self._unable():
             return why
         outside = self.hard.outside(target) | np.isinf(target)
-        if outside.any():
-            return (f'{target.tolist()} is outside {self.hard.lower.tolist()} .. '
-                    f'{self.hard.upper.tolist()}')
+        for k in np.flatnonzero(outside):
+            return (f'the target of {self.names[k]} is {target[k]:.4g}, outside its limits '
+                    f'{self.hard.lower[k]:.4g} .. {self.hard.upper[k]:.4g} [rad or m]')
         assert self.motion is not None
         self.motion.go(target)
         self._follow(target)
@@ -339,8 +338,7 @@ class ReferenceSource:
             whole = of_all(trajectory, self.names, self.motion.q if held is None else held.target,
                            self.partial)
             if len(whole.t) == 1:
-                named = np.isin(self.names, trajectory.joints)
-                why = self.go(np.where(named, whole.q[0], np.nan))
+                why = self.go(np.where(np.isin(self.names, trajectory.joints), whole.q[0], np.nan))
             else:
                 why = self.motion.follow(whole, since)
         except SignalError as err:
@@ -366,10 +364,10 @@ class ReferenceSource:
         if self.motion is None:
             return 'no joint positions arrive: start the driver of the arm'
         if self.halted:
-            return f'no monitor watches the arm, {self.halted}'
+            return f'require_monitor is set, but no monitor watches the arm: {self.halted}'
         if self._seed is not None:
-            return 'random targets are driven'
-        return 'a collision is being reacted to' if self.reacting or self.collision else ''
+            return 'this node drives random targets: restart it with mode:=goals'
+        return 'a collision was reported: call ~/reset' if self.reacting or self.collision else ''
 
     def _follow(self, ends: FloatArray, own: Tolerances | None = None) -> None:
         """Watch the way to the ends of what was taken, NaN where that is open."""
@@ -402,7 +400,7 @@ class ReferenceSource:
             return
         self._overdue += dt
         if 0.0 < limit.goal_time < self._overdue:
-            self._end(f'{MISSED}: {off}, {limit.goal_time:g} s after the end')
+            self._end(f'{MISSED} the goal: {off}, {limit.goal_time:g} s after the end')
 
     def _beyond(self, wanted: FloatArray, bound: FloatArray | float) -> str:
         """Name the joint that is farthest beyond its bound; empty if none is."""
@@ -410,7 +408,8 @@ class ReferenceSource:
         off, bounds = np.abs(self.actual - wanted), np.broadcast_to(bound, wanted.shape)
         over = np.where((bounds > 0.0) & (off > bounds), off - bounds, 0.0)
         k = int(over.argmax())
-        return f'{self.names[k]} by {off[k]:.3g}, more than {bounds[k]:.3g}' if over[k] else ''
+        return (f'{self.names[k]} is {off[k]:.3g} [rad or m] away, tolerance {bounds[k]:.3g}'
+                if over[k] else '')
 
     def collide(self, collision: bool) -> None:
         """Take the state of the collision detector into account."""
@@ -429,9 +428,9 @@ class ReferenceSource:
         """Take goals again; while a collision lasts only if that is asked for twice [s]."""
         if self.collision and now - self._asked > settings.RESET_AGAIN:
             self._asked = now
-            raise UsageError(
-                'a collision is still reported', remedy='look at the arm and reset the monitor; '
-                f'to move it all the same, call ~/reset again within {settings.RESET_AGAIN:g} s')
+            raise UsageError('a collision is still reported', remedy='free the arm and call '
+                             '~/reset of the monitor; to move it all the same, call ~/reset of '
+                             f'this node again within {settings.RESET_AGAIN:g} s')
         self._asked = -math.inf
         self.clear()
 
@@ -451,7 +450,8 @@ class ReferenceSource:
             return None
         if now - self._at > self.timeout:
             if self.motion is not None:
-                self.motion, self.note = None, 'positions stopped; restarts when they return'
+                self.motion = None
+                self.note = 'joint positions stopped; the reference restarts when they return'
                 self._end('stopped: no joint positions arrived')
             return None
         motion = self.motion
@@ -484,7 +484,7 @@ class ReferenceSource:
         resting = bool(np.all(np.abs(motion.dq) < settings.RESTING_SPEED * planned))
         self._away = self._away + dt if resting and away.max() > settings.NEAR_TIME else 0.0
         if away.max() > settings.FOLLOWING_TIME or self._away > settings.LOST_TIME:
-            self.note = 'the arm was away from the reference, which restarted where the arm is'
+            self.note = 'the arm was far from its reference, which restarted where the arm is'
             return True
         return False
 

@@ -143,7 +143,7 @@ class Schedule:
         self.content, self.source = content, source
         joints, damped = content.joints, content.damped
         if len(content.pose) != len(joints) or len(content.gauges) != len(damped):
-            self._refuse(f'{len(content.pose)} axes of poses for the joints {list(joints)}, '
+            self._refuse(f'{len(content.pose)} grid axes in pose for the joints {list(joints)}, '
                          f'{len(content.gauges)} gauges for {list(damped)}; expected one each')
         unknown = sorted(set(damped) - set(joints))
         if unknown:
@@ -152,18 +152,18 @@ class Schedule:
         rest = len(content.columns) - len(columns_of(joints, damped, 0))
         self.modes = max(rest, 0) // per_mode
         if content.columns != columns_of(joints, damped, self.modes) or self.modes < 1:
-            self._refuse(f'the columns are {list(content.columns)[:4]} ...; expected those of '
-                         f'`tudor tune`, {list(columns_of(joints, damped, 1))[:4]} ...')
+            self._refuse(f'columns begins with {list(content.columns)[:4]}; expected, for these '
+                         f'joints, {list(columns_of(joints, damped, 1))[:4]}')
         axes = [np.array(axis, dtype=float) for axis in (content.payload, *content.pose)]
         for name, axis in zip(('payload', *joints), axes, strict=True):
             if np.any(np.diff(axis) <= 0.0):
-                self._refuse(f'the axis of {name} does not rise: {axis.tolist()[:8]}')
+                self._refuse(f'grid values of {name} do not increase: {axis.tolist()[:8]}')
         shape = tuple(len(axis) for axis in axes)
         if math.prod(shape) != len(content.nodes) or any(
                 len(row) != len(content.columns) for row in content.nodes):
             sizes = sorted({len(row) for row in content.nodes})
-            self._refuse(f'{len(content.nodes)} nodes of {sizes} values for a grid of {shape}; '
-                         f'expected {math.prod(shape)} nodes of {len(content.columns)} values')
+            self._refuse(f'nodes has {len(content.nodes)} rows of {sizes} values, for a grid of '
+                         f'{shape}; expected {math.prod(shape)} rows of {len(content.columns)}')
         values = np.array(content.nodes)
         self._check(values)
         self.payload = axes[0]
@@ -171,7 +171,7 @@ class Schedule:
         self._table = values.reshape(*shape, -1)
 
     def _refuse(self, cause: str) -> None:
-        raise ScheduleError(cause, place=self.source, remedy='write it again with `tudor tune`')
+        raise ScheduleError(cause, place=self.source, remedy='write a new one with `tudor tune`')
 
     def _check(self, values: FloatArray) -> None:
         """Refuse what no schedule may command."""
@@ -185,18 +185,18 @@ class Schedule:
             column = values[:, index]
             wrong = np.flatnonzero((column < low) | (column > high))
             if wrong.size:
-                self._refuse(f'{name} is {column[wrong[0]]:g} in node {wrong[0] + 1}; expected '
-                             f'{low:g} to {high:g}')
+                self._refuse(f'{name} is {column[wrong[0]]:g} in row {wrong[0] + 1} of nodes; '
+                             f'expected {low:g} to {high:g}')
 
     def check_arm(self, arm: Arm) -> None:
         """Raise a `ScheduleError` where joints or gauges are not those of an arm."""
         damper = arm.spec.damper
         own = [(item.joint, item.gauge) for item in damper.joints
                if item.joint in arm.active_joints] if damper is not None else []
-        described = list(zip(self.content.damped, self.content.gauges, strict=True))
-        if self.content.joints != arm.active_joints or described != own:
-            self._refuse(f'it is for the joints {list(self.content.joints)} with the dampers '
-                         f'{described}; {arm.name} has {list(arm.active_joints)} with {own}')
+        given = list(zip(self.content.damped, self.content.gauges, strict=True))
+        if self.content.joints != arm.active_joints or given != own:
+            self._refuse(f'the schedule is for joints {list(self.content.joints)} with gauges '
+                         f'{dict(given)}, {arm.name} has {list(arm.active_joints)}, {dict(own)}')
 
     def at(self, payload: float, q: FloatArray) -> Point:
         """
@@ -260,7 +260,7 @@ def load_schedule(path: str | Path, arm: Arm | None = None) -> Schedule:
         if arm is not None:
             schedule.check_arm(arm)
         return schedule
-    raise ScheduleError(cause, place=path, remedy='write one with `tudor tune`')
+    raise ScheduleError(cause, place=path, remedy='write a schedule with `tudor tune`')
 
 
 # -- Gains and expected load that follow payload and pose; nothing of it while the payload is
@@ -297,7 +297,7 @@ class Adaptation:
         else:  # not a number neither
             self._reported = math.nan
             self._refusal = (f'a payload of {payload:.3g} kg is outside the {low:g} to {high:g} '
-                             'kg of the schedule')
+                             'kg of the schedule; widen it with `tudor tune --payloads`')
         return self._refusal
 
     @property
@@ -305,7 +305,7 @@ class Adaptation:
         """Why no payload is known, where none is."""
         return self._refusal or (
             'no payload was reported: start payload_estimator' if math.isnan(self._reported) else
-            f'the last report of the payload is older than {self.timeout:g} s')
+            f'no payload was reported for {self.timeout:g} s: is payload_estimator running?')
 
     def report(self) -> dict[str, str]:
         """Give what is in use as texts by name, for diagnostics."""

@@ -369,9 +369,9 @@ SCALE_DOWN, SCALE_UP = 0.75, 1.3
 # Standard deviation of a scale from which on it is unclear.
 SCALE_ERROR = 0.25
 # Scales that have a name, and how near one is called by it, as a logarithm.
-KNOWN_SCALES = {180.0 / math.pi: 'degrees and radians', 1000.0: 'mm and m',
-                30.0 / math.pi: 'revolutions per minute, or a decimal place',
-                4.0: 'the edges of encoder lines', 2.0: 'the edges of encoder lines'}
+KNOWN_SCALES = {180.0 / math.pi: 'degrees confused with radians', 1000.0: 'mm confused with m',
+                30.0 / math.pi: 'rpm confused with rad/s, or a wrong decimal place',
+                4.0: 'encoder edges confused with lines', 2.0: 'encoder edges confused with lines'}
 SCALE_NEAR = 0.75
 # Another joint that moves by more than this part moves, too.
 MOVES_TOO = 0.2

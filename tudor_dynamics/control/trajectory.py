@@ -86,7 +86,7 @@ def from_state(trajectory: Trajectory, state: MotionState, begin: float) -> Traj
     left = trajectory.t > begin
     if not left.any():
         msg = f'{LATE}: the last was due {begin - trajectory.t[-1]:.3g} s ago'
-        raise SignalError(msg, remedy='set header.stamp to its start, or to 0')
+        raise SignalError(msg, remedy='set header.stamp to the start, or to 0 for now')
 
     def joined(first: FloatArray, rest: FloatArray | None) -> FloatArray | None:
         return None if rest is None else np.vstack([first, rest[left]])
