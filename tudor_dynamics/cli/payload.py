@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     telling(bundle, args.kind)  # says so if there is none
     choices = [parse_choice(text) for text in args.bags]
     if not args.live and (args.announced or args.begin):
-        raise UsageError('--announced and --begin belong to --live: add it')
+        raise UsageError('--announced and --begin work only with --live; add --live')
     truths = parse_payloads(args.payload_of, choices)
     bags: list[BagData] = []
     with steps(len(choices)) as step:

@@ -129,8 +129,8 @@ def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
     ideal = Imperfections.names() if 'all' in args.ideal else args.ideal
     if args.trajectory is not None:
         if args.best_of > 1 or args.conditions:
-            raise UsageError('--trajectory is one motion, of which nothing is left to choose',
-                             remedy='leave out --best-of and --conditions')
+            raise UsageError('--trajectory fixes the motion, and --best-of and --conditions judge '
+                             'random ones', remedy='leave out --trajectory or these two')
         trajectory = read_motion(Path(args.trajectory))
         args.seconds = round(len(played_motion(arm, trajectory, dt).q) * dt, 6)
     for number in range(args.stimuli):
