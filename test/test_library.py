@@ -222,9 +222,9 @@ def test_detectors_are_compared_by_their_roc(root: Path, tmp_path: Path) -> None
     assert 4.9 < knows.factor[at] < 5.0
     assert guesses.found[guesses.false == 0].max(initial=0) < 3
     assert guesses.share()[-1] == 100.0 and guesses.per_hour()[-1] > 1000.0
-    with pytest.raises(td.TudorError, match='one number a sample'):
+    with pytest.raises(td.TudorError, match='one number per sample'):
         td.roc({'short': lambda recording: np.zeros(3)}, bag, arm)
-    with pytest.raises(td.TudorError, match='above zero nowhere'):
+    with pytest.raises(td.TudorError, match='no value above zero'):
         td.roc({'never': lambda recording: 0.0 * recording.t}, bag, arm)
     with pytest.raises(td.TudorError, match='nothing is known of its pushes'):
         td.roc({'any': lambda recording: recording.t}, root / 'bags/two_blade_test', arm)

@@ -82,7 +82,7 @@ def test_plan_record_fit(
 
 
 @pytest.mark.parametrize(('options', 'said'), [
-    (('--seconds', '3'), 'give 10 to 3600'), (('--noise-of', 'joint2=-1'), 'positive size'),
+    (('--seconds', '3'), 'give 10 to 3600'), (('--noise-of', 'joint2=-1'), 'positive standard'),
     (('--noise-of', 'nobody=1'), 'one of joint2, joint3'),
     (('--highest', '0.01'), 'is too short'), (('--noise', '0'), '--noise 0: give'),
     (('--model', 'none'), 'none'), (('--srdf', 'none.srdf'), 'SRDF cannot be read'),
@@ -116,7 +116,7 @@ def test_walls_and_efforts(
     assert main(words) == 2
     assert 'nothing says where the arm may move; give --floor Z' in capsys.readouterr().err
     assert main([*words, '--box', '1', '0', '0', '1', '0', '1']) == 2
-    assert 'the first is the smaller one' in capsys.readouterr().err
+    assert 'each pair of --box as MIN MAX' in capsys.readouterr().err
     assert main([*words, *walls]) == 0
     said = unwrapped(capsys.readouterr().out)
     assert 'by 0 shapes and 5 capsules of 0.05 m' in said and 'efforts are not looked' not in said
@@ -153,9 +153,9 @@ def test_plans_that_are_none(root: Path, tmp_path: Path,
         assert err.count('\n') == 1
         return err
     fit = ('fit', bag, '--arm', arm, '--out', str(tmp_path / 'm'), '--plan', str(folder))
-    assert 'there is no plan.json' in refused(*fit)
+    assert 'plan.json cannot be read' in refused(*fit)
     (folder / 'plan.json').write_text('{"format": "x"}')
-    assert 'no plan of ' in refused(*fit)
+    assert 'not a valid plan' in refused(*fit)
     (folder / 'plan.json').write_text(json.dumps({
         'format': 'tudor_dynamics/excitation', 'version': 1, 'noise_of': 'samples',
         'noise_stated': True, 'noise': {'effort': {'joint2': 1e-300, 'joint3': 1.0}}}))

@@ -66,7 +66,7 @@ def test_a_table_gets_efforts(
     assert main([*command, '--overwrite', '--rate', '10', '--payload', '0.1']) == 0
     assert len(np.loadtxt(out, delimiter=',', skiprows=1)) == 21
     assert main([*command[:-1], str(tmp_path / 'bag')]) == 2
-    assert 'not of one kind' in capsys.readouterr().err
+    assert 'one is a CSV table, the other a bag' in capsys.readouterr().err
 
 
 def test_a_bag_gets_efforts(model: Path, tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_a_bag_gets_efforts(model: Path, tmp_path: Path) -> None:
     ('t,j1\n0,0\n1,0\n', [], 'needs each of'),
     (TABLE, ['--unit', 'current'], 'torque constant'),
     (TABLE, ['--kind', 'elm'], 'it has analytical'),
-    (TABLE, ['--rate', '-1'], 'expected a rate above zero'),
+    (TABLE, ['--rate', '-1'], 'give a rate above zero'),
     (TABLE, ['--payload', '-1'], 'impossible'),
     (TABLE, ['--positions', 'motor'], 'elastic model cannot be used')])
 def test_wrong_input_is_one_line(

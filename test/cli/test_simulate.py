@@ -211,7 +211,7 @@ def test_a_mechanism_that_moves_nothing_is_refused(description, tmp_path, capsys
     (['--torque', '1', '--dt', '0.05'], 'too large'), (['--torque', '1', '--dt', '0'], '--dt'),
     (['--torque', '1', '--hold', 'knee'], 'knee'), (['--modes', '0'], '--modes'),
     (['--torque', '1', '--animate', 'x.avi'], 'expected a file name'),
-    (['--torque', '1', '--plot', '--signals', 'q:knee'], 'no signal'),
+    (['--torque', '1', '--plot', '--signals', 'q:knee'], 'no such signal'),
     (['--torque', 'missing.csv'], 'missing.csv'), (['--force', '2*t'], 'x=EXPRESSION'),
     (['--force', 'w=2'], 'x=EXPRESSION'), (['--force', 'x=1/t'], 'not finite at t = 0')])
 def test_bad_options_get_one_line(root, tmp_path, capsys, options, words):

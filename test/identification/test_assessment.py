@@ -89,14 +89,15 @@ def test_uses(assessment: Assessment) -> None:
     by_name = {(use.output, use.name): use for use in assessment.uses}
     # gauges of unknown gain show no newtons, and no kilograms
     said = by_name['strain', 'collision detection (strain)']
-    assert said.level is None and 'newtons need' in said.why
+    assert said.level is None and 'forces in N need' in said.why
     assert 'g1' in said.why and 'um/m' in said.why and 's of free motion' in said.why
     assert by_name['strain', 'payload'].level is None
     said = by_name['effort', 'collision detection (effort)']
     assert said.level is Grade.GOOD and 'N at the tip)' in said.why
     assert set(said.channels.values()) == {Grade.GOOD}
     left = by_name['effort', 'feed-forward']
-    assert left.level is Grade.GOOD and 'feed all joints; left to the controller: j1' in left.why
+    assert left.level is Grade.GOOD
+    assert 'use it at all joints; share of effort left to the controller: j1' in left.why
     plain = assessment.as_dict()
     assert plain['uses']['effort']['analytical'][0]['use'] == 'prediction'
 
@@ -114,7 +115,7 @@ def test_a_joint_that_keeps_most_of_its_effort_is_not_fed(result: FitResult) -> 
         return next(use for use in uses_of(one, ARM, {}, {}) if use.name == 'feed-forward')
 
     use = judged(0.05, 0.59)
-    assert use.level is Grade.USABLE and use.why.startswith('feed j1; left to the controller: j1')
+    assert use.level is Grade.USABLE and use.why.startswith('use it at j1; share of effort left')
     assert use.channels == {'j1': Grade.GOOD, 'j2': Grade.DO_NOT_USE}
     assert judged(2.14, 0.59).level is Grade.DO_NOT_USE
     assert judged(float('nan'), 0.1).channels['j1'] is Grade.DO_NOT_USE
@@ -151,7 +152,7 @@ def test_detection_by_the_force_that_is_noticed(
 def test_a_payload_in_kilograms(result: FitResult) -> None:
     """The error of a mean over what a kilogram at the tip adds."""
     use = next(use for use in uses_of(result.fitted[0], ARM, {}, {}) if use.name == 'payload')
-    kilograms = float(use.why.split(' kg off')[0])
+    kilograms = float(use.why.split(' kg of')[0])
     item = result.fitted[0].validation
     error = 2.0 * np.concatenate([trace.measured - trace.predicted for trace in item.traces])
     means = error[:len(error) // 20 * 20].reshape(-1, 20, 2).mean(axis=1)
@@ -195,7 +196,7 @@ def test_missing_thresholds_are_a_step() -> None:
     assert all('too little for thresholds' in text for text in assessment.missing)
     first = assessment.steps[0]
     assert 'no collision thresholds' in first.what
-    assert 'and fit it too' in first.what and first.command == ''
+    assert 'add that bag to the fit' in first.what and first.command == ''
     use = next(use for use in assessment.uses if use.name.startswith('collision'))
     assert use.level is None and 'not known: no thresholds' in str(use)
 

@@ -237,7 +237,7 @@ def test_when_a_fit_goes_bag_by_bag() -> None:
     assert streams(2, FitSettings(), asked=True)
     for bags, settings, word in ((FROM, FitSettings(kinds=('analytical', 'elm')), 'elm'),
                                  (5, FitSettings(kinds=('analytical', 'elm')),
-                                  'leave out elm, or leave --stream out'),
+                                  'leave out --models elm, or leave --stream out'),
                                  (FROM, FitSettings(random_split=True), 'random-split'),
                                  (FROM, FitSettings(estimator='huber'), 'Huber'),
                                  (1, FitSettings(), 'two bags or more')):
@@ -250,7 +250,7 @@ def test_load_friction_is_refused(parts: list[str], root: Path, tmp_path: Path) 
     arm = load_arm(root / 'config/two_blade_arm.yaml').with_joints(
         {name: {'friction': ('viscous', 'load'), 'asymmetric': False}
          for name in ('joint2', 'joint3')})
-    with pytest.raises(UsageError, match='leave the term load out'):
+    with pytest.raises(UsageError, match='remove load from --friction'):
         fit(parts, arm, streaming=Streaming(Folder(tmp_path / 'sums')))
 
 
@@ -258,6 +258,6 @@ def test_a_copy_is_no_test(root: Path, tmp_path: Path) -> None:
     """A test bag with the bytes of a training bag is refused, as in the ordinary fit."""
     bags = [root / f'bags/two_blade_train_{number}' for number in (1, 2)]
     shutil.copytree(bags[0], tmp_path / 'copy')
-    with pytest.raises(FitError, match='a test needs another recording'):
+    with pytest.raises(FitError, match='cannot test the model'):
         fit(bags, load_arm(root / 'config/two_blade_arm.yaml'), test=tmp_path / 'copy',
             streaming=Streaming(Folder(tmp_path / 'sums')))

@@ -123,7 +123,7 @@ def test_page(monkeypatch: pytest.MonkeyPatch) -> None:
         count = len(pages)
         draw()
         assert len(pages) == count <= 5
-        with pytest.raises(UsageError, match=f'port {port} cannot be served'):
+        with pytest.raises(UsageError, match=f'no web page on port {port}'):
             with served(view, port):
                 pass
     with pytest.raises(OSError):

@@ -76,12 +76,12 @@ def _errors(one: Side, other: Side, bag: str) -> tuple[FloatArray, FloatArray]:
     for side, beside in ((one, other), (other, one)):
         measure = side if side.full is not None else beside
         if measure.bundle is None:
-            raise UsageError('two descriptions have neither friction nor filters to judge a '
-                             'recording by', remedy='compare with a model, or leave BAG out')
+            raise UsageError('A and B are descriptions: neither friction nor filters are known '
+                             'for BAG', remedy='give a bundle as A or B, or leave BAG out')
         data = load(parse_choice(bag), measure.arm, measure.bundle.preprocessing, learn=True)
         if not data.has('effort'):
-            raise UsageError(f'{bag}: has no efforts of these joints',
-                             remedy='give a recording with efforts')
+            raise UsageError(f'{bag}: has no efforts of the joints of {measure.arm.name}',
+                             remedy='give a BAG with their efforts, or leave BAG out')
         found.append(np.asarray(errors_on(side, measure, data.stretches)))
     return found[0], found[1]
 

@@ -255,8 +255,8 @@ def check_trajectories(args: argparse.Namespace) -> None:
     """Refuse a table for a bag, and what would be overwritten."""
     source, out = Path(args.trajectory), Path(args.out)
     if is_table(source) != is_table(out):
-        raise UsageError(f'{source} and {out} are not of one kind', remedy='a table (.csv) gives '
-                         'a table, a bag a bag')
+        raise UsageError(f'{source} and --out {out}: one is a CSV table, the other a bag',
+                         remedy='give two CSV tables (.csv) or two bags')
     if out.exists() and not (args.overwrite and is_table(out)):
         raise UsageError('exists already', place=out,
                          remedy='choose another --out' + (', or add --overwrite'

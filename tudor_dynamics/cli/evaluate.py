@@ -86,12 +86,12 @@ def run_collisions(args: argparse.Namespace) -> int:
         raise UsageError('--pushes, --truth and --free exclude each other; give one of them')
     if args.pushes and len(args.pushes) != len(args.bags):
         raise UsageError(f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give '
-                         'one for each, in their order')
+                         'one table for each bag, in the order of the bags')
     bundle = at_payload(load_bundle(args.model), args.payload)
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
     if args.kind not in kinds:
-        raise UsageError(f'{args.model} has no {args.kind} model; it has {" and ".join(kinds)}: '
-                         f'give --kind, or fit it again with --models {args.kind}')
+        raise UsageError(f'{args.model} has no {args.kind} model; give --kind '
+                         f'{" or ".join(kinds)}, or fit again with --models {args.kind}')
     choices = [parse_choice(text) for text in args.bags]
     settings = MonitorSettings(
         args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),

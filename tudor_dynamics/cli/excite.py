@@ -134,23 +134,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(args: argparse.Namespace) -> None:
-    for name, least, most in (('seconds', 10.0, 3600.0), ('rate', 10.0, 10_000.0),
-                              ('highest', 1e-3, 50.0), ('steps', 1, 10**6), ('seed', 0, 2**63),
-                              ('noise', 1e-12, 1e12), ('budget', 0.0, 1e6), ('radius', 1e-3, 1.0)):
+    for name, least, most, unit in (
+            ('seconds', 10.0, 3600.0, ' s'), ('rate', 10.0, 10_000.0, ' Hz'),
+            ('highest', 1e-3, 50.0, ' Hz'), ('steps', 1, 10**6, ''), ('seed', 0, 2**63, ''),
+            ('noise', 1e-12, 1e12, ''), ('budget', 0.0, 1e6, ' s'), ('radius', 1e-3, 1.0, ' m')):
         value = getattr(args, name)
         if value is not None and not least <= value <= most:
-            raise UsageError(f'--{name} {value:g}: give {least:g} to {most:g}')
+            raise UsageError(f'--{name} {value:g}: give {least:g} to {most:g}{unit}')
     if args.model and (args.noise is not None or args.noise_of):
-        raise UsageError('--model says the noise already', remedy='leave out --noise')
+        raise UsageError('the noise comes from --model', remedy='leave out --noise and --noise-of')
     if args.floor is None and args.box is None:
         raise UsageError('nothing says where the arm may move',
                          remedy='give --floor Z, the height of the floor above the base [m], or '
-                                '--box X X Y Y Z Z')
+                                '--box X X Y Y Z Z [m]')
     box = args.box or [-1.0, 1.0] * 3
     if not all(abs(value) <= 1e3 for value in (*box, args.floor or 0.0)) or not all(
             low < high for low, high in zip(box[::2], box[1::2], strict=True)):
-        raise UsageError('--floor and --box: give numbers of at most 1000 m, in pairs of which '
-                         'the first is the smaller one')
+        raise UsageError('--floor, --box: give -1000 to 1000 m, each pair of --box as MIN MAX')
     if Path(args.out).exists():
         raise UsageError('exists already and is not overwritten', place=args.out,
                          remedy='give another --out')
@@ -169,8 +169,8 @@ def _noise(args: argparse.Namespace, arm: Arm) -> dict[str, FloatArray]:
         except ValueError:
             number = 0.0
         if name not in names or not 0.0 < number < 1e12:
-            raise UsageError(f'--noise-of {text}: expected NAME=SIZE with a positive size and one '
-                             f'of {", ".join(names)}')
+            raise UsageError(f'--noise-of {text}: expected NAME=SIZE, a positive standard '
+                             f'deviation in the unit of NAME, one of {", ".join(names)}')
         output, place = names[name]
         size[output][place] = number
     return size if arm.gauges else {'effort': size['effort']}

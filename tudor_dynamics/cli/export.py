@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     """Find what was identified and write it."""
     out = Path(args.out)
     if args.to == 'arm' and out.suffix == '.urdf':
-        raise UsageError('a description cannot have the name of the URDF beside it', place=out,
+        raise UsageError('--to arm writes an arm description, not a URDF, to --out', place=out,
                          remedy='choose a name that ends in .yaml')
     bundle = load_bundle(args.model, with_data=True)
     files, left_out, full = _content(bundle, args, out)

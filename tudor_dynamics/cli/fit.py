@@ -155,7 +155,7 @@ def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpe
         return PreprocessingSpec.model_validate({
             **arm.spec.preprocessing.model_dump(exclude_unset=True), **changes})
     except ValidationError as err:
-        raise UsageError(f'command line: {validation_message(err)}') from None
+        raise UsageError(f'signal options (tudor fit --help): {validation_message(err)}') from None
 
 
 def run(args: argparse.Namespace) -> int:

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
                                           elastic=args.elastic), step)
     if args.strict and fleet.unused:
         raise FitError(f'--strict: {fleet.unused[0]}',
-                       remedy='take this bag out of the plan, or leave out --strict')
+                       remedy=f'take this bag out of {path}, or leave out --strict')
     content = finite(fleet.as_dict())
     write_whole(out / 'fleet.json', json.dumps(content, indent=1).encode())
     write_whole(out / 'fleet.html', page_of(fleet).encode())

@@ -116,11 +116,11 @@ def _runs(args: argparse.Namespace) -> bool:
 def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
     for name in args.free + args.hold:
         if name not in mechanism.joints:
-            raise UsageError(f'joint {name!r} is not among the joints {list(mechanism.joints)} of '
-                             f'{args.arm}')
+            raise UsageError(f'--free, --hold: {args.arm} has no joint {name}; its joints are '
+                             f'{", ".join(mechanism.joints)}')
     count_steps(args.seconds, args.dt, args.rate)  # says so if they are impossible
     if args.modes is not None and args.modes < 1:
-        raise UsageError(f'--modes counts modes, found {args.modes}')
+        raise UsageError(f'--modes {args.modes}: give the number of modes to list, 1 or more')
     if (args.plot or args.animate is None) and args.out is None and (
             args.plot or _runs(args)) and not args.json:
         msg = 'nothing says where results go: give --out DIR (or --json for figures alone)'
@@ -191,7 +191,7 @@ def run(args: argparse.Namespace) -> int:
         name for name in known if name in wanted or name.startswith(('moment:', 'strain:'))]
     for name in signals:
         if name not in known:
-            raise UsageError(f'there is no signal {name!r}; there are {", ".join(known)}')
+            raise UsageError(f'--signals {name}: no such signal; choose from {", ".join(known)}')
     result = SimulatedRun(
         arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
     if folder is not None:

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     if args.bag is None:
         return _topics(args)
     if not args.model:
-        raise UsageError('a bag needs a model', remedy='give --model MODEL')
+        raise UsageError('watching a bag needs a model of its arm', remedy='give --model MODEL')
     if not args.speed >= 0.0 or not args.false_alarms > 0.0:
         raise UsageError(f'--speed {args.speed:g} --false-alarms {args.false_alarms:g}: expected '
                          'a speed of 0 or more and a rate above 0 per hour')

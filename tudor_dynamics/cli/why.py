@@ -73,20 +73,20 @@ def causes(args: argparse.Namespace) -> list[Cause]:
     params = records[0]['settings'] if records else {}
     model = args.model or params.get('model')
     if not model:
-        raise UsageError('names no model', place=args.bag, remedy='give --model MODEL')
+        raise UsageError('no event names its model', place=args.bag, remedy='give --model MODEL')
     try:
         settings = MonitorSettings.of({**params, 'estimate_contact': True}) if params else (
             MonitorSettings(methods=(), contact=True))
         payload = float(params.get('payload', 0.0) if args.payload is None else args.payload)
     except (KeyError, TypeError, ValueError) as err:
-        raise UsageError(f'its settings are not those of a monitor ({err})', place=args.bag,
-                         remedy='give a bag of this version') from None
+        raise UsageError(f'its monitor settings cannot be read ({err})', place=args.bag,
+                         remedy='give an event bag that this version recorded') from None
     bundle = load_bundle(model)
     digest = records[0].get('digest', bundle.digest) if records else bundle.digest
     if digest != bundle.digest:
-        warnings.warn(f'{model} is not the model of the event (now {bundle.digest[:12]}, then '
-                      f'{str(digest)[:12]}): events and causes may differ; give the one of the '
-                      'event by --model', TudorWarning, stacklevel=2)
+        warnings.warn(f'{model} is not the model of the event (digest {bundle.digest[:12]}, not '
+                      f'{str(digest)[:12]}): events and causes may differ; give the model that '
+                      'the monitor had by --model', TudorWarning, stacklevel=2)
     found = explain(bag, bundle, settings, str(params.get('payload_source', 'parameter')), payload,
                     records)
     return [cause for cause in found if args.at in time_of_day(cause.event.event.onset)]

@@ -176,7 +176,7 @@ def found_choices(texts: Sequence[str]) -> list[BagChoice]:
 def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> None:
     """Refuse parts of one bag that overlap."""
     if not training:
-        raise UsageError('there is no bag to learn from: give the path of one, better of several')
+        raise UsageError('there is no bag to learn from; give the paths of one or more bags')
     known: dict[Path, list[BagChoice]] = {}
     for number, other in enumerate((*training, *test)):
         same = known.setdefault(Path(other.path).resolve(), [])
@@ -261,7 +261,7 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
     if not segments:
         before, after = float(t[first - 1]), float(t[first])
         raise UsageError(f'{choice.path}: nothing was recorded from {before:.4g} to '
-                         f'{after:.4g} s; give what is before and after as two bags: '
+                         f'{after:.4g} s; give the parts before and after that as two bags: '
                          f'{choice.path}@0s-{before:.4g}s {choice.path}@{after:.4g}s-{t[-1]:.4g}s')
 
     start = next((part.start for part in recording.segments
@@ -361,8 +361,8 @@ def refuse_copies(training: Sequence[BagData], test: Sequence[BagData]) -> None:
             same = one.recording.checksum == other.recording.checksum != ''
             if same and one.choice.overlaps(other.choice):
                 raise FitError(f'{other.choice} is a copy of the training bag '
-                               f'{one.choice} (sha256 {one.recording.checksum[:12]} of both): '
-                               'a test needs another recording; give one')
+                               f'{one.choice} (sha256 {one.recording.checksum[:12]} of both) and '
+                               'cannot test the model; give another recording in its place')
 
 
 def common_outputs(data: Sequence[BagData]) -> tuple[str, ...]:
@@ -438,7 +438,7 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
                              'such as run1=0.2')
         resolved = str(Path(path).resolve())
         if resolved not in known:
-            raise UsageError(f'--payload-of {text}: {path} is no bag of this command; name one')
+            raise UsageError(f'--payload-of {text}: BAG must be one of the bags of this command')
         found[resolved] = mass
     return found
 
@@ -452,9 +452,9 @@ def payload_range(
         return None
     unknown = [str(bag.choice) for bag in (*training, *test) if bag.payload is None]
     if unknown:
-        raise UsageError(f'the training bags have payloads of {min(masses):g} to {max(masses):g} '
-                         f'kg, but that of {", ".join(unknown)} is not known: say so with '
-                         '--payload-of BAG=KG, or use --ignore-payload')
+        raise UsageError(f'training bags have payloads of {min(masses):g} to {max(masses):g} kg, '
+                         f'but the payload of {", ".join(unknown)} is not known; give it by '
+                         '--payload-of BAG=KG, or fit without payloads by --ignore-payload')
     return min(masses), max(masses)
 
 

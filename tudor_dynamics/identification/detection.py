@@ -103,8 +103,8 @@ def find_truth(path: str, topic: str | None = None, clock: str = 'joint_states')
         return Truth(name, _pushes(wrenches.stamp, size))
     if topic is None:
         return Truth()
-    raise BagError(f'{path}: there is no message on {topic}, from which pushes were to be read; '
-                   'name another topic, or give --pushes FILE.csv')
+    raise BagError(f'{path}: has no messages on {topic}, the topic of pushes; '
+                   'give --truth another topic, or --pushes FILE.csv')
 
 
 def _pushes(stamp: NDArray[np.int64], size: FloatArray) -> tuple[KnownPush, ...]:
@@ -492,8 +492,8 @@ def evaluate_collisions(
         results.append(MethodResult(method, found, watched, roc_of(watched, found.hours),
                                     Watch(bundle.beside_robot(), alone).no_contact))
     if not results:
-        raise UsageError('the model has no collision thresholds for signals that these bags have; '
-                         'fit it again with more free motion to be judged by')
+        raise UsageError('the model has no collision thresholds for efforts or strains of these '
+                         'bags; fit again with more bags in which nothing touches the arm')
     return results
 
 
@@ -510,14 +510,14 @@ def roc_of_detector(
     for (path, recording), truth in zip(bags, truths, strict=True):
         said = np.asarray(detector(recording), dtype=float)
         if said.shape != recording.stamp.shape or np.isinf(said).any():
-            raise SignalError(f'the detector gives {path} values of shape {said.shape}; expected '
-                              f'one number a sample, {recording.stamp.shape}')
+            raise SignalError(f'the detector returned an array of shape {said.shape} for {path}; '
+                              f'expected one number per sample, not inf: {recording.stamp.shape}')
         judged = ~np.isnan(said)
         watched.append(WatchedBag(path, recording.stamp[judged], said[judged],
                                   within(truth, recording), ()))
     grid = np.concatenate([item.ratio for item in watched])
     if not (grid > 0.0).any():
-        raise SignalError('the detector is above zero nowhere, so that no threshold finds a push')
+        raise SignalError('the detector returned no value above zero; return more during a push')
     hours = score(watched, [np.empty(0, np.int64)] * len(watched)).hours
     return roc_of(watched, hours, np.quantile(grid[grid > 0.0], np.linspace(0.0, 1.0, 101)))
 

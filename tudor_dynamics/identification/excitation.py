@@ -85,8 +85,8 @@ def series(
     harmonics = int(highest * length + 1e-9)
     if length < 2.0 * FADE or harmonics < 1:
         raise SignalError(f'a Fourier series of {seconds:g} s up to {highest:g} Hz is too short; '
-                          f'give at least {2.0 * (REST + FADE):g} s, and a frequency above '
-                          f'{1.0 / max(length, 1e-3):.3g} Hz')
+                          f'give --seconds of at least {2.0 * (REST + FADE):g} s and --highest '
+                          f'above {1.0 / max(length, 1e-3):.3g} Hz')
     check_budget(f'a Fourier series of {seconds:g} s up to {highest:g} Hz', seconds / dt,
                  112.0 * harmonics)
     t = np.asarray(np.arange(int(round(seconds / dt)) + 1) * dt - REST, dtype=np.float64)

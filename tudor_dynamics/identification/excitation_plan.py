@@ -173,10 +173,10 @@ def _within(fine: Series, x: FloatArray, bounds: Bounds) -> Reference:
         factor = low
     if factor < 0.1:
         found = bounds.beyond(fine.motion(scaled(0.1))[::every])
-        msg = (f'no motion was found within all limits: {", ".join(found.nearest) or "efforts"} '
-               'already in small motions')
-        raise SignalError(msg, remedy='give another --seed, planned ranges without '
-                                      'collisions, or an SRDF that takes pairs out')
+        near = f'{" and ".join(found.nearest)} too close' if found.nearest else 'too large efforts'
+        msg = f'no motion was found within all limits: even small ones have {near}'
+        raise SignalError(msg, remedy='give another --seed, smaller ranges in joints[].planned, '
+                                      'or an --srdf that disables false collisions')
     return fine.reference(scaled(factor))
 
 
@@ -206,8 +206,8 @@ def best_aprbs(
         if report(best[0][1]):
             break
     if best is None or best[0][0] > 0.0:
-        raise SignalError(f'none of {order.steps} APRBS is within the limits of efforts and free '
-                          'of collisions', remedy='take --kind fourier, or smaller planned ranges')
+        raise SignalError(f'each of {order.steps} random step motions (APRBS) collides or exceeds '
+                          'effort limits', remedy='use --kind fourier, or reduce joints[].planned')
     return best[2]
 
 
@@ -286,7 +286,7 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
             found[output] = model if model.states is None else _planned(bundle.arm, output)
             noise[output] = model.deviations()
     if not found:
-        raise UsageError('there is no analytical model for one payload in the bundle',
+        raise UsageError('the bundle of --model has no analytical model of a single payload',
                          remedy='give --noise in place of --model')
     return Target(arm.with_friction_of(bundle.arm), found, bundle.preprocessing,
                   Noise(noise, residual=True), known)
@@ -401,17 +401,17 @@ def read_plan(path: str | Path) -> PlanFolder:
         text = read_bounded(path / HEAD, MAX_HEAD_BYTES).decode()
         head = _Head.model_validate_json(text)
     except OSError as err:
-        raise UsageError(f'there is no {HEAD} to be read ({err.strerror})', place=path,
-                         remedy='give a folder of `tudor excite`') from None
+        raise UsageError(f'{HEAD} cannot be read ({err.strerror})', place=path,
+                         remedy='give a folder that tudor excite wrote') from None
     except (ValidationError, ValueError) as err:
         cause = validation_message(err) if isinstance(err, ValidationError) else str(err)
-        raise UsageError(f'no plan of `tudor excite` ({cause})', place=path / HEAD) from None
+        raise UsageError(f'not a valid plan ({cause}); plan again', place=path / HEAD) from None
     if (head.format, head.version) != (FORMAT, VERSION):
         raise UsageError(f'found {head.format[:60]} {head.version}, expected {FORMAT} {VERSION}',
                          place=path / HEAD, remedy='plan again with this version')
     noise = {output: np.array(list(values.values())) for output, values in head.noise.items()}
     if not noise or not all(np.all((size >= 1e-12) & (size <= 1e12)) for size in noise.values()):
-        raise UsageError('noise: expected a positive number, 1e-12 to 1e12, for each channel',
-                         place=path / HEAD)
+        raise UsageError('key noise: expected 1e-12 to 1e12 for each channel', place=path / HEAD,
+                         remedy='plan again with tudor excite')
     return PlanFolder(path, read_trajectory(path / TABLE),
                       Noise(noise, head.noise_of == 'residuals'), head.noise_stated)

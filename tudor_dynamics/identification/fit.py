@@ -174,16 +174,16 @@ Searches = Mapping[tuple[str, ...], Identified]  # names of bags to what was fou
 def check_arm(arm: Arm) -> None:
     """Refuse an arm of which no elastic model can be made, before hours of work and not after."""
     if arm.coupling is not None:
-        raise FitError(f'{arm.source}: the elastic model does not support couplings; remove '
-                       'them from the description, or elastic from --models')
+        raise FitError(f'{arm.source}: the elastic model does not support `couplings`; remove '
+                       'that key, or elastic from --models')
     if not arm.gauges:
-        raise FitError(f'{arm.source}: no gauges are described, and the elastic model is '
-                       'identified from strain; describe them, or remove elastic from --models')
+        raise FitError(f'{arm.source}: no gauges are described, but the elastic model is fitted '
+                       'to strain; add the key gauges, or remove elastic from --models')
     try:
         DrivenArm(arm)
     except TudorError as err:
-        raise FitError(f'{err} (the elastic model needs links); describe them, or remove elastic '
-                       'from --models') from None
+        raise FitError(f'{err}; or remove elastic from --models, which needs links and '
+                       'motors') from None
 
 
 def check_kinds(
@@ -555,8 +555,8 @@ def _fit_one(
             blind.arm = holdout.arm
         cases = cases_of(blind.fit([first], output), [last])
     else:
-        raise FitError('one training bag, no test bag and nothing held out: the fit cannot be '
-                       'judged; give a second bag, or --test')
+        raise FitError('the fit cannot be judged with one training bag and no test bag; give a '
+                       'second bag, or --test BAG')
     validation = validated(cases, output, method)
     seen = validated(cases_of(model, training), output, 'the training bags themselves')
     # single samples have no past: a model with a memory has no random split

@@ -136,8 +136,8 @@ def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
                       'analytical')
     found = {output: kinds[chosen] for output, kinds in bundle.models.items() if chosen in kinds}
     if chosen == 'elm' or not found:
-        raise UsageError(f'the bundle has models of the kinds {have}; a load is estimated with an '
-                         'analytical or an elastic one: fit that, or name it')
+        raise UsageError(f'no {chosen} model that estimates loads is in the bundle, which has '
+                         f'{", ".join(have)}; choose --kind, or fit one with tudor fit --models')
     return found
 
 

@@ -117,16 +117,16 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
     if not asked and bags < FROM:
         return False
     others = [kind for kind in settings.kinds if kind != 'analytical']
-    said = f'{bags} bags are gone through one by one'
+    said = f'{bags} bags are fitted one by one'
     fewer = 'leave --stream out' if bags < FROM else f'name fewer than {FROM} bags'
     if others or settings.random_split:
-        what = '--random-split' if not others else ' and '.join(others)
-        raise UsageError(f'{said}; {what} cannot be fitted that way',
+        what = '--random-split' if not others else f'--models {" ".join(others)}'
+        raise UsageError(f'{said}, but {what} needs all at once',
                          remedy=f'leave out {what}, or {fewer}')
     estimator = ESTIMATORS.get(settings.estimator)
     if estimator is not None and estimator.sample_weights is not None:
-        raise UsageError(f'{said}, and the weights of {estimator.words} depend on all of them',
-                         remedy=f'use wls or ols, or {fewer}')
+        raise UsageError(f'{said}, but {estimator.words} needs all at once',
+                         remedy=f'use --estimator wls or ols, or {fewer}')
     if bags < 2:
         raise UsageError('--stream needs two bags or more, and there is one',
                          remedy='leave --stream out')
@@ -166,8 +166,8 @@ class ManyBags:
         """Choose what is left open by the sample."""
         chosen = choose(self.arm, self.held, self.spec, settings, self.progress, summable=True)
         if any(term_names(joint, loaded=True) for joint in chosen.arm.joints):
-            raise UsageError('friction that grows with the load needs all bags at once, and is '
-                             'not fitted bag by bag', remedy='leave the term load out')
+            raise UsageError('the friction term load needs all bags at once, not one by one',
+                             remedy='remove load from --friction or joints[].friction')
         return chosen
 
     def fits(self, chosen: Choices, specs: Sequence[PreprocessingSpec]) -> list[FitResult]:
@@ -229,7 +229,7 @@ class ManyBags:
         answers = go_through(trials, self.streaming.jobs, self._count('judge'))
         lost = [item for item in answers[:len(known)] if isinstance(item, Unused)]
         if lost:
-            raise FitError(f'{lost[0]}, though it could be read before',
+            raise FitError(f'{lost[0]} (earlier in this fit it could be read)',
                            remedy='fit again, and do not change bags during a fit')
         judged = [item for item in answers[len(known):] if not isinstance(item, Unused)]
         self._leave_out([item for item in answers[len(known):] if isinstance(item, Unused)])
@@ -246,12 +246,13 @@ class ManyBags:
 
     def _refuse_few(self, used: Sequence[object], given: Sequence[object]) -> None:
         if len(used) < 2:
-            raise FitError(f'of {len(given)} bags {len(used)} can be used: {self.unused[0]}',
-                           remedy='give others')
+            raise FitError(f'{len(used)} of {len(given)} training bags can be used, 2 are needed: '
+                           f'{self.unused[0]}', remedy='give other bags')
 
     def _refuse_no_test(self, used: Sequence[object], given: Sequence[object]) -> None:
         if given and not used:
-            raise FitError(f'no test bag can be used: {self.unused[-1]}', remedy='give others')
+            raise FitError(f'no test bag can be used: {self.unused[-1]}',
+                           remedy='give --test other bags')
 
     def _usable(
         self, training: Sequence[SurveyedBag | Unused], test: Sequence[SurveyedBag | Unused],
@@ -275,8 +276,8 @@ class ManyBags:
                 copy = Unused(str(item.choice), f'is a copy of the training bag '
                                                 f'{other.choice} (sha256 {item.checksum[:12]})')
                 if some is test:
-                    raise FitError(f'{copy}: a test needs another recording',
-                                   remedy='give one')
+                    raise FitError(f'{copy} and cannot test the model',
+                                   remedy='give another recording in its place')
                 wrong.append(copy)
         self._leave_out(wrong)
         self._refuse_few(found[0], training)
@@ -286,12 +287,12 @@ class ManyBags:
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
         if wrong and self.streaming.strict:
             more = f' (and {len(wrong) - 1} more)' if len(wrong) > 1 else ''
-            raise FitError(f'--strict: {wrong[0]}{more}', remedy='remove this bag, or --strict')
+            raise FitError(f'--strict: {wrong[0]}{more}', remedy='leave out this bag or --strict')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
             warnings.warn(f'left out: {item}', TudorWarning, stacklevel=2)
         self.unused += wrong
         if wrong and len(self.unused) > WARNED:
-            warnings.warn(f'{len(self.unused)} bags are left out; the bundle and --json name all',
+            warnings.warn(f'{len(self.unused)} bags are left out; --json lists them as unused',
                           TudorWarning, stacklevel=2)
 
     def _sample(self, seen: Sequence[SurveyedBag]) -> list[BagData]:
@@ -304,9 +305,8 @@ class ManyBags:
         outputs = tuple(output for output in OUTPUTS
                         if 2 * sum(bag.has(output) for bag in bags) > len(bags))
         if not outputs:
-            raise FitError('most bags cannot be read, or neither efforts nor strains are in '
-                           'most of them',
-                           remedy='`tudor info BAG` says what is in a bag')
+            raise FitError('neither efforts nor strains can be read from more than half of the '
+                           'bags', remedy='check the bags with `tudor info BAG`')
         return outputs
 
     def _count(self, text: str) -> Callable[[int], None]:

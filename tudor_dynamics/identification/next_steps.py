@@ -67,24 +67,24 @@ def next_steps(
     if missing:
         found.append(NextStep(
             settings.THRESHOLDS_GAIN, f'no collision thresholds ({"; ".join(missing)}): record a '
-            'minute in which nothing touches the arm, and fit it too'))
+            'minute of motion in which nothing touches the arm, and add that bag to the fit'))
     doubt = max((item.doubt(settings.FALSE_ALARMS) for item in learned.values()), default=0.0)
     if doubt > settings.WIDE and not missing:
         seconds = min(item.seconds for item in learned.values())
         found.append(NextStep(
-            settings.DOUBT_GAIN * math.log2(doubt), f'thresholds from {seconds:.0f} s of free '
-            f'motion are {doubt:.1f} times as wide as from hours: record more in which nothing '
-            'touches the arm, and fit it too'))
+            settings.DOUBT_GAIN * math.log2(doubt), f'collision thresholds from {seconds:.0f} s '
+            f'of motion are {doubt:.1f} times as high as from hours: record more motion in which '
+            'nothing touches the arm, and add it to the fit'))
     found += _elastic(result, out)
     for item in headline(result.fitted):
         found += _of_model(result, item, out)
     if len(result.learned) == 1 and not result.judged:
         found.append(NextStep(
-            settings.UNTESTED_GAIN, 'one bag cannot show how the model does on another day: '
-            'record a second, of another motion, and fit it too'))
+            settings.UNTESTED_GAIN, 'one bag does not show how well the model predicts on another '
+            'day: record a second bag with another motion, and add it to the fit'))
     if not found and any(use.level in (Grade.GOOD, Grade.USABLE) for use in uses):
         ros = out is not None and shutil.which('ros2') is not None
-        found.append(NextStep(0.0, 'try it with the robot (docs/reference/nodes.md)', shlex.join([
+        found.append(NextStep(0.0, 'run the monitor node (docs/reference/nodes.md)', shlex.join([
             'ros2', 'run', 'tudor_dynamics', 'monitor', '--ros-args', '-p', f'model:={out}'])
             if ros else ''))
     return tuple(sorted(found, key=lambda step: -step.gain))
@@ -101,17 +101,17 @@ def _elastic(result: FitResult, out: Path | None) -> list[NextStep]:
     if strain is not None and loudest.channel in strain.validation.score.channels:
         fit = max(strain.validation.score.channels[loudest.channel].fit, 0.0)
         gain = (100.0 - fit) * (1.0 - math.sqrt(max(1.0 - loudest.share, 0.0)))
-    advice = 'fit the elastic model as well'
+    advice = 'fit an elastic model as well'
     options = ['--models', 'analytical', 'elastic']
     if not result.arm.gauges:
-        advice = 'damp the arm while it is recorded, or leave the ringing out'
+        advice = 'damp the arm during the recording, or filter the ringing out'
         options = ['--filter', 'zero_phase', '--rate', '5']
     elif not result.arm.spec.links:
-        advice = f'describe links and motors (docs/explanation/elastic.md) and {advice}'
+        advice = f'describe links and motors (docs/explanation/elastic.md), then {advice}'
         options = []
     return [NextStep(
-        gain, f'{loudest.channel} rings at {loudest.frequency:.2f} Hz, {100 * loudest.share:.0f} '
-        f'% of the residual above 0.5 Hz, which no rigid model explains: {advice}',
+        gain, f'{loudest.channel} rings at {loudest.frequency:.2f} Hz, which a rigid model cannot '
+        f'predict ({100 * loudest.share:.0f} % of the residual above 0.5 Hz): {advice}',
         _fit(result, out, options) if options else '')]
 
 
@@ -121,14 +121,14 @@ def _of_model(result: FitResult, item: FittedOutput, out: Path | None) -> list[N
     gap = item.training.score.fit - validation.fit
     if gap > LARGEST_GAP:
         found.append(NextStep(
-            gap, f'{name}: fit {gap:.0f} points below training: record bags of more motion'))
+            gap, f'{name}: the fit is {gap:.0f} percentage points below that on the training '
+            'bags: record bags with other motion'))
     known = item.model.conditioning()
     if known.unexcited:
         shown = ', '.join(known.unexcited[:3]) + (' ...' if len(known.unexcited) > 3 else '')
         found.append(NextStep(
-            settings.UNEXCITED_GAIN, f'{name}: the motion does not show {shown}: record one that '
-            'does, such as one that is planned (with limits of the joints, and the height of what '
-            'the arm must not touch)', _excite(result, out)))
+            settings.UNEXCITED_GAIN, f'{name}: the motion does not determine {shown}: record one '
+            'planned by tudor excite with joint limits and floor height', _excite(result, out)))
     held = [(channel, score, score.standing_rmse, score.moving_rmse)
             for channel, score in validation.channels.items()
             if score.standing_rmse is not None and score.moving_rmse is not None
@@ -136,11 +136,11 @@ def _of_model(result: FitResult, item: FittedOutput, out: Path | None) -> list[N
     gain = max((max(0.0, 100.0 - score.fit) * (1.0 - moving / score.rmse)
                 for _, score, _, moving in held), default=0.0)
     if gain > settings.SMALLEST_GAIN:
-        each = ', '.join(f'{channel} {short(rest)} after {short(moving)}'
+        each = ', '.join(f'{channel} {short(rest)}, in motion {short(moving)}'
                          for channel, _, rest, moving in held)
         found.append(NextStep(
-            gain, f'{name}: larger error at rest than in motion ({each}): motion does not show '
-            'the friction that holds a joint; at rest, judge changes of the effort, or strain'))
+            gain, f'{name}: the RMS error is larger at rest ({each}), as motion does not show '
+            'static friction: at rest, use changes of the effort, or strain'))
     return found
 
 
@@ -171,8 +171,8 @@ def touched(change: ErrorChange, validation: Validation) -> str:
     if not few or math.sqrt(np.mean([size for size, _, _ in blocks[few:]])) > change.then:
         return ''
     _, bag, begin = blocks[0]
-    return (f'{change.channel} is as in the validation but for {100.0 * settings.SHORT:.0f} % of '
-            f'the time, worst at {begin:.1f} s of {bag}')
+    return (f'{change.channel}: without its worst {100.0 * settings.SHORT:.0f} % of the time, the '
+            f'error is as in the validation; worst at {begin:.1f} s of {bag}')
 
 
 def _fit(result: FitResult, out: Path | None, options: Sequence[str]) -> str:
@@ -235,7 +235,7 @@ def assess(result: FitResult, out: Path | None = None) -> Assessment:
     uses: list[Use] = []
     found: list[str] = []
     units = next((item for item in result.findings if item.kind in settings.UNITS), None)
-    doubt = '' if units is None else f'first of all: {units.title}'
+    doubt = '' if units is None else f'mend this finding first: {units.title}'
     for item in result.fitted:
         uses += uses_of(item, result.arm, learned, reasons, doubt)
         if (item.output, item.kind) == ('effort', 'analytical') and item.validation.cases:
@@ -266,9 +266,9 @@ class ErrorChange:
     def __str__(self) -> str:
         """Write it on one line."""
         said = 'has grown since the validation' if self.changed else 'is as in the validation'
-        return (f'{self.output} {self.kind}, {self.channel}: the error {said}: {self.now:.3g}, '
-                f'then {self.then:.3g}; {100 * self.relative_now:.1f} % and '
-                f'{100 * self.relative_then:.1f} % (growth {self.sigmas:+.1f} standard errors)')
+        return (f'{self.output} {self.kind}, {self.channel}: the RMS error {said}: {self.now:.3g} '
+                f'now ({100 * self.relative_now:.1f} % of the signal), {self.then:.3g} then ('
+                f'{100 * self.relative_then:.1f} %), growth {self.sigmas:+.1f} standard errors')
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values."""
@@ -371,15 +371,15 @@ def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
     """Compare a fit with the plan of its recordings."""
     arm, names = result.arm, plan.trajectory.joints
     if sorted(names) != sorted(arm.active_joints):
-        msg = f'the plan moves {", ".join(names)}; {arm.name} has {", ".join(arm.active_joints)}'
-        raise UsageError(msg, place=plan.path, remedy='give the plan of this arm')
+        msg = f'the plan moves {", ".join(names)}, the arm has {", ".join(arm.active_joints)}'
+        raise UsageError(msg, place=plan.path, remedy=f'give --plan a plan of {arm.name}')
     trajectory = plan.trajectory.of(arm.active_joints)
     models = {item.output: item.model for item in result.fitted
               if isinstance(item.model, AnalyticalModel) and item.model.payload_range is None
               and len(plan.noise.size.get(item.output, ())) == len(item.model.channels)}
     if not models:
-        raise UsageError('a plan is compared with an analytical model of one payload, and none '
-                         'was fitted', place=plan.path, remedy='leave out --plan')
+        raise UsageError('only an analytical model of a single payload is compared with a plan, '
+                         'and this fit has none', place=plan.path, remedy='leave out --plan')
     planned = sum(stretch.n_kept for stretch in prepare(
         played(trajectory, arm), result.preprocessing))
     runs = sum(facts.used for facts in result.learned) / planned

@@ -226,10 +226,10 @@ class Pass(ABC, Generic[Kept]):
         """Read what is kept of a bag, which has to be there."""
         found = self.found(seen)
         if found is None:
-            raise FitError('the intermediate sums of a bag cannot be read',
+            raise FitError('the intermediate results of a bag cannot be read',
                            place=self.task.store.path / self.name(seen),
-                           remedy='fit again, leave this folder unchanged meanwhile, and '
-                                  'readable to all machines that are used')
+                           remedy='fit again; do not change this folder during the fit, and let '
+                                  'every machine of the fit read it')
         return found
 
     def by_each_filter(self, seen: SurveyedBag) -> list[BagData]:
@@ -238,8 +238,8 @@ class Pass(ABC, Generic[Kept]):
         lacking = [output for output in OUTPUTS
                    if output in self.task.outputs and not bag.has(output)]
         if lacking:
-            raise BagError(f'no {" and no ".join(lacking)}, which other bags have',
-                           place=str(bag.choice), remedy='fit it separately')
+            raise BagError(f'has no {" and no ".join(lacking)}, which the other bags have',
+                           place=str(bag.choice), remedy='fit this bag separately')
         return [bag, *(filtered(bag, spec) for spec in self.task.specs[1:])]
 
 

@@ -56,8 +56,8 @@ class Ringing:
 
     def __str__(self) -> str:
         """Say it in a sentence."""
-        return (f'{self.channel} rings at {self.frequency:.2f} Hz with {self.rms:.3g} rms, '
-                f'{100 * self.share:.0f} % of the residual above {LOWEST} Hz')
+        return (f'{self.channel} rings at {self.frequency:.2f} Hz with an RMS of {self.rms:.3g}, '
+                f'{100 * self.share:.0f} % of the power of the residual above {LOWEST} Hz')
 
 
 def oscillation(frequency: FloatArray, density: FloatArray) -> tuple[float, float, float]:

@@ -86,7 +86,7 @@ def learn_all(
     missing: dict[tuple[str, str], str] = {}
     for output, kind, cases in unseen:
         if not cases:
-            missing[output, kind] = 'there is no motion that the model has not seen'
+            missing[output, kind] = 'no bag was left out of the fit to learn them from'
             continue
         channels = cases[0][0].channels
         held = np.zeros(len(channels))
@@ -109,7 +109,7 @@ def learn_all(
                     and (learned.profile[:, 0] > 0).all()):
                 found[method, kind] = learned
             else:
-                missing[method, kind] = 'a residual is zero throughout'
+                missing[method, kind] = 'a residual is always zero: check the signals'
     return found, missing
 
 
@@ -152,8 +152,8 @@ def _inertias(model: Model, still: FloatArray, rest: FloatArray) -> list[str]:
         share = float(np.mean(inertia < 0.0))
         if share > settings.NEGATIVE_SHARE:
             found.append(f'the inertia about {name} is negative at {100.0 * share:.0f} % '
-                         f'of the poses (least {inertia.min():.2g} per unit of acceleration): '
-                         'no arm has one; record faster motion of this joint')
+                         f'of the poses (least {inertia.min():.2g} in effort per acceleration), '
+                         'which is impossible: record faster motion of this joint')
     return found
 
 
@@ -225,7 +225,7 @@ def uses_of(
             said[f'collision detection ({method})'] = (
                 _collisions(arm, item.output, learned, tip)
                 if item.validation.score.relative_error < 1
-                else (Grade.DO_NOT_USE, 'the model predicts no more than a mean does', {}))
+                else (Grade.DO_NOT_USE, 'the prediction error is as large as the signal', {}))
     for (method, kind), why in missing.items():
         if (SOURCE[method], kind) == own:
             said[f'collision detection ({method})'] = None, f'no thresholds: {why}', {}
@@ -259,7 +259,7 @@ def _feedforward(item: FittedOutput) -> Said:
     joints = 'all joints' if len(fed) == len(left) else ', '.join(fed) or 'no joint'
     level = Grade.DO_NOT_USE if not fed else (
         Grade.GOOD if _worst(levels.values()) is Grade.GOOD else Grade.USABLE)
-    return level, f'feed {joints}; left to the controller: {each}', levels
+    return level, f'use it at {joints}; share of effort left to the controller: {each}', levels
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,16 +358,16 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
         else:
             each.append(f'{name} {short(torques[i])} {units[name]}')
     wide = '' if doubt < settings.WIDE else (
-        f', and {doubt:.1f} times as wide as they would be from hours')
+        f' and are {doubt:.1f} times as high as from hours of motion')
     # a new block is the largest of n + 1 with a chance of one in as many, whatever the law
     sure = 3600.0 / BLOCK / (learned.seconds / BLOCK + 1.0)
     level = _worst(grades.values())
     unknown = '' if level is not None else (
-        'newtons need torque constants, gains of gauges, or masses of the description; ')
+        'forces in N need torque constants, gains of gauges or masses in the description; ')
     return level, (
         f'{unknown}detected within {1e3 * settings.NOTICED:.0f} ms at {per_hour:g} false alarm '
-        f'per hour: {", ".join(each)}; thresholds from {learned.seconds:.0f} s of free motion (by '
-        f'their count alone no more than {short(sure)} an hour){wide}'), grades
+        f'per hour: {", ".join(each)}; thresholds are from {learned.seconds:.0f} s of free motion '
+        f'(which by itself ensures at most {short(sure)} per hour){wide}'), grades
 
 
 def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
@@ -392,11 +392,11 @@ def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
     column = np.sqrt(np.mean(tip.mass ** 2, axis=0))
     kilograms = np.where(column > 0.0, error / np.maximum(column, 1e-300), np.nan)
     if not np.isfinite(kilograms).any():
-        return None, ('kilograms need torque constants, gains of gauges, masses of the '
-                      'description, or bags of two payloads (--payload-of)'), {}
+        return None, ('masses in kg need torque constants, gains of gauges or masses in the '
+                      'description, or a fit of two payloads (--payload-of)'), {}
     best = int(np.nanargmin(kilograms))
     share = float(error[best] / max(span[best], 1e-300))
     return _grade(share, settings.WEIGHT_SHARE), (
-        f'{short(kilograms[best])} kg off (two standard deviations of a mean over '
-        f'{settings.MEAN:g} s, by {model.channels[best]}), {100.0 * share:.0f} % of what its own '
-        'weight changes over these poses'), {}
+        f'{short(kilograms[best])} kg of uncertainty (two standard deviations of means over '
+        f'{settings.MEAN:g} s of {model.channels[best]}), {100.0 * share:.0f} % of how much the '
+        'weight of the arm varies there between poses'), {}

@@ -68,9 +68,9 @@ def elastic_drives(bundle: ModelBundle) -> dict[str, ElasticDrive]:
         by_torque = float(values[0])
         if by_torque <= 0.0:
             raise ModelError(
-                f'the elastic model of {bundle.arm.name} has efforts of {joint} that fall with '
-                f'the torque of its gear ({by_torque:.3g}): its drive cannot be described',
-                remedy='fit motion in which this joint carries more')
+                f'in the elastic model of {bundle.arm.name}, the effort of {joint} falls as its '
+                f'gear torque rises (slope {by_torque:.3g}), so its drive cannot be described',
+                remedy='fit again with bags in which this joint carries a larger load')
         found[joint] = ElasticDrive(1.0 / by_torque, {
             column.partition('(')[0]: float(value) / by_torque
             for column, value in zip(columns[1:], values[1:], strict=True)})
@@ -101,9 +101,9 @@ def description_of(
     """Describe an arm as its elastic model has found it, as YAML; name what has no place there."""
     model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if model is None:
-        raise ModelError('a description is written from an elastic model, and the bundle '
-                         'has none', remedy='fit one with --models '
-                         'analytical elastic, or choose another --to')
+        raise ModelError('--to arm needs an elastic model, and the bundle has none',
+                         remedy='fit one with tudor fit --models analytical elastic, or choose '
+                                'another --to')
     writer = _Writer(model)
     writer.physical()
     for joint, drive in elastic_drives(bundle).items():
@@ -114,8 +114,8 @@ def description_of(
     try:
         spec = ArmSpec.model_validate(writer.content)
     except ValidationError as err:
-        raise ModelError(f'the identified values make no valid description: '
-                         f'{validation_message(err)}') from None
+        raise ModelError(f'the identified values are not valid: {validation_message(err)}',
+                         remedy='fit again with more motion') from None
     content = spec.model_dump(mode='json', exclude_defaults=True)
     if bundle.arm.urdf is not None:
         content['kinematics'] = {'urdf': urdf}

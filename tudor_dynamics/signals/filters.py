@@ -151,10 +151,10 @@ class CausalDifferentiator:
     ) -> MotionState:
         """Filter a record (samples, joints), whatever came before it."""
         if measured is not None and measured.shape != q.shape:
-            raise SignalError(f'velocities have shape {measured.shape}, positions {q.shape}')
+            raise SignalError(f'velocities have shape {measured.shape}; expected {q.shape}')
         wrong = np.flatnonzero(~(dt[1:] > 0)) + 1
         if wrong.size:
-            raise SignalError(f'sample time {dt[wrong[0]]} s at sample {wrong[0]}; stamps must '
+            raise SignalError(f'sample time {dt[wrong[0]]:g} s at sample {wrong[0]}; stamps must '
                               'increase')
         self.reset()
         _, dq, ddq = np.split(self._rows(dt, q, measured), 3, axis=1)
@@ -165,7 +165,7 @@ class CausalDifferentiator:
     ) -> FloatArray:
         """Filter one sample, for the control loop; gives ``[q, dq, ddq]`` in one new array."""
         if self._last is not None and not dt > 0:
-            raise SignalError(f'sample time {dt} s; stamps must increase')
+            raise SignalError(f'sample time {dt:g} s; stamps must increase')
         row: FloatArray = self._rows(np.array([dt]), q[None],
                                      None if measured is None else measured[None])[0]
         return row

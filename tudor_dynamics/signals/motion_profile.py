@@ -415,8 +415,8 @@ def denser(trajectory: Trajectory, rate: float) -> Trajectory:
     """Put more points onto the splines, so that efforts follow what lies between: rate [Hz]."""
     seconds = float(trajectory.t[-1] - trajectory.t[0])
     if not 0.0 < rate < float('inf') or seconds * rate > settings.MOST_POINTS:
-        raise SignalError(f'{seconds:g} s at {rate:g} points per second; expected a rate above '
-                          f'zero and at most {settings.MOST_POINTS} points')
+        raise SignalError(f'{seconds:g} s at {rate:g} points per second; give a rate above '
+                          f'zero (--rate) for at most {settings.MOST_POINTS} points in all')
     if len(trajectory.t) < 2:
         return trajectory
     t = np.linspace(trajectory.t[0], trajectory.t[-1], max(1, round(seconds * rate)) + 1)
@@ -473,8 +473,8 @@ def aprbs(
     """Make an APRBS for each joint: duration, clock [s]."""
     rest = settings.REST
     if not (clock > 0.0 and duration > rest + clock):
-        raise SignalError(f'an APRBS of {duration} s with a clock of {clock} s has no target; it '
-                          f'needs more than {rest + max(clock, 0.0):g} s and a positive clock')
+        raise SignalError(f'an APRBS of {duration:g} s has no target with {clock:g} s hold time; '
+                          f'give more than {rest + max(clock, 0.0):g} s and a positive hold time')
     joints = len(bounds.lower)
     generators = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(joints)]
     start = np.zeros(joints)
@@ -510,8 +510,8 @@ def fourier_motion(
     """Make a random band-limited Fourier series of a base [Hz] that starts and ends at rest."""
     ramp = 1.0 / base
     if harmonics < 1 or duration < 3.0 * ramp:
-        raise SignalError(f'a Fourier series of {duration} s with {harmonics} harmonics of {base} '
-                          f'Hz: give at least one harmonic and {3.0 * ramp:g} s')
+        raise SignalError(f'a Fourier series of {duration:g} s with {harmonics} harmonics of '
+                          f'{base:g} Hz needs {3.0 * ramp:g} s or more, and at least one harmonic')
     rng = np.random.default_rng(seed)
     t = np.asarray(np.arange(int(round(duration / dt))) * dt, dtype=np.float64)
     w = 2.0 * np.pi * base * np.arange(1, harmonics + 1)[:, None]

@@ -338,6 +338,6 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
             decimation, margin, before, since))
     if not stretches:
         raise SignalError(f'{recording.path}: no stretch without gaps is longer than '
-                          f'{2 * spec.settle:.3g} s and {settings.FEWEST} samples and leaves two '
-                          'samples after decimation; record longer, or lower preprocessing.settle')
+                          f'{2 * spec.settle:.3g} s and {settings.FEWEST} samples (decimated: 2)'
+                          '; record longer, or lower preprocessing.settle in the arm description')
     return stretches

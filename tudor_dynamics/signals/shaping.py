@@ -84,7 +84,7 @@ def convolved(given: Trajectory, shaper: Impulses) -> Trajectory:
     # degree: what a controller makes of the result is exact, and within what the given one kept to
     if given.dq is not None and np.abs(given.dq[[0, -1]]).max() > settings.AT_REST:
         raise SignalError('the trajectory does not begin and end at rest',
-                          remedy='shape motion from rest to rest, with no velocity at its ends')
+                          remedy='give a trajectory whose first and last velocities are zero')
     begin, end = float(given.t[0]), float(given.t[-1])
     t = np.unique(np.round(np.add.outer(shaper.time, given.t), 9))
     t = t[np.append(np.diff(t) > settings.APART, True)]
@@ -212,7 +212,7 @@ def plan_shaped(
     period = 2.0 * math.pi / float(along(target[None]).omega[0, 0])
     moving = np.abs(target - start) > 1e-9
     if not moving.any():
-        raise SignalError('there is no way to go: the joints rest at the target')
+        raise SignalError('no joint has to move: the arm is at the target already')
     for more in range(settings.TRIES):
         duration = plain.remaining + (settings.LONGER + 0.25 * more) * period
         s = np.linspace(0.0, 1.0, KNOTS + 1)[:, None]
@@ -225,7 +225,7 @@ def plan_shaped(
             path = found.q
         if found is not None:
             return found
-    raise SignalError('no move without ringing is found; raise limits, or take shaping zv')
+    raise SignalError('no move without ringing found; raise joints[].planned or set shaping to zv')
 
 
 def _denser(modes: PathModes) -> PathModes:

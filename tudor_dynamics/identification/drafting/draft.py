@@ -51,8 +51,8 @@ MAX_ROWS = 101  # a hundred joints and a flange
 LARGEST_ANGLE = 2 * math.pi + 1e-6  # an angle of a table that is larger was given in degrees [rad]
 KINDS = ('revolute', 'continuous', 'prismatic')
 QUARTERS = re.compile(r'([+-]?)(\d+(?:\.\d+)?\*)?pi(?:/(\d+(?:\.\d+)?))?')
-EXPECTED = ('expected rows `a alpha d theta` [m, rad, m, rad], base first, with the name of the '
-            'joint before and prismatic after them where need be; angles may be written pi/2')
+EXPECTED = ('expected a row `a alpha d theta` [m, rad, m, rad] per joint, base first, optionally '
+            'with the joint name before it and prismatic after it; angles may be written pi/2')
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def _row(words: list[str], where: str) -> DhRow:
     kind = words.pop() if words and words[-1] in KINDS else ''
     values = [math.nan if value is None else value for value in map(_number, words)]
     if len(values) != 4 or not all(map(math.isfinite, values)):
-        raise ArmError(f'{" ".join(words)[:60]!r} is no row of a D-H table', place=where,
+        raise ArmError(f'{" ".join(words)[:60]!r} is not a row of a D-H table', place=where,
                        remedy=EXPECTED)
     a, alpha, d, theta = values
     if max(abs(alpha), abs(theta)) > LARGEST_ANGLE:
@@ -101,7 +101,7 @@ def _from_yaml(text: str, path: Path) -> tuple[list[Any], str]:
         content = {'dh': content}
     rows, convention = content.get('dh'), content.get('convention', 'standard')
     if not isinstance(rows, list) or convention not in ('standard', 'modified'):
-        raise ArmError('no D-H rows', place=path, remedy=EXPECTED)
+        raise ArmError('no D-H rows in dh, or unknown convention', place=path, remedy=EXPECTED)
     return rows, convention
 
 
@@ -119,7 +119,7 @@ def read_table(path: Path) -> tuple[list[DhRow], str]:
                  if words and 'alpha' not in map(str.lower, words)]
     rows = [_row(words, f'{path}, {where}') for where, words in lines]
     if not 0 < len(rows) <= MAX_ROWS:
-        raise ArmError(f'{len(rows)} D-H rows', place=path, remedy=EXPECTED)
+        raise ArmError(f'{len(rows)} D-H rows, not 1 to {MAX_ROWS}', place=path, remedy=EXPECTED)
     return rows, convention
 
 
@@ -165,7 +165,7 @@ def chain_of_table(path: Path | None, names: Sequence[str]) -> DraftedChain:
     if len(joints) + flange != len(rows) or not set(joints) <= set(names):
         raise ArmError(
             f'{len(rows)} rows for the joints {", ".join(names)} of the bag', place=path,
-            remedy='give a row a joint, base first, with its name before the numbers')
+            remedy='give one row per joint, base first, each with the name of its joint first')
     model = model_from_dh([row.values for row in rows], joints,
                           [row.kind or 'revolute' for row in rows], convention)
     content: dict[str, Any] = {'dh': [list(row.values) for row in rows]}
@@ -228,9 +228,9 @@ class _Writer:
         self._joints = tuple(joint for joint in self._chain.joints if joint in recorded)
         if not self._joints:
             raise ArmError(
-                f'none of the joints {", ".join(self._chain.joints)} is in the bags, whose '
+                f'no bag has its joints {", ".join(self._chain.joints)}; '
                 f'{self._found.positions.topic} has {", ".join(recorded)}', place=urdf or dh,
-                remedy='give the URDF of the arm that was recorded, with its names')
+                remedy='give the URDF of the recorded arm, with the joint names of the bags')
         self._sources = {joint: _source_of(joint, self._found) for joint in self._joints}
         self._gauges = _gauges(self._found)
         self._slides = [self._chain.slides(joint) for joint in self._joints]
@@ -419,14 +419,14 @@ Question = tuple[str, Callable[[str], Any]]
 def _one_of(values: Sequence[str], answer: str) -> str:
     value = str(one_spelling(answer))
     if value not in values:
-        raise ValueError(f'one of {", ".join(values)}')
+        raise ValueError(f'answer one of {", ".join(values)}')
     return value
 
 
 def _length(answer: str) -> float:
     value = float(answer)
     if not 0.0 <= value < math.inf:
-        raise ValueError('a distance in m')
+        raise ValueError('answer a distance in m, 0 or more')
     return value
 
 

@@ -237,8 +237,8 @@ def survey(reports: Sequence[BagReport], known: Collection[str] = ()) -> Survey:
     positions = [item for item in found if item.msgtype == JOINT_STATE
                  and item.field == 'position' and item not in strains]
     if not positions:
-        raise BagError(f'no topic of type {JOINT_STATE} has positions, in '
-                       f'{", ".join(report.path for report in reports)}; record the joint states')
+        raise BagError(f'{", ".join(report.path for report in reports)}: no topic of type '
+                       f'{JOINT_STATE} has positions; record the joint states of the arm')
     chosen = max(positions, key=lambda item: (
         len(set(item.ranges) & set(known)), any(map(item.changes, item.ranges)),
         item.topic.endswith('joint_states'), item.rate))
