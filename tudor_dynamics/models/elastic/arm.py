@@ -289,8 +289,8 @@ class DrivenArm:
         finally:
             self._physics.lag = lag
         if done < len(q):
-            raise SimulationError(f'{self.arm.name}: the elastic model diverges at sample {done}; '
-                                  'check stiffness, masses, units in the arm description')
+            raise SimulationError(f'{self.arm.name}: the elastic model diverges after {done} '
+                                  'samples; check stiffness, masses, units in the arm description')
         return gains
 
     def ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
@@ -385,8 +385,8 @@ def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray
             [arm], list(group), np.full(group.shape[1], dt),
             [np.zeros((group.shape[1], 0))], NO_GAINS)
         if done < group.shape[1]:
-            raise SimulationError(f'{arm.arm.name}: the elastic model diverges at sample {done} '
-                                  'of a planned motion; fit it to bags with similar motion')
+            raise SimulationError(f'{arm.arm.name}: the elastic model diverges after {done} '
+                                  'samples of a planned motion; fit it to bags with such motion')
         found.append(np.moveaxis(moment, -1, 0)[:len(group)])
     moments = np.concatenate(found)
     return np.concatenate([np.broadcast_to(rest, (len(moments), *rest.shape)), moments], axis=1)
