@@ -162,9 +162,9 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     'no folder': (lambda s: td.load_bundle(3), 'the directory of a bundle'),
     'monitor': (lambda s: td.Monitor('model'), 'the result of fit or load_bundle'),
     'monitor kind': (lambda s: td.Monitor(s['models'], td.MonitorSettings(kind='elastic')),
-                     "no model of the kind 'elastic'"),
-    'channel': (lambda s: s['prediction'].plot(channel='x'), 'there are link2_hub, link3_hub'),
-    'output': (lambda s: s['prediction'].plot(output='x'), 'there are effort, strain'),
+                     "no model of kind 'elastic'"),
+    'channel': (lambda s: s['prediction'].plot(channel='x'), 'it has link2_hub, link3_hub'),
+    'output': (lambda s: s['prediction'].plot(output='x'), 'it has effort, strain'),
     'picture': (lambda s: s['prediction'].plot('a.txt'), 'expected a picture'),
     'arm to simulate': (lambda s: td.simulate('arm.yaml'), 'expected Arm'),
     'joint': (lambda s: td.simulate(s['arm'], {'x': 1.0}), 'use some of'),
@@ -226,7 +226,7 @@ def test_detectors_are_compared_by_their_roc(root: Path, tmp_path: Path) -> None
         td.roc({'short': lambda recording: np.zeros(3)}, bag, arm)
     with pytest.raises(td.TudorError, match='no value above zero'):
         td.roc({'never': lambda recording: 0.0 * recording.t}, bag, arm)
-    with pytest.raises(td.TudorError, match='nothing is known of its pushes'):
+    with pytest.raises(td.TudorError, match='does not say when it was pushed'):
         td.roc({'any': lambda recording: recording.t}, root / 'bags/two_blade_test', arm)
     with pytest.raises(td.TudorError, match='give one for each'):
         td.roc({'any': lambda recording: recording.t}, bag, arm, truth=[table, table])

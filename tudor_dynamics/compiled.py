@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 try:
     if os.environ.get('TUDOR_PLAIN_LANES'):
-        raise ImportError('plain lanes are asked for')
+        raise ImportError('TUDOR_PLAIN_LANES is set')
     from tudor_dynamics.vectors import LANES as WIDTH, views, without_owner
     LANES, PLAIN = WIDTH, False
 except (AttributeError, ImportError, TypeError):

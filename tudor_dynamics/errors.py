@@ -142,8 +142,8 @@ MAX_STEPS, MAX_BYTES = 2e7, 4e9
 def check_budget(what: str, steps: float, each: float = 8.0) -> None:
     """Refuse a run that nobody could wait for, or no memory holds: each [bytes a step]."""
     if not (steps <= MAX_STEPS and steps * each <= MAX_BYTES):
-        raise UsageError(f'{what}: {steps:.3g} steps of {each:g} bytes; at most {MAX_STEPS:g} '
-                         f'steps and {MAX_BYTES:g} bytes', remedy='take fewer or larger steps')
+        raise UsageError(f'{what}: {steps:.3g} steps of {each:g} bytes exceed {MAX_STEPS:g} steps '
+                         f'or {MAX_BYTES:g} bytes in all', remedy='take fewer or larger steps')
 
 
 class TudorWarning(UserWarning):

@@ -211,8 +211,8 @@ def fit(
     masses = _by_path(payloads or {}, [*training, *judging])
     if bare:
         if out is not None:
-            raise UsageError('bare=True keeps no data for the report in out',
-                             remedy='leave one of the two out')
+            raise UsageError('bare=True collects no data for the report that out= would hold',
+                             remedy='leave out either bare or out')
         check_choices(training, judging)
         source = _source(arm, training, judging, spec, settings, masses, streaming, progress)
         return bare_bundle_of(fit_bags(source, settings, progress, ignore_payload=ignore_payload,
@@ -305,8 +305,8 @@ def _by_path(payloads: Mapping[str, float], bags: Sequence[BagChoice]) -> dict[s
     found = {str(Path(bag).resolve()): float(mass) for bag, mass in payloads.items()}
     for path, mass in found.items():
         if path not in known or not 0.0 <= mass < float('inf'):
-            raise UsageError(f'payloads has {mass!r} kg for {path}; expected a mass of 0 or more '
-                             f'for one of the bags {[str(choice) for choice in bags]}')
+            raise UsageError(f'payloads gives {mass:g} kg for {path}; expected 0 kg or more, '
+                             f'and one of the bags {", ".join(str(choice) for choice in bags)}')
     return found
 
 
@@ -356,7 +356,7 @@ class Prediction:
 
 def _known(items: dict[str, T], name: str, what: str) -> T:
     if name not in items:
-        raise UsageError(f'there is no {what} {name!r} here; there are {", ".join(items)}')
+        raise UsageError(f'the prediction has no {what} {name!r}; it has {", ".join(items)}')
     return items[name]
 
 
@@ -365,8 +365,8 @@ def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:
     outputs = [output for output in common_outputs(data) if output in bundle.models]
     bags = ', '.join(str(bag.choice) for bag in data)
     if not outputs:
-        raise UsageError(f'the model predicts {" and ".join(bundle.models)}, which not all of '
-                         f'{bags} have: evaluate them apart, or use other bags')
+        raise UsageError(f'the model predicts {" and ".join(bundle.models)}, but not all of these '
+                         f'bags have it: {bags}; evaluate each bag alone, or use other bags')
     return Prediction(bundle.arm, tuple(data), {
         output: {kind: validated(cases_of(model, data), output, bags)
                  for kind, model in bundle.models[output].items()} for output in outputs})
@@ -381,8 +381,8 @@ def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
         item.get('sha256') == bag.recording.checksum != ''
         and bag.choice.overlaps(parse_choice(str(item.get('bag')))) for item in training)]
     if seen:
-        msg = (f'{", ".join(seen)}: the model was trained on this; how well it does there is no '
-               'test')
+        msg = (f'{", ".join(seen)}: the model was trained on this, so its errors here are '
+               'smaller than on new bags; use others to test it')
         warnings.warn(msg, TudorWarning, stacklevel=3)
     return seen
 
@@ -534,14 +534,14 @@ def roc(
     data = [load(choice, arm, arm.spec.preprocessing) for choice in choices(bags)]
     if truth and len(truth) != len(data):
         raise UsageError(
-            f'{len(truth)} tables of pushes for {len(data)} bags; give one for each')
+            f'truth has {len(truth)} tables of pushes for {len(data)} bags; give one a bag')
     recordings = [(bag.choice.path, bag.recording) for bag in data]
     truths = [truth_of_file(table, bag) for table, bag in zip(truth, data, strict=True)
               ] if truth else [find_truth(path) for path, _ in recordings]
     for (path, _), known in zip(recordings, truths, strict=True):
         if not known.known:
-            raise UsageError(f'{path}: nothing is known of its pushes; give truth, a table of '
-                             'begin,end in seconds for each bag')
+            raise UsageError(f'{path}: the bag does not say when it was pushed (no topic '
+                             'applied_wrench); give truth, a CSV of begin,end [s] for each bag')
     found: dict[str, Roc] = {}
     for name, detector in detectors.items():
         if isinstance(detector, ModelBundle):

@@ -152,7 +152,7 @@ def _run_all(
             delayed(_in_worker)(work, piece, folder, row, len(pieces), os.getpid())
             for row, piece in enumerate(pieces)))
     except TerminatedWorkerError:
-        msg = 'a process was ended from outside, as the system does where memory runs out'
+        msg = 'a worker process was ended from outside, as happens when memory runs out'
         raise ProcessError(msg, remedy='use fewer --jobs') from None
     finally:
         get_reusable_executor(jobs).shutdown(wait=True)
@@ -236,8 +236,8 @@ def on_cluster(address: str | None) -> Iterator[None]:
         yield
         return
     if not ADDRESS.fullmatch(address):
-        raise UsageError(f'--cluster {address}: no address of a scheduler', remedy='give one such '
-                         'as tcp://10.0.0.1:8786')
+        raise UsageError(f'--cluster {address}: no address of a Dask scheduler', remedy='give one '
+                         'such as tcp://10.0.0.1:8786')
     try:
         from distributed import Client
     except ImportError:
@@ -251,8 +251,8 @@ def on_cluster(address: str | None) -> Iterator[None]:
     _cluster = Cluster(client)
     try:
         if not _cluster.width():
-            warnings.warn(f'--cluster {address} has no workers yet, and waits for some',
-                          TudorWarning, stacklevel=3)
+            warnings.warn(f'--cluster {address} has no workers yet; waiting for some: start them '
+                          f'with `dask worker {address}`', TudorWarning, stacklevel=3)
         yield
     finally:
         _cluster = None
@@ -304,11 +304,11 @@ class Cluster:
                 steps += more
                 progress(steps)
         except KilledWorker:
-            raise ProcessError('a piece of work ended several workers, one after the other',
-                               remedy='look whether their memory is enough') from None
+            raise ProcessError('several workers died, one after the other, at the same task',
+                               remedy='check that they have enough memory') from None
         except (CancelledError, OSError) as err:
-            raise ProcessError(f'the cluster has gone ({err})', remedy='start it and the command '
-                               'again') from None
+            raise ProcessError(f'the cluster does not answer any more ({err})', remedy='start it '
+                               'and this command again') from None
         finally:
             self.client.cancel([future for future in running if not future.done()])
 
@@ -326,10 +326,10 @@ def _piece(
     work: Callable[[Piece, Count], Result], piece: Piece, known: dict[str, str],
 ) -> tuple[Result, int]:
     own = versions()
-    other = [f'{name} {own[name]}, not {value}' for name, value in known.items()
+    other = [f'{name} {own[name]}, here {value}' for name, value in known.items()
              if own[name] != value]
     if other:
-        raise ProcessError(f'a worker has {", ".join(other)}', remedy='install the same versions '
-                           'on all machines, and start the workers again')
+        raise ProcessError(f'a worker has other versions: {"; ".join(other)}', remedy='install '
+                           'the same versions on all machines, and start the workers again')
     steps: list[int] = []
     return work(piece, steps.append), sum(steps)

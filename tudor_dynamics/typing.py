@@ -50,6 +50,6 @@ def finite_array(values: ArrayLike, name: str, *shape: int | None) -> FloatArray
         words = ', '.join('any' if size is None else str(size) for size in shape)
         raise SignalError(f'{name} has the shape {found.shape}; expected ({words})')
     if not np.isfinite(found).all():
-        raise SignalError(f'{name} has values that are no finite numbers',
-                          remedy='leave such samples out')
+        raise SignalError(f'{name} has NaN or infinite values',
+                          remedy='leave out such samples')
     return found

@@ -174,7 +174,7 @@ def test_nothing_is_written_over(
     assert '--overwrite' in one_line(capsys, *words, '--out', fitted)
     assert (fitted / 'model.yaml').read_bytes() == before
     line = one_line(capsys, *words, '--out', root / 'config', '--overwrite')
-    assert 'no model bundle' in line and (root / 'config/tudor.yaml').is_file()
+    assert 'not a model bundle' in line and (root / 'config/tudor.yaml').is_file()
 
 
 def test_overlapping_parts_are_refused(

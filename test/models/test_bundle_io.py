@@ -176,7 +176,7 @@ def test_pipe_in_place_of_a_file(model: Path) -> None:
 def test_other_arm(model: Path) -> None:
     """A model of another arm is refused, with both names."""
     longer = planar_arm(gauges=[gauge('g1', 'j1', 0.11), gauge('g2', 'j2', 0.1)])
-    with pytest.raises(ModelError, match='fitted to another description .* fit it again'):
+    with pytest.raises(ModelError, match='that the model was fitted to .* fit the model again'):
         load_bundle(model, arm=longer)
     assert load_bundle(model, arm=ARM).arm.name == 'sample'
 
@@ -192,27 +192,27 @@ def _coefficient(**changes: Any) -> Callable[[dict[str, Any]], None]:
 
 @pytest.mark.parametrize(('change', 'message'), [
     (lambda head: head.update(version=2), 'bundle version 2; this program reads version 1'),
-    (lambda head: head.update(format='other'), 'not in the format'),
+    (lambda head: head.update(format='other'), 'not a model bundle'),
     (lambda head: head.pop('outputs'), 'model.yaml: outputs: Field required; fit the model again'),
     (lambda head: head.update(preprocessing={'rate': -1}), 'greater than 0'),
-    (lambda head: head['files'].update({'../x': 'y'}), 'names a file'),
+    (lambda head: head['files'].update({'../x': 'y'}), 'lists an unknown file'),
     (lambda head: head['files'].pop('arm.yaml'), 'arm'),
     (lambda head: head['files'].pop('elm.npz'), 'found nothing'),
-    (lambda head: head['arm'].update(digest='0'), 'another digest'),
+    (lambda head: head['arm'].update(digest='0'), 'does not match the model'),
     (lambda head: head['outputs'].update(colour={'elm': {}}),
      "'effort' or 'strain', found 'colour'"),
     (lambda head: head['outputs']['effort'].update(oracle={}), 'analytical, elm, elastic'),
     (lambda head: head['outputs']['strain']['analytical'].update(form='both'), 'strain form'),
-    (lambda head: head['outputs']['effort']['analytical']['groups'].clear(), 'were expected'),
-    (_coefficient(value=float('nan')), 'not finite'),
-    (_coefficient(value=float('inf')), 'not finite'),
-    (_coefficient(value=1e300), 'not finite, or beyond 1e.15'),
-    (_coefficient(column='x' * 5000), 'does not exist|xxx[.]{3}$'),
+    (lambda head: head['outputs']['effort']['analytical']['groups'].clear(), 'channels are'),
+    (_coefficient(value=float('nan')), 'a finite number'),
+    (_coefficient(value=float('inf')), 'a finite number'),
+    (_coefficient(value=1e300), 'a finite number up to 1e.15'),
+    (_coefficient(column='x' * 5000), 'has no parameter|xxx[.]{3}$'),
     (lambda head: head['outputs']['effort']['analytical']['groups'][0].update(
-        residual_std=[1e200]), 'expected 0 or more'),
-    (_coefficient(column='Izz(tail)'), 'does not exist'),
+        residual_std=[1e200]), 'expected 0 to 1e.15'),
+    (_coefficient(column='Izz(tail)'), 'has no parameter'),
     (_coefficient(value=[1]), 'fit the model again'),
-    (_hidden(6), 'expected finite values of'),
+    (_hidden(6), 'expected shape'),
     (_hidden(10**9), 'ELM of 1000000000 neurons'),
     (_hidden(float('inf')), 'fit the model again'),
     (_hidden(None), 'fit the model again'),
@@ -245,7 +245,7 @@ def test_bombs(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bomb = _archive(a=np.zeros(1_000_000))
     assert len(bomb) < 100_000
     _replace_file(model, 'elm.npz', bomb)
-    with pytest.raises(ModelError, match='is larger than a model can be'):
+    with pytest.raises(ModelError, match='more than the limit of 0.1 MB'):
         load_bundle(model)
     (model / 'elm.npz').write_bytes(bytes(100_001))
     with pytest.raises(ModelError, match='larger than 100000 bytes'):
@@ -269,7 +269,7 @@ def test_weights_that_would_overflow(model: Path, saved: dict[str, bytes]) -> No
         arrays = {name: archive[name] for name in archive.files}
     arrays['effort_elm_output_weights'][0, 0] = 1e300
     _replace_file(model, 'elm.npz', _archive(**arrays))
-    with pytest.raises(ModelError, match='none beyond 1e.15'):
+    with pytest.raises(ModelError, match='values within 1e.15'):
         load_bundle(model)
 
 
@@ -278,7 +278,7 @@ def test_weights_that_would_overflow(model: Path, saved: dict[str, bytes]) -> No
 def test_no_archive(model: Path, data: bytes) -> None:
     """What is no archive of numbers is said to be none."""
     _replace_file(model, 'elm.npz', data)
-    with pytest.raises(ModelError, match='elm.npz: no npz archive of numbers'):
+    with pytest.raises(ModelError, match='elm.npz: .*(a valid NumPy archive|made of numbers)'):
         load_bundle(model)
 
 
@@ -291,7 +291,7 @@ def test_archive_that_lies_about_its_size(model: Path) -> None:
     with zipfile.ZipFile(buffer, 'w') as archive:
         archive.writestr('effort_elm_biases.npy', header.getvalue() + bytes(80))
     _replace_file(model, 'elm.npz', buffer.getvalue())
-    with pytest.raises(ModelError, match='no npz archive of numbers'):
+    with pytest.raises(ModelError, match='not a valid NumPy archive'):
         load_bundle(model)
 
 
@@ -317,7 +317,7 @@ def test_overwrite(tmp_path: Path) -> None:
     other = tmp_path / 'thesis'
     other.mkdir()
     (other / 'chapter1.tex').write_text('years')
-    with pytest.raises(ModelError, match='no model bundle and is not overwritten'):
+    with pytest.raises(ModelError, match='is not a model bundle, so it is kept'):
         check_target(other, overwrite=True)
     assert sorted(p.name for p in tmp_path.iterdir()) == ['model', 'thesis']
 
@@ -396,6 +396,6 @@ def test_chosen_friction_is_the_same_arm(tmp_path: Path) -> None:
     save_bundle(_bundle(chosen), tmp_path / 'model')
     loaded = load_bundle(tmp_path / 'model', arm=ARM)
     assert loaded.arm.joints[0].friction == ('viscous', 'coulomb', 'offset')
-    with pytest.raises(ModelError, match='fit it again, or give the description'):
+    with pytest.raises(ModelError, match='give the description .*, or fit the model again'):
         load_bundle(tmp_path / 'model', arm=planar_arm(gauges=[gauge('g1', 'j1', 0.2),
                                                                gauge('g2', 'j2', 0.1)]))

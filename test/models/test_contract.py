@@ -123,8 +123,8 @@ def test_rows_do_not_depend_on_their_neighbours(make: Callable[[], Any]) -> None
     (np.zeros((50, 6)), np.zeros(50), r'output \(50,\)'),
     (np.zeros((50, 6)), np.zeros((50, 3)), r'output has shape \(50, 3\); expected .*, 2\)'),
     (np.zeros((50, 6)), np.zeros((50, 1)), r'output has shape \(50, 1\); expected .*, 2\)'),
-    (np.full((50, 6), np.nan), np.zeros((50, 2)), 'not finite'),
-    (np.zeros((50, 6)), np.full((50, 2), np.inf), 'not finite')])
+    (np.full((50, 6), np.nan), np.zeros((50, 2)), 'NaN or infinite'),
+    (np.zeros((50, 6)), np.full((50, 2), np.inf), 'NaN or infinite')])
 def test_fit_refuses(
     make: Callable[[], Any], motion: FloatArray, output: FloatArray, message: str,
 ) -> None:

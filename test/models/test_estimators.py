@@ -276,5 +276,5 @@ def test_refusals() -> None:
         _linear().fit(np.eye(3), np.ones((3, 1)))
     with pytest.raises(FitError, match='0 samples for 3 parameters'):
         _linear().fit_blocks(lambda: [])
-    with pytest.raises(FitError, match="estimator 'lasso'; expected one of"):
+    with pytest.raises(FitError, match="unknown estimator 'lasso'; use ols"):
         _linear(estimator='lasso').fit(np.ones((9, 3)), np.ones((9, 1)))

@@ -110,7 +110,7 @@ def test_a_silent_topic_is_named(world: World, several: Path, recording) -> None
     feed(world, recording, lambda: node.meter.count // 2, last=120, change=change)
     status = world.status('monitor')
     assert status.level == DiagnosticStatus.ERROR
-    assert 'nothing on link3_strains' in status.message
+    assert 'no message came on link3_strains' in status.message
     assert node.watch.level == 0
 
 

@@ -96,7 +96,7 @@ def test_why_there_is_no_estimate_is_said() -> None:
     bare = ModelBundle(planar_arm(), PreprocessingSpec(), {})
     with pytest.raises(ModelError, match='methods strain and momentum'):
         contact_estimator(bare, 'analytical', ('effort',))
-    with pytest.raises(ModelError, match='model of the strain.*; .*fit it to several bags'):
+    with pytest.raises(ModelError, match='model of strain.*; .*fit the model to several bags'):
         contact_estimator(bare, 'analytical', ('strain', 'momentum'))
 
 

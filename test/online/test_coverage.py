@@ -114,10 +114,10 @@ def test_silence_of_one_topic_names_it() -> None:
     robot.live(3.0, judged=50)
     seen = robot.live(1.2, strains=0)
     assert seen[7] is CoverageLevel.ENOUGH and seen[-1] is CoverageLevel.NONE
-    assert 'nothing on strains' in robot.verdict.text
+    assert 'no message came on strains' in robot.verdict.text
     robot.live(1.2, judged=50)
     robot.live(1.2, joints=0)
-    assert 'nothing on joints' in robot.verdict.text
+    assert 'no message came on joints' in robot.verdict.text
 
 
 def test_measurements_left_out_are_the_reason_for_motions_without() -> None:

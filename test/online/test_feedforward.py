@@ -118,7 +118,7 @@ def test_payload_beside_a_model_of_one() -> None:
               for name in JOINTS]
     unknown = bundle(planar_arm(joints), payload=0.2)
     assert Feedforward(unknown).payload == 0.2
-    with pytest.raises(ModelError, match='0.2 kg, and its efforts have no scale'):
+    with pytest.raises(ModelError, match='0.2 kg, and cannot convert its efforts'):
         Feedforward(unknown, payload=0.3)
     with pytest.raises(ModelError, match='impossible'):
         Feedforward(unknown, payload=-1.0)
@@ -159,13 +159,13 @@ def test_joints_in_any_order_and_held_ones() -> None:
     found = one.along(Trajectory(('j2', 'j1'), T, q))
     assert found.effort is not None
     assert found.effort.shape == (11, 2) and not found.effort[:, 0].any()
-    with pytest.raises(SignalError, match="'j2' at 0.4, and point 1 has it at 0"):
+    with pytest.raises(SignalError, match="'j2' at 0.4 rad or m, but point 1 moves it to 0"):
         one.along(Trajectory(('j2', 'j1'), T, q - 0.4))
 
 
 def test_models_that_are_not_there() -> None:
     """The bundle says what it has; motors of rigid arms are not led."""
-    with pytest.raises(ModelError, match="kind 'elastic'; it has analytical"):
+    with pytest.raises(ModelError, match="kind 'elastic'; its effort models: analytical"):
         Feedforward(bundle(two_gauge_arm()), kind='elastic')
     with pytest.raises(ModelError, match='elastic model cannot be used'):
         Feedforward(bundle(two_gauge_arm()), positions='motor')

@@ -34,7 +34,7 @@ from pydantic import Field, model_validator
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
 from tudor_dynamics.models.base import (
-    Blocks, BundlePart, check_block, check_motion, check_payload, CoefficientPart,
+    AGAIN, Blocks, BundlePart, check_block, check_motion, check_payload, CoefficientPart,
     Conditioning, Flag, MAX_COEFFICIENT, MemorylessModel, ModelSettings, Noise, Payloads, read,
     Text)
 from tudor_dynamics.models.estimation import (
@@ -79,11 +79,11 @@ class GroupPart(BundlePart):
     @model_validator(mode='after')
     def _each(self) -> GroupPart:
         if len(self.residual_std) != len(self.channels):
-            raise ValueError(f'residual_std of {len(self.residual_std)} channels; expected 0 or '
-                             f'more for each of {list(self.channels)}')
+            raise ValueError(f'residual_std has {len(self.residual_std)} values; expected one for '
+                             f'each of the channels {list(self.channels)}')
         constants = self.torque_constants
         if constants is not None and tuple(item.channel for item in constants) != self.channels:
-            raise ValueError(f'torque_constants: expected one for each of {list(self.channels)}')
+            raise ValueError(f'torque_constants must be those of {list(self.channels)}, in order')
         return self
 
 
@@ -120,13 +120,13 @@ def groups_of(
     channels = {name: i for i, name in enumerate(regressor.channels)}
     listed = [name for part in parts for name in part.channels]
     if sorted(listed) != sorted(channels):
-        raise ModelError(f'{output} channels {listed} where {list(channels)} were expected')
+        raise ModelError(f'{output} channels are {listed}, not {list(channels)}', remedy=AGAIN)
     groups = []
     for part in parts:
         rows = part.coefficients
         unknown = [row.column for row in rows if row.column not in index]
         if unknown:
-            raise ModelError(f'parameter {unknown[0]!r} does not exist in the arm {arm.name!r}')
+            raise ModelError(f'the arm has no parameter {unknown[0]!r}', remedy=AGAIN)
         constants = part.torque_constants and Constants(
             np.array([item.value for item in part.torque_constants]),
             np.array([item.relative_error for item in part.torque_constants]))
@@ -210,7 +210,7 @@ class AnalyticalModel(MemorylessModel):
 
     def _begin(self) -> None:
         if self.estimator not in ESTIMATORS:
-            raise FitError(f'estimator {self.estimator!r}; expected one of {tuple(ESTIMATORS)}')
+            raise FitError(f'unknown estimator {self.estimator!r}; use {" or ".join(ESTIMATORS)}')
         self.regressor.assume(np.zeros((len(self.channels), len(self.regressor.columns))))
 
     def _least_squares(

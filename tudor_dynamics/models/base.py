@@ -34,6 +34,7 @@ from tudor_dynamics.signals.preprocessing import Stretch, TrainingBlock
 from tudor_dynamics.typing import FloatArray
 
 SAME = 1e-6  # payloads that differ by less are the same [kg]
+AGAIN = 'fit the model again'
 
 
 # -- What models learn from: blocks of motion with their outputs, checked
@@ -49,7 +50,7 @@ def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
         raise FitError(f'motion has shape {motion.shape} and output {output.shape}; expected '
                        '(n_samples, 3 n_joints) and (n_samples, n_channels)')
     if not (np.all(np.isfinite(motion)) and np.all(np.isfinite(output))):
-        raise FitError('motion or output has values that are not finite; leave such samples out')
+        raise FitError('motion or output has NaN or infinite values; leave out such samples')
     return lambda: [TrainingBlock(motion, output)]
 
 
@@ -77,26 +78,25 @@ MAX_COEFFICIENT = 1e15
 
 def _within(value: float) -> float:
     if not abs(value) <= MAX_COEFFICIENT:  # NaN is not
-        msg = f'{value:g}, which no fit gives: not finite, or beyond {MAX_COEFFICIENT:g}'
-        raise ValueError(msg)
+        raise ValueError(f'expected a finite number up to {MAX_COEFFICIENT:g} in size')
     return value
 
 
 def _known(value: float) -> float:
     if math.isnan(value):
-        raise ValueError('expected a number, infinite where it is unknown')
+        raise ValueError('expected a number, or .inf where the error is unknown')
     return value
 
 
 def _size(value: float) -> float:
     if not 0.0 <= value <= MAX_COEFFICIENT:
-        raise ValueError('expected 0 or more')
+        raise ValueError(f'expected 0 to {MAX_COEFFICIENT:g}')
     return value
 
 
 def _masses(value: tuple[float, float]) -> tuple[float, float]:
     if not 0.0 <= value[0] < value[1] <= MAX_COEFFICIENT:
-        raise ValueError(f'payload range {value[0]} to {value[1]} kg; expected two masses')
+        raise ValueError(f'{value[0]:g} to {value[1]:g} kg; expected two rising masses from 0 on')
     return value
 
 
@@ -129,7 +129,7 @@ def read(part: type[Part], content: Any, context: dict[str, Any] | None = None) 
     try:
         return part.model_validate(content, context=context)
     except ValidationError as err:
-        raise ModelError(validation_message(err), remedy='fit the model again') from None
+        raise ModelError(validation_message(err), remedy=AGAIN) from None
 
 
 # -- The contract of models: what each of them offers, whatever is inside
@@ -245,8 +245,8 @@ class Model(ABC):
         Motion is ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2],
         outputs have their units. A model with a memory refuses, by a FitError.
         """
-        raise FitError(f'{type(self).__name__} needs earlier samples as well: call follow() '
-                       'with a stretch without gaps')
+        raise FitError(f'{type(self).__name__} needs earlier samples as well, which predict() '
+                       'does not have; call follow() with a Stretch (motion without gaps)')
 
     def conditioning(self) -> Conditioning:
         """Say how well the training data showed its parameters, where it has some."""
@@ -326,7 +326,7 @@ class Model(ABC):
 def check_payload(payload: float, known: Range) -> None:
     """Refuse what is no mass, and warn beyond the payloads that a model was fitted to."""
     if not 0.0 <= payload < float('inf'):
-        raise FitError(f'a payload of {payload} kg is impossible; give 0 or more')
+        raise FitError(f'a payload of {payload:g} kg is impossible; give 0 or more')
     low, high = known
     if not low - 1e-9 <= payload <= high + 1e-9:
         msg = (f'the payload {payload:g} kg is outside the {low:g} to {high:g} kg that the model '

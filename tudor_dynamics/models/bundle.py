@@ -138,10 +138,10 @@ class ModelBundle:
             known = self.payload
             if payload == 0.0 or (known is not None and abs(payload - known) < SAME):
                 return self
-            what = ('which its bags do not state: leave the payload out' if known is None else
-                    f'{known:g} kg: ask for that')
-            raise ModelError(f'the payload {payload:g} kg cannot be used: the model was fitted to '
-                             f'one payload, {what}, or fit it to bags with several payloads '
+            what = ('an unknown payload alone; leave the payload out' if known is None else
+                    f'{known:g} kg alone; give that payload')
+            raise ModelError(f'the model cannot predict for a payload of {payload:g} kg: it was '
+                             f'fitted to {what}, or fit a model to bags with several payloads '
                              '(tudor fit BAGS --payload-of BAG=KG ...)')
         causal = self.causal
         if causal is not None:

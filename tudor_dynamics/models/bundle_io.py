@@ -32,7 +32,7 @@ from tudor_dynamics.arm.description import Arm, arm_from_dict
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import BundlePart, Model, read
+from tudor_dynamics.models.base import AGAIN, BundlePart, Model, read
 from tudor_dynamics.models.bundle import CausalModels, KINDS, ModelBundle
 from tudor_dynamics.models.estimation import Products
 from tudor_dynamics.typing import FloatArray
@@ -51,9 +51,6 @@ MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000
 FORMAT = 'tudor_dynamics/model'
 VERSION = 1
 MARK = 'checksum: '  # begins the last line of ``model.yaml``, a checksum over all before it
-
-
-AGAIN = 'fit the model again'
 
 
 class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
@@ -95,17 +92,18 @@ def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(item.file_size for item in archive.infolist())
         if size > MAX_BYTES['elm.npz']:
-            raise ModelError('is larger than a model can be', place=file, remedy=AGAIN)
+            raise ModelError(f'its arrays have {size / 1e6:.0f} MB, more than the limit of '
+                             f'{MAX_BYTES["elm.npz"] / 1e6:g} MB', place=file, remedy=AGAIN)
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except ModelError:
         raise
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, MemoryError, RuntimeError,
             TypeError, ValueError) as err:
-        raise ModelError(f'no npz archive of numbers ({err})', place=file, remedy=AGAIN) from None
+        raise ModelError(f'not a valid NumPy archive ({err})', place=file, remedy=AGAIN) from None
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray) or array.dtype.kind not in 'fiu':
-            raise ModelError(f'no npz archive of numbers ({name[:100]!r} has others)', place=file,
+            raise ModelError(f'the array {name[:100]!r} is not made of numbers', place=file,
                              remedy=AGAIN)
     return {name: array.astype(float) for name, array in arrays.items()}
 
@@ -149,14 +147,15 @@ def _read_head(path: Path) -> HeadPart:
     try:
         text = _read_file(path, 'model.yaml').decode()
     except UnicodeDecodeError:
-        raise ModelError('no text; expected a model bundle of tudor fit', place=file) from None
+        raise ModelError('not UTF-8 text; give a model bundle of tudor fit', place=file) from None
     body, mark, checksum = text.rpartition(MARK)
     if not mark or checksum != f'{_sha256(body.encode())}\n':
-        raise ModelError('altered or cut short (checksum differs)', place=file,
-                         remedy=f'{AGAIN} instead of editing it')
+        raise ModelError('the file was edited or is incomplete (wrong checksum)', place=file,
+                         remedy=f'restore it, or {AGAIN}')
     head = load_yaml(body, file)
     if not isinstance(head, dict) or head.get('format') != FORMAT:
-        raise ModelError(f'not in the format {FORMAT!r}', place=file, remedy=AGAIN)
+        raise ModelError(f'not a model bundle: its format is not {FORMAT!r}', place=file,
+                         remedy='give a model bundle of tudor fit')
     if head.get('version') != VERSION:
         raise ModelError(f'bundle version {head.get("version")!r}; this program reads version '
                          f'{VERSION}: update tudor_dynamics, or fit the model again', place=file)
@@ -204,14 +203,14 @@ def unpack(models: Mapping[str, AnalyticalModel], content: bytes, file: Path) ->
                 shape = (1, len(group.base.channels), size, size)
                 if values.shape != shape or counts.shape != shape[:2] or not (
                         np.all(np.isfinite(values)) and np.all(counts >= 0.0)):
-                    msg = f'{name}: {values.shape} where finite numbers {shape} were expected'
-                    raise ValueError(msg)
+                    raise ValueError(f'{name} has shape {values.shape} or is not finite; '
+                                     f'expected {shape}')
                 data.append([Products(matrix.T @ matrix, int(k), matrix) if factors else
                              Products(matrix, int(k))
                              for matrix, k in zip(values[0], counts[0], strict=True)])
             model.data_ = data
     except (KeyError, TypeError, ValueError, IndexError) as err:
-        raise ModelError(f'the data do not belong to the models ({err})', place=file,
+        raise ModelError(f'the sums over training bags do not fit the models ({err})', place=file,
                          remedy=AGAIN) from None
 
 
@@ -284,7 +283,7 @@ def save_bundle(
     try:
         files.write_directory(path, {**(extra or {}), **content})
     except OSError as err:
-        msg = f'cannot be written ({err.strerror or err}); choose another place'
+        msg = f'cannot be written ({err.strerror or err}); choose another directory'
         raise ModelError(msg, place=path) from None
 
 
@@ -310,7 +309,7 @@ def check_target(path: Path, *, overwrite: bool) -> None:
     if not overwrite:
         raise ModelError(f'{path} exists already; choose another --out, or add --overwrite')
     if not (path / 'model.yaml').is_file():
-        raise ModelError(f'{path} is no model bundle and is not overwritten; choose another --out')
+        raise ModelError(f'{path} is not a model bundle, so it is kept; choose another --out')
 
 
 def _arm_files(arm: Arm) -> dict[str, bytes]:
@@ -357,23 +356,23 @@ def load_bundle(
     content = {name: _read_file(path, name) for name in head.files if name in MAX_BYTES}
     for name, checksum in head.files.items():
         if name not in content:
-            raise ModelError(f'names a file {name!r} that no bundle has; {AGAIN}', place=path)
+            raise ModelError(f'model.yaml lists an unknown file {name!r}; {AGAIN}', place=path)
         if _sha256(content[name]) != checksum:
-            raise ModelError('altered or cut short (checksum differs)', place=path / name,
-                             remedy=AGAIN)
+            raise ModelError('the file was edited or is incomplete (wrong checksum)',
+                             place=path / name, remedy=f'restore it, or {AGAIN}')
     try:
         own = _arm(load_yaml(content['arm.yaml'], path / 'arm.yaml'), content, path)
     except (KeyError, ArmError) as err:
-        raise ModelError(f'its arm description cannot be used ({err})', place=path) from None
+        raise ModelError(f'its arm.yaml cannot be used ({err}); {AGAIN}', place=path) from None
     if own.digest != head.arm.digest:
-        msg = 'the arm description inside gives another digest than when the model was fitted'
+        msg = 'its arm.yaml does not match the model, or another version fitted the model'
         raise ModelError(msg, place=path, remedy=f'{AGAIN} with this version')
     # but for the friction of its joints, which a fit may choose
     if arm is not None and arm.with_friction_of(own).digest != own.digest:
         raise ModelError(
-            f'the model was fitted to another description of {own.name!r} than {arm.source} '
-            f'({arm.name!r})', place=path,
-            remedy='fit it again, or give the description that it was fitted to')
+            f'the description of the arm that the model was fitted to ({own.name!r}) differs from '
+            f'{arm.source} ({arm.name!r})', place=path,
+            remedy='give the description that it was fitted to, or fit the model again')
     try:
         arrays = load_npz(content['elm.npz'], path / 'elm.npz') if 'elm.npz' in content else {}
         models = _models(own, head, arrays, '')
@@ -382,7 +381,8 @@ def load_bundle(
     except TudorError as err:
         raise ModelError(err.cause, place=err.place or path, remedy=err.remedy) from None
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as err:
-        raise ModelError(str(err), place=path / 'model.yaml', remedy=AGAIN) from None
+        msg = f'not a valid model ({type(err).__name__}: {err})'
+        raise ModelError(msg, place=path / 'model.yaml', remedy=AGAIN) from None
     bundle = ModelBundle(own, head.preprocessing, models, head.facts, causal, head.digest)
     if with_data and FILE in content:
         unpack({name: model for name, model in _analytical(bundle).items() if name in head.data},
@@ -398,8 +398,8 @@ def _models(
         found[output] = {}
         for kind, content in kinds.items():
             if kind not in KINDS:
-                msg = (f'model kind {kind!r}; this version reads {", ".join(KINDS)}: update '
-                       'tudor_dynamics')
+                msg = (f'unknown model kind {kind!r}; this version reads {", ".join(KINDS)}: '
+                       'update tudor_dynamics')
                 raise ModelError(msg)
             begin = f'{prefix}{output}_{kind}_'
             own = {name.removeprefix(begin): array for name, array in arrays.items()
@@ -413,6 +413,6 @@ def _arm(content: Any, known: dict[str, bytes], path: Path) -> Arm:
     urdf = kinematics.get('urdf') if isinstance(kinematics, dict) else None
     if urdf is not None and (urdf != 'arm.urdf' or urdf not in known):
         msg = (f'{path}: arm.yaml names the URDF {urdf!r}; expected arm.urdf, with a checksum; '
-               'fit again')
+               'fit the model again')
         raise ModelError(msg)
     return arm_from_dict(content, base=path, source=str(path / 'arm.yaml'))

@@ -192,10 +192,10 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
-            'the bundle has no analytical model of efforts that was fitted to one payload',
-            remedy='fit one, from bags with efforts (tudor fit BAG --arm ARM.yaml --out MODEL)')
+            'masses need an analytical effort model of a single payload; the bundle has none',
+            remedy='fit one to a bag with efforts (tudor fit BAG --arm ARM.yaml --out MODEL)')
     if not model.data_:
-        raise ModelError('the bundle lacks the sums over its bags',
+        raise ModelError('the bundle lacks the sums over its training bags (data.npz)',
                          remedy='fit the model again with this version')
     return model
 
@@ -269,8 +269,8 @@ def side_of(path: str | Path) -> Side:
     arm = load_arm(path)
     bodies = described_bodies(arm)
     if not any(body[0] > 0.0 for body in bodies.values()):
-        raise UsageError('describes no masses: there is nothing to compare', place=path,
-                         remedy='give a description with a URDF that has masses, or a model')
+        raise UsageError('describes no masses, so there is nothing to compare', place=path,
+                         remedy='give a description whose URDF has masses, or a model bundle')
     return Side(str(path), arm, bodies)
 
 

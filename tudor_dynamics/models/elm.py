@@ -30,7 +30,7 @@ from scipy import linalg
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import check_budget, FitError, ModelError, NotFittedError
 from tudor_dynamics.models.base import (
-    Blocks, BundlePart, check_block, check_motion, check_payload, Flag, MAX_COEFFICIENT,
+    AGAIN, Blocks, BundlePart, check_block, check_motion, check_payload, Flag, MAX_COEFFICIENT,
     MemorylessModel, ModelSettings, Payloads, Range, read, Whole)
 from tudor_dynamics.signals.preprocessing import TrainingBlock
 from tudor_dynamics.typing import FloatArray
@@ -100,8 +100,8 @@ class ExtremeLearningMachine(MemorylessModel):
 
     def fit_blocks(self, blocks: Blocks) -> ExtremeLearningMachine:
         if self.hidden < 1 or not self.ridge >= 0 or self.seed < 0:
-            raise FitError(f'hidden is {self.hidden}, ridge {self.ridge}, seed {self.seed}; '
-                           'expected at least one neuron, a ridge and a seed of 0 or more')
+            raise FitError(f'ELM with hidden={self.hidden}, ridge={self.ridge}, seed={self.seed}; '
+                           'expected hidden of 1 or more, ridge and seed of 0 or more')
         check_budget(f'{self.hidden} neurons', self.hidden, 16.0 * self.hidden)
         lows: list[FloatArray] = []
         highs: list[FloatArray] = []
@@ -113,7 +113,7 @@ class ExtremeLearningMachine(MemorylessModel):
             lows.append(np.concatenate([x.min(axis=0) for x in both]))
             highs.append(np.concatenate([x.max(axis=0) for x in both]))
         if not lows:
-            raise FitError('no training data')
+            raise FitError('no training data for the ELM; give more or longer bags')
         limits = np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
         n_inputs = limits.shape[1] - len(self.channels)
         self.output_weights_ = None  # what was learned before goes with the ranges before
@@ -166,7 +166,7 @@ class ExtremeLearningMachine(MemorylessModel):
         hidden = part.hidden
         if not 1 <= hidden <= MAX_HIDDEN or part.channels != channels:
             msg = f'ELM of {hidden} neurons for {list(part.channels)}; expected {list(channels)}'
-            raise ModelError(msg)
+            raise ModelError(msg, remedy=AGAIN)
         model = cls(**dict(part))
         n_inputs = 3 * len(arm.active_joints) + (part.payload_range is not None)
         shapes = ((2, n_inputs), (2, len(channels)), (n_inputs, hidden), (hidden,),
@@ -176,8 +176,8 @@ class ExtremeLearningMachine(MemorylessModel):
             if not isinstance(array, np.ndarray) or array.shape != shape or not np.all(
                     np.abs(array) <= MAX_COEFFICIENT):
                 found = f'shape {array.shape}' if isinstance(array, np.ndarray) else 'nothing'
-                raise ModelError(f'elm.npz: {output}_elm_{name}: found {found}, expected finite '
-                                 f'values of {shape}, none beyond {MAX_COEFFICIENT:g}')
+                raise ModelError(f'elm.npz: array {output}_elm_{name}: found {found}, expected '
+                                 f'shape {shape}, values within {MAX_COEFFICIENT:g}; {AGAIN}')
             setattr(model, f'{name}_', array)
         return model
 

@@ -199,7 +199,7 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
     rows = sum(product.n for product in products)
     floors = _variance_floors(products)
     if rows <= p:
-        raise FitError(f'{rows} samples for {p} parameters; record longer or decimate less')
+        raise FitError(f'only {rows} samples for {p} parameters; record longer, or raise --rate')
     weights = np.ones(len(products))
     for _ in range(3 if weighted and len(products) > 1 else 1):
         parameters, *_ = _solve(products, weights)
@@ -324,8 +324,8 @@ class _Problem:
         try:
             best = linalg.solve(information, total[:-1, -1] / size, assume_a='pos')
         except linalg.LinAlgError:
-            raise FitError('the torque constants cannot be found together with the parameters',
-                           remedy='record more motion, or give effort.torque_constant') from None
+            raise FitError('the motion does not determine torque constants and base parameters',
+                           remedy='record more, or give joints[].effort.torque_constant') from None
         vector = np.append(-(best / size), 1.0)
         return grams, vector, np.array([max(0.0, float(vector @ g @ vector)) for g in grams])
 

@@ -193,7 +193,7 @@ class StrainRegressor(Regressor):
 
     def __init__(self, arm: Arm, form: str = 'exact') -> None:
         if form not in STRAIN_FORMS:
-            raise ArmError(f'strain form {form!r}; expected one of {STRAIN_FORMS}')
+            raise ArmError(f'unknown strain form {form!r}; expected {" or ".join(STRAIN_FORMS)}')
         if not arm.gauges:
             msg = 'the arm has no gauges, so there is no strain to model'
             raise ArmError(msg, place=arm.source)
@@ -204,8 +204,8 @@ class StrainRegressor(Regressor):
                    else tuple(gauge.joint for gauge in arm.gauges))
         missing = [name for name in outputs if not model.existJointName(name)]
         if missing:
-            msg = ("the paper's strain form needs the joint before each gauge to be active; "
-                   f'{missing} are not')
+            msg = ('--strain-form paper needs the joint before each gauge among active_joints; '
+                   f'{", ".join(missing)} is not')
             raise ArmError(msg, place=arm.source, remedy='use --strain-form exact')
         names = [f'{parameter}({name})' for name in list(model.names)[1:]
                  for parameter in BODY_PARAMETERS]
@@ -413,10 +413,10 @@ class PayloadRegressor(Regressor):
         self, plain: Regressor, arm: Arm, payload_range: tuple[float, float],
     ) -> None:
         if plain.loaded:
-            msg = ('friction that grows with the load (the term load) is not identified over '
+            msg = ('friction that grows with the load (the term load) cannot be identified over '
                    'several payloads')
-            raise FitError(msg, remedy='leave it out of joints[].friction, or fit each payload '
-                                       'apart')
+            raise FitError(msg, remedy='remove load from joints[].friction in the arm '
+                                       'description, or fit each payload apart')
         self.plain, self.payload_range = plain, payload_range
         self.channels, self.groups, self.unknown = plain.channels, plain.groups, plain.unknown
         self.states, self.form = plain.states, plain.form

@@ -110,8 +110,8 @@ class TunedArm:
 
     def __init__(self, arm: Arm, model: ElasticModel | None = None) -> None:
         if arm.spec.damper is None:
-            raise ModelError('there is no damper', place=arm.source,
-                             remedy='add damper: with gauges and gains of the joints')
+            raise ModelError('there is no damper in the arm description', place=arm.source,
+                             remedy='add the key damper with its joints, gauges and gains')
         self.arm = arm
         self.dampers = [item for item in arm.spec.damper.joints
                         if item.joint in arm.active_joints]
@@ -119,8 +119,8 @@ class TunedArm:
         self.scale = np.array([STRAIN_SCALE.get(arm.gauges[i].unit, 0.0) for i in index])
         """Units of the gauges per m/m, shape (n_damped,)."""
         if not self.scale.all():
-            raise ModelError('a gauge of the damper measures no strain', place=arm.source,
-                             remedy=f'give it one of the units {list(STRAIN_SCALE)}')
+            raise ModelError('a gauge of damper.joints[] has no unit of strain', place=arm.source,
+                             remedy=f'set its gauges[].unit to {" or ".join(STRAIN_SCALE)}')
         values = model.values if model is not None else {}
         self._driven, self._loose = driven_arm(arm, values), driven_arm(arm, values)
         plays = {name: 0.0 for name in self._driven.parameters if name.startswith('play(')}
@@ -137,9 +137,9 @@ class TunedArm:
         sensors = {sensor.gauge: sensor for sensor in self.arm.spec.sensors}
         missing = [name for name in self.arm.gauge_names if name not in sensors]
         if missing:
-            raise ModelError(f'the gains of the gauges {missing} are not known',
+            raise ModelError(f'the gains of the gauges {", ".join(missing)} are not known',
                              place=self.arm.source,
-                             remedy='give --model, or the gains under sensors:')
+                             remedy='give --model, or add the gains as sensors[].gain')
         known = [sensors[name] for name in self.arm.gauge_names]
         return np.array([[sensor.gain for sensor in known], [sensor.offset for sensor in known]])
 
@@ -281,11 +281,11 @@ class Wish:
         if not 0.02 <= self.damping_ratio <= 0.95:
             raise UsageError(f'--damping-ratio {self.damping_ratio:g}: expected 0.02 to 0.95')
         if not 0.0 <= self.delay <= LONGEST_DELAY:
-            raise UsageError(f'--delay {self.delay:g}: expected 0 to {LONGEST_DELAY:g} s')
+            raise UsageError(f'--delay {self.delay:g} s: expected 0 to {LONGEST_DELAY:g} s')
         payloads = self.payloads
         if not payloads or any(not math.isfinite(p) or p < 0.0 for p in payloads) or list(
                 payloads) != sorted(set(payloads)):
-            raise UsageError(f'--payloads {list(payloads)}: expected rising masses in kg')
+            raise UsageError(f'--payloads {list(payloads)}: expected rising masses from 0 kg on')
 
 
 def pose_axes(tuned: TunedArm) -> tuple[FloatArray, ...]:
@@ -452,6 +452,6 @@ def refiner_of(arm: Arm, bundle: ModelBundle) -> MoveRefiner:
     """Give what refines moves by the elastic model of a bundle."""
     model = elastic_of(bundle, 'strain')
     if model is None:
-        raise ModelError('an elastic model of strain refines moves, and the bundle has none',
-                         remedy='fit one with `tudor fit --models elastic`')
+        raise ModelError('refining moves needs an elastic model of strain; the bundle has none',
+                         remedy='fit one to bags with strain: `tudor fit --models elastic`')
     return MoveRefiner(TunedArm(arm, model))

@@ -69,7 +69,7 @@ def records_of(bag: Bag) -> list[dict[str, Any]]:
         for record in found:
             int(record['onset']), record['method'], dict(record['ratio']), dict(record['settings'])
     except (KeyError, RecursionError, TypeError, ValueError) as err:
-        raise BagError(f'{EVENTS} in {METADATA} are no records of events ({one_line(err)})',
+        raise BagError(f'{METADATA} has damaged records of events (key {EVENTS}: {one_line(err)})',
                        place=str(bag.path), remedy='copy the bag again') from None
     return list(found)
 
@@ -125,7 +125,7 @@ def write_events(
             shutil.rmtree(old)
     except OSError as err:
         raise BagError(f'the bag of an event cannot be written: {err.strerror or err}',
-                       place=folder, remedy='check path, rights and disk') from None
+                       place=folder, remedy='check path, permissions and disk space') from None
     return path
 
 
@@ -154,8 +154,8 @@ def messages_of(bag: Bag, arm: Arm) -> list[Heard]:
     places = {topic: name for topic, name in bag.find(dict.fromkeys(wanted, JOINT_STATE)).items()
               if name is not None}
     if own not in places:
-        raise BagError(f'no topic {own}', place=str(bag.path),
-                       remedy='give a bag of the node monitor, or of what it listens to')
+        raise BagError(f'the bag has no topic {own}', place=str(bag.path),
+                       remedy='give a bag that the node monitor wrote, or one with that topic')
     topics, arrays, found = load_topics(bag, list(places.values())), array_places(arm), []
     for topic, name in places.items():
         decoded = topics[name]

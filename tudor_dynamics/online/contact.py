@@ -73,7 +73,7 @@ class ContactEstimate:
     def note(self) -> str:
         """Say what cannot be said; empty for nothing."""
         return '' if self.located or not self.felt else (
-            'the gauges cannot separate place and force')
+            'the gauges cannot separate place and force of this contact')
 
 
 class ContactRecord:
@@ -230,18 +230,18 @@ class ContactEstimator:
     def __init__(self, bundle: ModelBundle, kind: str) -> None:
         model = bundle.models.get('strain', {}).get(kind)
         if model is None:
-            msg = f'contacts need a model of the strain, and the bundle has no {kind} one'
+            msg = f'contacts need a model of strain of kind {kind}; fit one to bags with strain'
             raise ModelError(msg)
         gain = gauge_gain(bundle.arm, model)
         deviation = np.abs(strain_deviation(bundle, kind) / gain)
         if not np.isfinite(deviation).any():
-            raise ModelError(f'{bundle.arm.name}: no gauge has a scale in N m; give sensors: with '
-                             'a gain to the arm description, or fit an elastic model')
+            raise ModelError(f'{bundle.arm.name}: no gauge has a known gain (reading per N m); '
+                             'add sensors[].gain to the arm description, or fit an elastic model')
         arm = bundle.arm
         self.spans = spans_of(arm, [bool(v) for v in np.isfinite(deviation)])
         if not self.spans:
-            msg = f'{arm.name}: no link with gauges has an end in the kinematics'
-            raise ModelError(msg)
+            raise ModelError(f'{arm.name}: no link with gauges has a joint or frame beyond its '
+                             'gauges; add a tip frame to the URDF')
         elastic = isinstance(model, ElasticModel)
         self._widening = MOVING_DEVIATIONS if elastic else 1.0
         self._detected, self._ended, self._free = (
@@ -423,11 +423,11 @@ class TorqueEstimator:
         self._gain = torque_scale(arm)
         usual = validation_rmse(bundle, 'effort', 'analytical')
         if usual is None:
-            raise ModelError('nobody knows how far the model errs in free motion, which contacts '
-                             'by efforts need: fit it to several bags, or with --test')
+            raise ModelError('contacts from efforts need the validation error of the model, which '
+                             'the bundle lacks: fit the model to several bags, or with --test')
         if not np.isfinite(self._gain).any():
-            raise ModelError(f'{arm.name}: no torque constant is known; give motors: with '
-                             'torque_constant and gear_ratio to have contacts in N m')
+            raise ModelError(f'{arm.name}: no torque constant is known; add motors[] with '
+                             'torque_constant and gear_ratio to the arm description')
         self._deviation = usual * self._gain
         self._links = tuple(link_frame(arm.full_model, name) for name in self._joints)
         self._axes = [joint_axis(arm.full_model, name) for name in self._joints]

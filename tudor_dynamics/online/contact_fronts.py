@@ -315,8 +315,8 @@ class Pressing:
         gauges: Sequence[GaugePlace],
     ) -> None:
         if span.joint not in mechanism.beams:
-            msg = f'the link of {span.joint!r} is rigid: no gauge shows where it is pushed'
-            raise SimulationError(msg)
+            raise SimulationError(f'the link of {span.joint!r} has gauges, but no links[].'
+                                  'flexible; describe its beam there to estimate contacts')
         body = mechanism.body_of[span.joint]
         floats = mechanism.body_float[body]
         length = float(floats[at.LENGTH])
@@ -483,8 +483,8 @@ class ElasticFront:
             self._flexible = np.linalg.inv(self._small[2]) - (
                 self._basis / self._squares) @ self._basis.T
         except np.linalg.LinAlgError as err:
-            raise SimulationError('the elastic model has no modes at this pose: its links bend '
-                                  f'too far ({err}); fit it to bags with such poses') from None
+            raise SimulationError('the modes of the elastic model cannot be computed at this pose '
+                                  f'({err}); fit it to bags with such poses') from None
         return moment
 
     def residual(

@@ -63,19 +63,19 @@ def _wait(values: FloatArray, last: FloatArray, dt: float, still: FloatArray) ->
 
 
 MEANING = {
-    'settling': 'the filters settle after the start or a gap',
-    'gap': 'samples are lost on the way, or the driver leaves some out',
-    'not_finite': 'values are no numbers',
-    'duplicate_stamp': 'stamps are repeated',
-    'backward_stamp': 'stamps go backwards',
-    'unknown_names': 'the names are not those of the arm',
-    'short_array': 'arrays are shorter than their names',
-    'no_measurement': 'nothing was measured at the time of the motion',
+    'settling': 'the filters settle after the start or a gap; if this repeats, look for gaps',
+    'gap': 'messages are lost: check the driver, the network and qos_overrides',
+    'not_finite': 'messages have NaN or infinite values: check the driver',
+    'duplicate_stamp': 'stamps repeat: check the driver, and for a second publisher',
+    'backward_stamp': 'stamps go backwards: check the driver, and for a second publisher',
+    'unknown_names': 'messages lack joints or gauges of the model: use a model of this arm',
+    'short_array': 'messages have fewer values than names: correct the driver',
+    'no_measurement': 'no effort or strain is measured during the motion: check topic and driver',
     'no_neighbour': 'no effort or strain comes shortly before and after a joint state: check '
                     'rate and clock of their driver',
-    'no_prediction': 'predictions do not come, or the model diverged',
-    'no_thresholds': 'fit the model with more free motion, or call ~/calibrate while the arm '
-                     'moves freely'}
+    'no_prediction': 'no prediction comes, or the model diverged: check the node that predicts',
+    'no_thresholds': 'the model has no thresholds: fit it with more free motion, or call '
+                     '~/calibrate while the arm moves freely'}
 """Causes for which a sample is not judged."""
 OF_MOTIONS = ('no_measurement', 'no_neighbour')
 """Causes among those of a pairing that count motions, not measurements."""
@@ -199,8 +199,8 @@ class OutputCoverage:
         apart = self._apart(new, old)
         faults = [apart] if apart else []
         if share >= UNJUDGED_WARNING:
-            faults.append(f'{100.0 * share:.1f} % of the samples of {self.output} not judged, '
-                          f'{_main(causes)}')
+            faults.append(f'{100.0 * share:.1f} % of the samples of {self.output} are not judged, '
+                          f'mainly because {_main(causes)}')
         lasting = share - (settling if patient else 0.0)
         full = (self._flowing is not None
                 and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
@@ -214,9 +214,9 @@ class OutputCoverage:
         assert self._flowing is not None
         silent = [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
                   if new.time - max(at, self._flowing) >= COVERAGE_TIME - COVERAGE_PERIOD]
-        why = (f'nothing on {", ".join(silent)}' if silent
+        why = (f'no message came on {", ".join(silent)}' if silent
                else self._apart(new, old) or _main(causes))
-        text = f'no sample of {self.output} judged for {COVERAGE_TIME:g} s: {why}'
+        text = f'no sample of {self.output} was judged for {COVERAGE_TIME:g} s because {why}'
         return CoverageReport(CoverageLevel.NONE, text, 1.0, causes)
 
     def _shares(self, new: _Counts, old: _Counts) -> tuple[dict[str, float], dict[str, float]]:
@@ -257,7 +257,7 @@ def _main(causes: dict[str, float]) -> str:
         others = {name: share for name, share in causes.items() if name not in OF_MOTIONS}
         first = max(others, key=others.__getitem__, default=cause)
         cause = first if causes[first] >= 0.5 * causes[cause] else cause
-    return f'{cause}: {MEANING[cause]}'
+    return f'{MEANING[cause]} ({cause})'
 
 
 class Coverage:

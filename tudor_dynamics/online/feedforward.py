@@ -61,8 +61,8 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
         if constant is None:
             msg = (f'the effort of joint {joint.name!r} is in {joint.effort.unit}, and its torque '
                    'constant is not described')
-            raise ModelError(msg, remedy='give effort.torque_constant, or motors, and fit again; '
-                                         'or take the unit of the model')
+            raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm '
+                                         'description and fit again, or set unit to model')
         result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
 
@@ -310,8 +310,8 @@ class DeflectedArm:
         done = invert(q, dq, ddq, reach, motor, torque, self._tables, *self._driven.arrays)
         if done < len(q):
             msg = (f'{self._name}: links and gears find no equilibrium under the load of point '
-                   f'{done + 1}, q = {np.round(q[done], 3).tolist()}')
-            raise SimulationError(msg, remedy='move it more slowly, or correct the stiffnesses')
+                   f'{done + 1} of the motion, q = {np.round(q[done], 3).tolist()}')
+            raise SimulationError(msg, remedy='move more slowly there, or correct the stiffness')
         return Deflection(motor, torque)
 
 
@@ -371,9 +371,9 @@ class Feedforward:
     ) -> None:
         arm, efforts = bundle.arm, bundle.models.get('effort', {})
         if kind not in efforts:
-            msg = (f'the bundle has no model of efforts of the kind {kind!r}; it has '
-                   f'{", ".join(efforts) or "none of efforts"}')
-            raise ModelError(msg, remedy='name one of these, or fit bags that have efforts')
+            msg = (f'the bundle has no effort model of kind {kind!r}; its effort models: '
+                   f'{", ".join(efforts) or "none"}')
+            raise ModelError(msg, remedy='set kind to one it has, or fit one to bags with efforts')
         self.joints, self.units = arm.active_joints, unit_names(arm, unit)
         self._held = {joint.name: joint.hold for joint in arm.spec.joints
                       if joint.name not in self.joints}
@@ -407,15 +407,15 @@ class Feedforward:
         """
         more = payload - self._known
         if not 0.0 <= payload < float('inf'):
-            raise ModelError(f'a payload of {payload} kg is impossible; give 0 or more')
+            raise ModelError(f'a payload of {payload:g} kg is impossible; give 0 or more')
         elastic = self._of_all.has_memory
         if self._of_all.payload_range is not None or (elastic and abs(more) > SAME):
             self._model = self._of_all.at(payload)
         elif self._per_kilogram is None and abs(more) > SAME:
-            msg = (f'the model was fitted to a payload of {self._known:g} kg, and its '
-                   f'efforts have no scale for {payload:g} kg')
-            raise ModelError(msg, remedy='fit a model to bags of two payloads (tudor fit '
-                                         '--payload-of), or describe torque constants')
+            msg = (f'the model was fitted to a payload of {self._known:g} kg, and cannot '
+                   f'convert its efforts to {payload:g} kg')
+            raise ModelError(msg, remedy='fit a model to bags of two payloads (--payload-of), or '
+                                         'add torque constants to the arm description')
         if self._deflected is not None:
             self._deflected.carry(payload)
         self.payload = payload
@@ -480,10 +480,10 @@ class Feedforward:
         beyond = ((motor < low) | (motor > high)) & (wanted >= low) & (wanted <= high)
         if beyond.any():
             point, joint = np.argwhere(beyond)[0]
-            msg = (f'to put the links there, the motor of {self.joints[joint]} would have to be '
-                   f'at {motor[point, joint]:.4g} at point {point + 1}; its limits are '
-                   f'{low[joint]:g} and {high[joint]:g}')
-            raise SignalError(msg, remedy='keep the wanted motion further from them')
+            msg = (f'at point {point + 1}, the motor of {self.joints[joint]} would have to go to '
+                   f'{motor[point, joint]:.4g} to compensate bending, beyond its position limits '
+                   f'{low[joint]:.4g} to {high[joint]:.4g} [rad or m]')
+            raise SignalError(msg, remedy='keep the wanted motion further from these limits')
 
     def _check_held(self, trajectory: Trajectory) -> None:
         """Refuse joints that the model knows nothing of, and held ones that move."""
@@ -497,8 +497,8 @@ class Feedforward:
                 raise SignalError(msg, remedy='name joints as the arm description does')
             off = np.abs(column - self._held[name])
             if off.max() > HELD_WITHIN:
-                msg = (f'the model was fitted with {name!r} at {self._held[name]:g}, and point '
-                       f'{int(off.argmax()) + 1} has it at {column[off.argmax()]:g}')
+                msg = (f'the model holds {name!r} at {self._held[name]:g} rad or m, but point '
+                       f'{int(off.argmax()) + 1} moves it to {column[off.argmax()]:g}')
                 raise SignalError(msg, remedy=f'hold {name} at {self._held[name]:g}, or fit a '
                                               'model with it among active_joints')
 

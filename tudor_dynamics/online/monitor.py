@@ -218,7 +218,7 @@ class Watch:
         spec = bundle.preprocessing
         unknown = [name for name in settings.methods if name not in METHODS]
         if unknown:
-            raise ModelError(f'methods {unknown} are unknown; expected some of {list(METHODS)}')
+            raise ModelError(f'unknown methods {unknown}; expected some of {list(METHODS)}')
         if thresholds is None:
             thresholds = stored_thresholds(bundle, settings.kind)
         kinds = bundle.models
@@ -248,8 +248,8 @@ class Watch:
         """Choose the method whose samples the load goes by."""
         own = [name for name in self.methods if SOURCE[name] == payload.output]
         if not own and isinstance(payload, PayloadStage):
-            raise ModelError(f'the load is estimated from {payload.output}, which none of '
-                             f'{list(self.methods)} uses: add a method that does to methods')
+            raise ModelError(f'the load is estimated from {payload.output}, which no method of '
+                             f'{list(self.methods)} uses: add {payload.output} to methods')
         return min(own or self.methods, key=lambda name: name != payload.output)
 
     def use_thresholds(
@@ -299,8 +299,8 @@ class Watch:
         wide = [f'{method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
                 if factor > WIDENING_WARNING]
         return '' if not wide else (
-            f'the motion is outside what thresholds were learned from: widened {", ".join(wide)}; '
-            'learn them from such motion (~/calibrate, or more bags for tudor fit)')
+            'the motion differs from that of the training, so thresholds are widened '
+            f'({", ".join(wide)}); call ~/calibrate during it, or fit to bags with such motion')
 
     @property
     def settle(self) -> float:
@@ -467,7 +467,7 @@ class Monitor:
     def _check(self, name: str, values: FloatArray) -> None:
         if np.shape(values) != (self._sizes.get(name),):
             raise SignalError(f'{name} has the shape {np.shape(values)}; expected '
-                              f'({self._sizes.get(name)},)')
+                              f'({self._sizes.get(name)},), one value a joint or gauge')
 
     def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
         """

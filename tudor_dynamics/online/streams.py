@@ -362,7 +362,7 @@ class Predictor:
             if kind in bundle.models.get(output, {})}
         if not self.models:
             have = sorted({k for kinds in bundle.models.values() for k in kinds})
-            msg = f'the bundle has no model of the kind {kind!r}, it has {have}: choose one'
+            msg = f'the bundle has no model of kind {kind!r}; set kind to one it has: {have}'
             raise ModelError(msg)
         self._live = type(next(iter(self.models.values()))).live(self.models, observer)
         self.observing = self._live.observing

@@ -73,13 +73,13 @@ class ThresholdsPart(BundlePart):
                 ('profile', self.profile, (2 * n, 1 + 4 * joints)), ('usual', self.usual, (n,)),
                 ('reach', self.reach, (joints,)), ('stiction', self.stiction, (n,))):
             if np.shape(value) != shape:
-                raise ValueError(f'{name} has the shape {np.shape(value)}; the arm needs {shape}')
+                raise ValueError(f'{name} has the shape {np.shape(value)}; expected {shape}')
         if len(self.tails) != 3 * n:
-            raise ValueError(f'{len(self.tails)} tails do not fit the arm; expected {3 * n}')
+            raise ValueError(f'tails has {len(self.tails)} entries; expected {3 * n}')
         if any(row[0] == 0.0 for row in self.profile):
-            raise ValueError('the profile of a threshold is 0 at rest; expected more')
+            raise ValueError('profile begins with 0 in some row; expected more than 0')
         if n != joints and any(self.stiction):
-            raise ValueError('stiction is given for channels that are no joints')
+            raise ValueError('stiction must be 0 for channels that are gauges')
         return self
 
 
@@ -162,7 +162,7 @@ def learn_thresholds(
 ) -> MethodThresholds:
     """Learn the thresholds of one method: stiction (channels,) [unit of the residual]."""
     if not records:
-        raise FitError('no free motion to learn thresholds from; record some')
+        raise FitError('no free motion to learn thresholds from; record motion without contact')
     period = float(np.median(np.concatenate([np.diff(r.t) for r in records])))
     step = max(STEP, period)
     block = max(1, round(BLOCK / period))
@@ -290,7 +290,7 @@ def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray
         -peaks / unit, A_ub=(columns / largest).T, b_ub=np.zeros(columns.shape[1]),
         bounds=np.outer(weight, (PROFILE_QUANTILE - 1.0, PROFILE_QUANTILE)), method='highs')
     if not found.success:
-        raise FitError(f'no profile of a threshold is found ({found.message}); record more')
+        raise FitError(f'thresholds cannot be fitted ({found.message}); record more free motion')
     profile = np.maximum(-found.ineqlin.marginals, 0.0) * unit / largest
     # without a floor, standstill in the data would make the slightest noise a collision
     profile[0] = max(profile[0], PROFILE_FLOOR * unit)
@@ -366,7 +366,7 @@ class Calibration:
                     else self.stiction(method, places))
             learned = learn_thresholds(records, self.channels[method], held)
             if not all(tail.scale > 0 for tail in learned.tails):
-                msg = f'{method}: a residual never changes; check the sensors and calibrate again'
-                raise FitError(msg)
+                raise FitError(f'{method}: a residual never changes; check the sensors, then call '
+                               '~/calibrate again')
             found[method] = learned
         return found

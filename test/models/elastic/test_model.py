@@ -173,7 +173,7 @@ def test_impossible_observers() -> None:
         LiveElastic({})
     with pytest.raises(ModelError, match='strain'):
         LiveElastic({'effort': model_of('effort')}, 'ringing')
-    with pytest.raises(ModelError, match='different arms'):
+    with pytest.raises(ModelError, match='effort and strain differ'):
         LiveElastic({'effort': model_of('effort', PhysicalParameter('payload', 0.1, 'kg')),
                      'strain': model_of()})
     dead = model_of()

@@ -118,5 +118,5 @@ def test_motion_that_diverges_is_told() -> None:
     """An impossible motion is refused, with the sample."""
     motions = np.array([Q, Q])
     motions[1, 5:] = 1e9
-    with pytest.raises(SimulationError, match='after 4 of 600 samples of a planned motion'):
+    with pytest.raises(SimulationError, match='after 4 samples of a planned motion'):
         follow_motions(DrivenArm(ARM), motions, 1.0 / RATE)

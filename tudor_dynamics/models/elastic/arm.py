@@ -60,8 +60,8 @@ def reduced_mechanism(arm: Arm) -> Mechanism:
     mechanism = build_mechanism(arm.changed(
         links=tuple(links), payload=arm.spec.payload or InertiaPart(mass=0.0)))
     if not mechanism.beams:
-        raise SimulationError(f'{arm.source}: no link is flexible; give links with flexible: to '
-                              'use the elastic model')
+        raise SimulationError(f'{arm.source}: no link is flexible; describe the beam in '
+                              'links[].flexible to use the elastic model')
     return mechanism
 
 
@@ -197,7 +197,7 @@ class DrivenArm:
             msg = (f'{self.arm.name}: the elastic model '
                    + (f'finds no equilibrium at q = {np.round(q[done], 3).tolist()}'
                       if dt[done] <= 0.0 else f'diverges after {done} of {n} samples')
-                   + '; its parameters are impossible for this motion')
+                   + '; check stiffness, masses and units in the arm description')
             raise SimulationError(msg)
         return Response(moment, torque)
 
@@ -289,8 +289,8 @@ class DrivenArm:
         finally:
             self._physics.lag = lag
         if done < len(q):
-            raise SimulationError(f'{self.arm.name}: the elastic model diverges after {done} of '
-                                  f'{len(q)} samples; check stiffness, masses and units')
+            raise SimulationError(f'{self.arm.name}: the elastic model diverges after {done} '
+                                  'samples; check stiffness, masses, units in the arm description')
         return gains
 
     def ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
@@ -385,8 +385,8 @@ def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray
             [arm], list(group), np.full(group.shape[1], dt),
             [np.zeros((group.shape[1], 0))], NO_GAINS)
         if done < group.shape[1]:
-            raise SimulationError(f'{arm.arm.name}: the elastic model diverges after {done} of '
-                                  f'{group.shape[1]} samples of a planned motion; fit it again')
+            raise SimulationError(f'{arm.arm.name}: the elastic model diverges after {done} '
+                                  'samples of a planned motion; fit it to bags with such motion')
         found.append(np.moveaxis(moment, -1, 0)[:len(group)])
     moments = np.concatenate(found)
     return np.concatenate([np.broadcast_to(rest, (len(moments), *rest.shape)), moments], axis=1)

@@ -33,8 +33,8 @@ from pydantic import BeforeValidator
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError, SimulationError
 from tudor_dynamics.models.base import (
-    BundlePart, check_motion, check_payload, Coefficient, CoefficientPart, Flag, Model, Noise,
-    Payloads, Range, read, SLIDING, Text)
+    AGAIN, BundlePart, check_motion, check_payload, Coefficient, CoefficientPart, Flag, Model,
+    Noise, Payloads, Range, read, SLIDING, Text)
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.models.friction import (
@@ -327,13 +327,13 @@ class ElasticModel(Model):
         for parameter in part.physical:
             if parameter.name in known and parameter.unit != physical_unit(arm, parameter.name):
                 raise ModelError(f'{parameter.name} has the unit {parameter.unit!r}; expected '
-                                 f'{physical_unit(arm, parameter.name)!r}')
+                                 f'{physical_unit(arm, parameter.name)!r}', remedy=AGAIN)
         channels = tuple(item.channel for item in part.channels)
         columns = tuple(tuple(row.column for row in item.coefficients) for item in part.channels)
         if channels != model.channels or columns != model.columns:
-            msg = (f'{output} channels {list(channels)} with the columns {list(columns)} where '
-                   f'{list(model.channels)} with {list(model.columns)} were expected')
-            raise ModelError(msg)
+            msg = (f'{output} channels {list(channels)} with the columns {list(columns)}; '
+                   f'expected {list(model.channels)} with {list(model.columns)}')
+            raise ModelError(msg, remedy=AGAIN)
         model.coefficients_, model.standard_errors_ = (tuple(
             np.array([getattr(row, value) for row in item.coefficients])
             for item in part.channels) for value in ('value', 'standard_error'))
@@ -360,13 +360,13 @@ class LiveElastic:
             msg = f'observer {observer!r} is unknown; expected one of {list(OBSERVERS)}'
             raise ModelError(msg)
         if not models:
-            raise ModelError('no elastic model was given')
+            raise ModelError('no elastic model was given; pass at least one')
         self.observer = observer
         self.observing = observer != 'off'
         self._outputs = {output: model.prepared() for output, model in models.items()}
         first = next(iter(models.values()))
         if any(model.values != first.values for model in models.values()):
-            msg = 'the elastic models of effort and strain belong to different arms; fit again'
+            msg = 'the elastic models of effort and strain differ; fit both together again'
             raise ModelError(msg)
         self._n_joints = first.n_joints
         self._driven: DrivenArm = driven_arm(first.arm, first.values)
@@ -374,12 +374,12 @@ class LiveElastic:
         if observer != 'off':
             strain = models.get('strain')
             if strain is None or strain.coefficients_ is None or strain.noise_ is None:
-                msg = ('the observer needs an elastic model of the strain, and the bundle has '
-                       'none; fit it to bags with strain, or switch the observer off')
-                raise ModelError(msg)
+                raise ModelError('the observer needs an elastic model of strain; fit one to bags '
+                                 'with strain, or set the observer to off')
             self._gauges = np.array(strain.coefficients_)
             if np.any(self._gauges[:, 0] == 0.0):
-                raise ModelError('the elastic model has gain 0 for a gauge: check it, fit again')
+                raise ModelError('a gauge has gain 0 in the elastic model; check the gauges of '
+                                 'the training bags and fit again')
             self._driven.start_observer(
                 strain.noise_ / np.abs(self._gauges[:, 0]), BANDWIDTH)
         self._moment: FloatArray | None = None
@@ -420,6 +420,6 @@ class LiveElastic:
         if strain is not None and self._moment is not None and self._since > 0.0:
             measured = (strain - self._gauges[:, 1]) / self._gauges[:, 0]
             if not self._driven.correct(measured - self._moment, self._since):
-                raise SimulationError('the elastic model diverged; fit it again, to more bags')
+                raise SimulationError('the elastic model diverged; fit it to more bags')
             self._since = 0.0
         self._since += dt
