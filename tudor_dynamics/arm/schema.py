@@ -602,10 +602,9 @@ class InertiaPart(Spec):
     def _physical(self) -> InertiaPart:
         if isinstance(self.inertia, tuple):
             xx, yy, zz, xy, xz, yz = self.inertia
-            scale = 1e-9 * (abs(xx) + abs(yy) + abs(zz)) + 1e-300
-            minors = (xx, yy, zz, xx * yy - xy * xy, xx * zz - xz * xz, yy * zz - yz * yz)
-            if min(minors) < -scale or max(
-                    xx - yy - zz, yy - xx - zz, zz - xx - yy) > scale:
+            moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            scale = 1e-9 * float(np.abs(moments).sum()) + 1e-300
+            if moments[0] < -scale or moments[2] - moments[0] - moments[1] > scale:
                 raise ValueError('no body has this inertia (Ixx, Iyy, Izz, Ixy, Ixz, Iyz): '
                                  'principal moments must be positive and none larger than the '
                                  'sum of the other two; correct the values')
