@@ -61,7 +61,7 @@ def run(args):
     return 0
 
 main._subcommand = lambda name: SimpleNamespace(run=run)
-parsed = SimpleNamespace(command='fit')
+parsed = SimpleNamespace(command='fit', quiet=False, debug=None)
 main.build_parser = lambda only: SimpleNamespace(parse_args=lambda words: parsed)
 raise SystemExit(main.main(['fit']))
 """
