@@ -134,7 +134,7 @@ def test_limits_are_needed(root: Path, tmp_path: Path, capsys: pytest.CaptureFix
     """Without speeds nothing is planned, and nothing that is there is overwritten."""
     assert main(['excite', str(root / 'config' / 'two_blade_arm.yaml'), '--floor', '0', '--out',
                  str(tmp_path / 'plan')]) == 2
-    assert 'no limits of velocity and acceleration' in capsys.readouterr().err
+    assert 'lacks a limit of velocity or acceleration' in capsys.readouterr().err
     assert excite(root, tmp_path) == 2
     assert 'exists already' in capsys.readouterr().err
 

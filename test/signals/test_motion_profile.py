@@ -103,5 +103,5 @@ def test_step_by_step_is_the_same(root: Path) -> None:
 
 def test_limits_are_needed(root: Path) -> None:
     """An arm without limits is refused by name of the joint."""
-    with pytest.raises(SignalError, match="'joint2' has no limits"):
+    with pytest.raises(SignalError, match="'joint2' lacks a limit"):
         motion_limits(load_arm(root / 'config' / 'two_blade_arm.yaml'))

@@ -356,10 +356,10 @@ def _print_cause(
     pushed = [f'{bag.choice} holds {count} pushes' for bag in data if (count := len(within(
         find_truth(bag.choice.path), bag.recording).pushes))]
     if pushed or all(short):
-        bags = [str(bag.choice) for bag in data]
-        say(f'{"; ".join(pushed or short)}: touched, not changed; look at the pushes:')
-        say_command(shlex.join(['tudor', 'evaluate', '--model', args.model, *bags,
-                                '--collisions']))
+        say(f'{"; ".join(pushed or short)}: something touched the arm, no new fit is needed; look '
+            'at the pushes:')
+        say_command(shlex.join(['tudor', 'evaluate', '--model', args.model,
+                                *(str(bag.choice) for bag in data), '--collisions']))
     else:
         say('the doctor finds no cause in these bags: temperature and wear of the drives change '
             'friction; fit again with these bags')

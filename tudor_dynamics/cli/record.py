@@ -97,7 +97,7 @@ def _check(args: argparse.Namespace) -> None:
                          'can be negative')
     check_budget(f'--stimuli {args.stimuli}', args.stimuli, 4e4)
     if not 2.0 < args.seconds <= 3600.0:
-        raise UsageError(f'--seconds {args.seconds}: give more than 2 and at most 3600')
+        raise UsageError(f'--seconds {args.seconds}: give more than 2 and at most 3600 s')
 
 
 def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:

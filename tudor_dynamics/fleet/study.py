@@ -364,8 +364,8 @@ class _Study:
 
         found = spread_sample(list(self.dates.items()), SAMPLE, read)
         if not found or not common_outputs(found):
-            raise FitError('most bags cannot be read, or share neither efforts nor strains',
-                           remedy='check each with `tudor info BAG`')
+            raise FitError('the bags share neither efforts nor strains' if found else
+                           'no bag tried can be used', remedy='check each with `tudor info BAG`')
         return found
 
     def _measures(self, output: str, bags: Sequence[BagData]) -> list[Measure]:

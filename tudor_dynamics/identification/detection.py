@@ -511,13 +511,13 @@ def roc_of_detector(
         said = np.asarray(detector(recording), dtype=float)
         if said.shape != recording.stamp.shape or np.isinf(said).any():
             raise SignalError(f'the detector returned an array of shape {said.shape} for {path}; '
-                              f'expected one number per sample, not inf: {recording.stamp.shape}')
+                              f'expected {recording.stamp.shape}: one number per sample, no inf')
         judged = ~np.isnan(said)
         watched.append(WatchedBag(path, recording.stamp[judged], said[judged],
                                   within(truth, recording), ()))
     grid = np.concatenate([item.ratio for item in watched])
     if not (grid > 0.0).any():
-        raise SignalError('the detector returned no value above zero; return more during a push')
+        raise SignalError('the detector returned no value above zero; return one during pushes')
     hours = score(watched, [np.empty(0, np.int64)] * len(watched)).hours
     return roc_of(watched, hours, np.quantile(grid[grid > 0.0], np.linspace(0.0, 1.0, 101)))
 

@@ -292,8 +292,8 @@ class ManyBags:
             warnings.warn(f'left out: {item}', TudorWarning, stacklevel=2)
         self.unused += wrong
         if wrong and len(self.unused) > WARNED:
-            warnings.warn(f'{len(self.unused)} bags are left out; --json lists them as unused',
-                          TudorWarning, stacklevel=2)
+            warnings.warn(f'{len(self.unused)} bags are left out, the fit uses the others; see '
+                          'why in the key unused of --json', TudorWarning, stacklevel=2)
 
     def _sample(self, seen: Sequence[SurveyedBag]) -> list[BagData]:
         """Read some bags, evenly among all; those that cannot be read are named later."""

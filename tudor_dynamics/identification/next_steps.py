@@ -140,7 +140,7 @@ def _of_model(result: FitResult, item: FittedOutput, out: Path | None) -> list[N
                          for channel, _, rest, moving in held)
         found.append(NextStep(
             gain, f'{name}: the RMS error is larger at rest ({each}), as motion does not show '
-            'static friction: at rest, use changes of the effort, or strain'))
+            'static friction: judge the arm at rest by changes of the effort, or by strain'))
     return found
 
 
@@ -171,8 +171,8 @@ def touched(change: ErrorChange, validation: Validation) -> str:
     if not few or math.sqrt(np.mean([size for size, _, _ in blocks[few:]])) > change.then:
         return ''
     _, bag, begin = blocks[0]
-    return (f'{change.channel}: without its worst {100.0 * settings.SHORT:.0f} % of the time, the '
-            f'error is as in the validation; worst at {begin:.1f} s of {bag}')
+    return (f'{change.channel}: the error has grown in at most {100.0 * settings.SHORT:.0f} % of '
+            f'the time, worst at {begin:.1f} s of {bag}')
 
 
 def _fit(result: FitResult, out: Path | None, options: Sequence[str]) -> str:

@@ -49,10 +49,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 def free_motion(
-    cases: Sequence[tuple[Model, BagData]],
-    output: str,
-    spec: PreprocessingSpec,
-    *,
+    cases: Sequence[tuple[Model, BagData]], output: str, spec: PreprocessingSpec, *,
     momentum: bool = False,
     strain: Sequence[tuple[Model, BagData]] = (),
 ) -> list[FreeMotion]:
@@ -105,11 +102,13 @@ def learn_all(
             except FitError as err:
                 missing[method, kind] = str(err)
                 continue
-            if (all(tail.scale > 0 and np.isfinite(tail.location) for tail in learned.tails)
-                    and (learned.profile[:, 0] > 0).all()):
+            known = [*(learned.profile[:, 0] > 0), *(
+                tail.scale > 0 and np.isfinite(tail.location) for tail in learned.tails)]
+            if all(known):
                 found[method, kind] = learned
             else:
-                missing[method, kind] = 'a residual is always zero: check the signals'
+                name = channels[known.index(False) % len(channels)]
+                missing[method, kind] = f'the residual of {name} is always zero: check its signal'
     return found, missing
 
 
@@ -358,16 +357,16 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
         else:
             each.append(f'{name} {short(torques[i])} {units[name]}')
     wide = '' if doubt < settings.WIDE else (
-        f' and are {doubt:.1f} times as high as from hours of motion')
+        f'; from hours of motion they would be {doubt:.1f} times lower')
     # a new block is the largest of n + 1 with a chance of one in as many, whatever the law
     sure = 3600.0 / BLOCK / (learned.seconds / BLOCK + 1.0)
     level = _worst(grades.values())
     unknown = '' if level is not None else (
-        'forces in N need torque constants, gains of gauges or masses in the description; ')
+        'forces in N need effort.torque_constant, sensors[].gain or masses in the description; ')
     return level, (
         f'{unknown}detected within {1e3 * settings.NOTICED:.0f} ms at {per_hour:g} false alarm '
         f'per hour: {", ".join(each)}; thresholds are from {learned.seconds:.0f} s of free motion '
-        f'(which by itself ensures at most {short(sure)} per hour){wide}'), grades
+        f'(which alone ensures no more than {short(sure)} false alarms per hour){wide}'), grades
 
 
 def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
@@ -392,11 +391,11 @@ def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
     column = np.sqrt(np.mean(tip.mass ** 2, axis=0))
     kilograms = np.where(column > 0.0, error / np.maximum(column, 1e-300), np.nan)
     if not np.isfinite(kilograms).any():
-        return None, ('masses in kg need torque constants, gains of gauges or masses in the '
-                      'description, or a fit of two payloads (--payload-of)'), {}
+        return None, ('masses in kg need effort.torque_constant, sensors[].gain or masses in '
+                      'the description, or a fit of two payloads (--payload-of)'), {}
     best = int(np.nanargmin(kilograms))
     share = float(error[best] / max(span[best], 1e-300))
     return _grade(share, settings.WEIGHT_SHARE), (
-        f'{short(kilograms[best])} kg of uncertainty (two standard deviations of means over '
-        f'{settings.MEAN:g} s of {model.channels[best]}), {100.0 * share:.0f} % of how much the '
-        'weight of the arm varies there between poses'), {}
+        f'{short(kilograms[best])} kg of uncertainty (two standard deviations of '
+        f'{model.channels[best]}, averaged over {settings.MEAN:g} s), {100.0 * share:.0f} % of '
+        'how much the weight of the arm varies there between poses'), {}

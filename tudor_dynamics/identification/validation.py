@@ -433,7 +433,7 @@ def judge(
                if name not in still and order.index(levels[name]) > order.index(level)]
     if training_fit - validation.score.fit > LARGEST_GAP:
         doubts.append(f'{training_fit - max(validation.score.fit, -1e6):.0f} points below '
-                      'training: the bags differ, or are too short')
+                      'training: fit to more bags, with other motion')
     if unexcited:
         shown = ', '.join(unexcited[:3]) + (' ...' if len(unexcited) > 3 else '')
         doubts.append(f'the motion does not excite {shown}: trust it on similar motion only')

@@ -214,7 +214,7 @@ class PayloadEstimate:
         if self.source is Source.NOTHING:
             share = f'{100 * self.relative:.1f} +- {100 * self.relative_std:.1f} % of the moment'
             return (f'{self.verdict.value}: {share} that the arm itself makes; kilograms need '
-                    'torque constants, the gain of a gauge, or a model of two known payloads')
+                    'effort.torque_constant, sensors[].gain, or a model of two known payloads')
         place = ''
         if self.verdict is Presence.LOAD:
             known = [f'{axis} {1000 * value:.0f} +- {1000 * std:.0f} mm' for axis, value, std in

@@ -179,7 +179,7 @@ def served(view: LiveView, port: int) -> Iterator[Callable[[], None]]:
     try:
         server = ThreadingHTTPServer(('127.0.0.1', port), Handler)
     except (OSError, OverflowError) as err:
-        raise UsageError(f'no web page on port {port}: {err}', remedy='choose another') from None
+        raise UsageError(f'no web page on port {port}: {err}; choose another port') from None
     with server:
         Thread(target=server.serve_forever, daemon=True).start()
         try:

@@ -219,7 +219,7 @@ def zero_phase(
     dt = float(t[-1] - t[0]) / (n - 1)
     if not 0 < cutoff < 0.5 / dt:
         raise SignalError(f'cut-off {cutoff} Hz; expected between 0 and half the sample rate, '
-                          f'{0.5 / dt:.4g} Hz')
+                          f'{0.5 / dt:.4g} Hz', remedy='lower preprocessing.cutoff, or --cutoff')
     sections = low_pass_sections(butterworth(4), cutoff * dt)
     grid = t[0] + dt * np.arange(n)
     uniform = bool(np.max(np.abs(grid - t)) < 1e-3 * dt)
@@ -336,7 +336,7 @@ def ring_modes(signal: ArrayLike, dt: float, *, count: int = 2) -> tuple[RingMod
     """Find the strongest oscillations of a free decay: signal (samples,), dt [s]."""
     y = np.asarray(signal, dtype=float)
     if y.ndim != 1 or not np.isfinite(y).all():
-        raise SignalError(f'a free decay must be one finite signal, found shape {y.shape}')
+        raise SignalError(f'a free decay needs finite samples (n_samples,), found shape {y.shape}')
     every = max(int(1.0 / (6.0 * settings.HIGHEST_RINGING * dt)),
                 -(-y.size // settings.MOST_SAMPLES), 1)
     n = y.size // every

@@ -272,8 +272,8 @@ def motion_limits(arm: Arm) -> Limits:
     for joint, velocity, acceleration in zip(arm.joints, planned.velocity, planned.acceleration,
                                              strict=True):
         if not (np.isfinite(velocity) and np.isfinite(acceleration)):
-            raise SignalError(f'{arm.source}: joint {joint.name!r} has no limits of velocity and '
-                              'acceleration, without which no motion can be planned; add '
+            raise SignalError(f'{arm.source}: joint {joint.name!r} lacks a limit of velocity or '
+                              'acceleration, which each planned motion needs; add '
                               'limits: {velocity: ..., acceleration: ...}')
     return planned
 
@@ -415,8 +415,8 @@ def denser(trajectory: Trajectory, rate: float) -> Trajectory:
     """Put more points onto the splines, so that efforts follow what lies between: rate [Hz]."""
     seconds = float(trajectory.t[-1] - trajectory.t[0])
     if not 0.0 < rate < float('inf') or seconds * rate > settings.MOST_POINTS:
-        raise SignalError(f'{seconds:g} s at {rate:g} points per second; give a rate above '
-                          f'zero (--rate) for at most {settings.MOST_POINTS} points in all')
+        raise SignalError(f'{seconds:g} s at {rate:g} points per second; give a --rate above '
+                          f'0, low enough for {settings.MOST_POINTS} points in all')
     if len(trajectory.t) < 2:
         return trajectory
     t = np.linspace(trajectory.t[0], trajectory.t[-1], max(1, round(seconds * rate)) + 1)

@@ -319,7 +319,10 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
         # from the stamps, as the running robot has it: differences of t are off by rounding
         dt = np.diff(stamp, prepend=stamp[0]) * 1e-9
         dq = None if recording.dq is None else recording.dq[part]
-        states = _filtered(spec, t, dt, recording.q[part], dq)
+        try:
+            states = _filtered(spec, t, dt, recording.q[part], dq)
+        except SignalError as err:
+            raise err.at(recording.path) from None
         decimation, margin = _decimation(spec, t, recording.q[part])
         if len(decimation.keep) < 2:
             continue
@@ -329,15 +332,12 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
             past, places = recording.earlier
             before = np.column_stack([np.diff(past, prepend=past[0]) * 1e-9, places])
             since = float(stamp[0] - past[-1]) * 1e-9
+        effort, strain = (None if whole is None else causal_outputs(dt, whole[part], cutoff)
+                          for whole in (recording.effort, recording.strain))
         stretches.append(Stretch(
-            t, recording.stamp[part], states,
-            None if recording.effort is None else causal_outputs(
-                dt, recording.effort[part], cutoff),
-            None if recording.strain is None else causal_outputs(
-                dt, recording.strain[part], cutoff),
-            decimation, margin, before, since))
+            t, stamp, states, effort, strain, decimation, margin, before, since))
     if not stretches:
         raise SignalError(f'{recording.path}: no stretch without gaps is longer than '
-                          f'{2 * spec.settle:.3g} s and {settings.FEWEST} samples (decimated: 2)'
-                          '; record longer, or lower preprocessing.settle in the arm description')
+                          f'{2 * spec.settle:.3g} s and {settings.FEWEST} samples; record '
+                          'longer, or lower preprocessing.settle or raise preprocessing.rate')
     return stretches

@@ -100,8 +100,10 @@ def _from_yaml(text: str, path: Path) -> tuple[list[Any], str]:
     if not isinstance(content, dict):
         content = {'dh': content}
     rows, convention = content.get('dh'), content.get('convention', 'standard')
-    if not isinstance(rows, list) or convention not in ('standard', 'modified'):
-        raise ArmError('no D-H rows in dh, or unknown convention', place=path, remedy=EXPECTED)
+    if convention not in ('standard', 'modified'):
+        raise ArmError(f'convention {convention!r:.40}; give standard or modified', place=path)
+    if not isinstance(rows, list):
+        raise ArmError('no D-H rows in dh', place=path, remedy=EXPECTED)
     return rows, convention
 
 
@@ -163,9 +165,8 @@ def chain_of_table(path: Path | None, names: Sequence[str]) -> DraftedChain:
     if not all(joints):
         joints = list(names)
     if len(joints) + flange != len(rows) or not set(joints) <= set(names):
-        raise ArmError(
-            f'{len(rows)} rows for the joints {", ".join(names)} of the bag', place=path,
-            remedy='give one row per joint, base first, each with the name of its joint first')
+        raise ArmError(f'{len(rows)} rows for the joints {", ".join(names)} of a bag', place=path,
+                       remedy='give one row per joint, base first, each after its joint name')
     model = model_from_dh([row.values for row in rows], joints,
                           [row.kind or 'revolute' for row in rows], convention)
     content: dict[str, Any] = {'dh': [list(row.values) for row in rows]}
@@ -242,8 +243,7 @@ class _Writer:
         self._moving = [joint for joint, moving in zip(self._joints, moves, strict=True)
                         if moving]
         if not self._moving:
-            raise ArmError('no joint moves in the bags', place=paths[0],
-                           remedy='record a motion')
+            raise ArmError('no joint moves in the bags', place=paths[0], remedy='record a motion')
         self.draft = Draft({'name': self._chain.name or out.stem}, bags=paths,
                            notes=[self._chain.note] if self._chain.note else [])
 
