@@ -178,13 +178,13 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     'text as time': (lambda s: td.simulate(s['arm'], seconds='a'), "seconds is 'a'"),
     'held': (lambda s: td.simulate(s['arm'], hold=['x']), "'x' cannot be driven"),
     'place': (lambda s: td.simulate(s['arm'], start={'x': 0.0}), "start names 'x'"),
-    'signal': (lambda s: s['run'].plot('x'), "there is no signal 'x'"),
+    'signal': (lambda s: s['run'].plot('x'), "no such signal: 'x'"),
     'plant': (lambda s: td.Plant(s['arm']), r'build_mechanism\(arm\)'),
     'torques': (lambda s: td.Plant(td.build_mechanism(s['arm'])).step([1.0, 2.0]),
                 '3 numbers, for the joints'),
     'places': (lambda s: td.Plant(td.build_mechanism(s['arm'])).reset('abc'), 'q is'),
     'mechanism': (lambda s: td.build_mechanism('arm.yaml'), 'expected Arm'),
-    'modes': (lambda s: td.modes(s['arm'], 0), 'expected 1 or more'),
+    'modes': (lambda s: td.modes(s['arm'], 0), 'a count of 1 or more'),
     'free joint': (lambda s: td.modes(s['arm'], free_joints=['x']), 'some of'),
 }
 

@@ -79,7 +79,7 @@ def test_drives_are_optional(root: Path, content: Any) -> None:
 
 
 @pytest.mark.parametrize(('path', 'value', 'parts'), [
-    ('motors.0.gear', 156, ['motors.0.gear', 'unknown key (misspelt?)', '156']),
+    ('motors.0.gear', 156, ['motors.0.gear', 'unknown key (correct or remove it)', '156']),
     ('motors.0.gear_ratio', 0, ['motors.0.gear_ratio', 'greater than 0', 'found 0']),
     ('motors.0.torque_constant', -0.1, ['motors.0.torque_constant', 'greater than 0', '-0.1']),
     ('motors.0.coulomb', -0.1, ['motors.0.coulomb.0', 'greater than or equal to 0', '-0.1']),

@@ -67,9 +67,9 @@ def test_defaults() -> None:
 
 
 @pytest.mark.parametrize(('path', 'value', 'parts'), [
-    ('jionts', [], ['jionts', 'unknown key (misspelt?)']),
-    ('joints.0.limts', {}, ['joints.0.limts', 'unknown key (misspelt?)']),
-    ('gauges.0.xs', 0.1, ['gauges.0.xs', 'unknown key (misspelt?)', '0.1']),
+    ('jionts', [], ['jionts', 'unknown key (correct or remove it)']),
+    ('joints.0.limts', {}, ['joints.0.limts', 'unknown key (correct or remove it)']),
+    ('gauges.0.xs', 0.1, ['gauges.0.xs', 'unknown key (correct or remove it)', '0.1']),
     ('joints.0.name', '', ['joints.0.name', 'at least 1 character']),
     ('joints', [], ['joints', 'at least 1 item']),
     ('joints.0.effort', {'unit': 'mA'}, ['joints.0.effort.unit', "'A', 'N m' or 'N'", "'mA'"]),
@@ -82,7 +82,7 @@ def test_defaults() -> None:
      ['joints.0.friction', 'has an entry twice; list each once']),
     ('joints.0.friction', ['dry'], ['joints.0.friction.0', "'viscous'", "'dry'"]),
     ('joints.0.limits', {'lower': 1.0, 'upper': 0.5},
-     ['joints.0.limits', 'lower limit 1.0 is not below upper limit 0.5']),
+     ['joints.0.limits', 'lower 1.0 is not below upper 0.5']),
     ('joints.0.limits', {'velocity': 0.0}, ['joints.0.limits.velocity', 'greater than 0']),
     ('joints.0.hold', float('nan'), ['joints.0.hold', 'finite number', 'nan']),
     ('joints.1.name', 'one', ['top level', "joint 'one' has two entries"]),
@@ -90,7 +90,7 @@ def test_defaults() -> None:
     ('gravity', [0.0, 0.0, float('inf')], ['gravity.2', 'finite number', 'inf']),
     ('gravity', [0.0, 0.0, -1e300], ['gravity.2', 'greater than or equal to', '-1e+300']),
     ('active_joints', ['three'],
-     ["active joint 'three' is not among the joints ['one', 'two']"]),
+     ["active joint 'three' is not a joint; use one of ['one', 'two']"]),
     ('active_joints', ['two', 'two'], ["active joint 'two' has two entries"]),
     ('active_joints', [], ['active_joints is empty', 'name at least one joint']),
     ('gauges.0.joint', 'three',

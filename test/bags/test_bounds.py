@@ -223,7 +223,7 @@ def test_pipes(tmp_path: Path, storage: str, name: str) -> None:
     if name == 'metadata.yaml':
         assert len(read_recording(bag, plain_arm()).stamp) == 300  # the data are there
         return
-    with pytest.raises(BagError, match='not a regular file|not a bag'):
+    with pytest.raises(BagError, match='no regular file|not a bag'):
         read_recording(file if name == 'bare' else bag, plain_arm())
 
 
@@ -276,14 +276,15 @@ def test_more_messages_announced_than_found(tmp_path: Path) -> None:
     bag = make_bag(tmp_path / 'b')
     metadata = bag / 'metadata.yaml'
     metadata.write_text(metadata.read_text().replace('message_count: 300', 'message_count: 400'))
-    assert '/joint_states: the bag lists 400 messages, but has 300' in describe(bag).odd
+    odd = ' '.join(describe(bag).odd)
+    assert '/joint_states: the bag lists 400 messages, but has 300; these are used' in odd
 
 
 def test_number_of_names() -> None:
     """A message of more names than any arm has is refused, without reading them all."""
     many = joint_states(names=[f'j{i}' for i in range(MAX_NAMES + 1)], position=None,
                         velocity=None, effort=None)
-    with pytest.raises(CdrError, match=f'the limit of {MAX_NAMES}'):
+    with pytest.raises(CdrError, match=f'the limit is {MAX_NAMES}'):
         encode(many)
     buffer = bytearray(encode(joint_states()).data[0])
     buffer[20:24] = struct.pack('<I', MAX_NAMES + 1)

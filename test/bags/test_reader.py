@@ -374,7 +374,7 @@ def test_wrenches_are_read(tmp_path):
     np.testing.assert_array_equal(found.values['torque'], -force)
     assert set(found.frame) == {'tip'} and found.topic == '/applied_wrench'
     assert read_wrenches(make_bag(tmp_path / 'c')) is None
-    with pytest.raises(BagError, match='expected geometry_msgs'):
+    with pytest.raises(BagError, match='expected geometry_msgs/msg/WrenchStamped or'):
         read_wrenches(bag.parent / 'c', 'joint_states')
 
 

@@ -79,8 +79,8 @@ def test_message_as_others_read_it(tmp_path: Path) -> None:
     ('t,a,b,a_velocity\n0,1,1,1\n1,1,1,1\n', 'not for all joints'),
     ('t,a,a_acceleration\n0,1,1\n1,1,1\n', 'accelerations without velocities'),
     ('t,a,a_velocity,a_acceleration\n0,1,0,0\n0,1,0,0\n', 'time does not increase'),
-    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n1,nan,0,0\n', 'not finite'),
-    ('t,a,a_velocity,a_acceleration\n0,1,0,x\n1,1,0,0\n', 'does not consist of numbers'),
+    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n1,nan,0,0\n', 'found nan'),
+    ('t,a,a_velocity,a_acceleration\n0,1,0,x\n1,1,0,0\n', 'is not all numbers'),
     ('t,a\n0,1,2\n', 'rows of 2 numbers'),
     ('t,a,a_velocity,a_acceleration,a,a_velocity,a_acceleration\n', 'expected t')])
 def test_what_is_no_table(text: str, said: str, tmp_path: Path) -> None:
@@ -97,7 +97,7 @@ def test_what_is_no_table(text: str, said: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(('rows', 'said'), [
     (('0,1', 'inf,1', 'inf,2'), 'time does not increase after point 1'),
     (('0,1', '1e-300,2', '1,3'), 'time does not increase after point 1'),
-    (('0,1', '1,1e300'), 'positions of point 2 are not finite, or beyond'),
+    (('0,1', '1,1e300'), 'positions of point 2: found 1e.300'),
     ((), 'found a table of shape')])
 @pytest.mark.filterwarnings('error')
 def test_numbers_that_nobody_can_square(

@@ -68,3 +68,5 @@ def test_put_on_while_it_runs(root: Path) -> None:
     assert strains[0] == pytest.approx(strains[1], rel=0.05)
     with pytest.raises(SimulationError, match='the key payload in the arm description'):
         ClosedLoop(with_payload(arm, 0.0)).set_payload(0.1)
+    with pytest.raises(SimulationError, match='a payload of -0.1 kg is impossible'):
+        ClosedLoop(empty).set_payload(-0.1)

@@ -368,4 +368,4 @@ def refuse_interfaces(arm: Arm, who: str, *, arrays: bool = False) -> None:
             kind = 'Float64MultiArray' if source.interface is None else 'DynamicJointState'
             raise ArmError(
                 f'{source.topic} carries {name} as {kind}; {who} supports only {taken}',
-                place=arm.source, remedy='publish it as JointState and name that topic here')
+                place=arm.source, remedy='publish JointState, and name its topic in this file')

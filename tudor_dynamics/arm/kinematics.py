@@ -169,7 +169,7 @@ def model_from_urdf(text: str, path: str, angles: ExactAngles | None = None) -> 
     errors = re.findall(r'^Error: *(.*)', said, re.MULTILINE)
     if model is None or errors:
         cause = errors[0] if errors else cause
-        raise ArmError(f'{path}: Pinocchio builds no model from this URDF ({cause}); correct it')
+        raise ArmError(f'{path}: Pinocchio builds no model from this URDF ({cause}); correct that')
     if said and sys.stderr is not None:
         sys.stderr.write(said)
     return model
@@ -182,7 +182,7 @@ def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
     vector = np.asarray(axis, dtype=float)
     norm = float(np.linalg.norm(vector))
     if norm < 1e-12:
-        raise ArmError(f'the axis {list(axis)} is zero: give x, y, z or another vector')
+        raise ArmError(f'height_axis or direction of a beam is {list(axis)}: give x, y or z')
     return np.asarray(vector / norm)
 
 

@@ -186,7 +186,7 @@ class LimitSpec(Spec):
     @model_validator(mode='after')
     def _ordered(self) -> LimitSpec:
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
-            raise ValueError(f'lower limit {self.lower} is not below upper limit {self.upper}')
+            raise ValueError(f'lower {self.lower} is not below upper {self.upper}; correct either')
         return self
 
 
@@ -348,7 +348,7 @@ class CouplingsSpec(Spec):
                 for name in (pair.motor, pair.joint):
                     if name not in joints:
                         raise ValueError(f'couplings names the joint {name!r}, which is not among '
-                                         f'the joints {list(joints)}')
+                                         f'the joints {list(joints)}; correct the name')
                 matrix[joints.index(pair.motor), joints.index(pair.joint)] += pair.ratio
         if not np.linalg.cond(matrix) < LARGEST_CONDITION:
             raise ValueError('couplings: the positions of the motors do not determine those of '
@@ -548,7 +548,7 @@ class SectionSpec(Spec):
     J: Positive | None = None
     """Torsion constant; needed for a general section, else computed [m^4]."""
     surface: Positive | None = None
-    """General: distance of the gauges from the neutral line, along the height axis [m]."""
+    """Distance of the gauges from the neutral line, along the height axis [m]."""
 
     @model_validator(mode='after')
     def _complete(self) -> SectionSpec:
@@ -558,7 +558,7 @@ class SectionSpec(Spec):
         for key in needed:
             if getattr(self, key) is None:
                 raise ValueError(f'a {self.shape} section needs {", ".join(needed)}; '
-                                 f'{key} is missing')
+                                 f'{key} is missing: add it')
         for key in ('height', 'width', 'outer', 'inner', 'area', 'Iz', 'Iy'):
             if getattr(self, key) is not None and key not in allowed:
                 raise ValueError(f'a {self.shape} section has no {key}, but {", ".join(needed)}; '
@@ -657,8 +657,8 @@ class BeamSpec(Spec):
             raise ValueError('give either the end of the beam or its length, not both')
         for part in self.lumped:
             if isinstance(part.node, int) and part.node > self.elements:
-                raise ValueError(f'an entry of lumped has node {part.node}, but a beam of '
-                                 f'{self.elements} elements has nodes 0 to {self.elements}')
+                raise ValueError(f'an entry of lumped has node {part.node}, but the last is '
+                                 f'{self.elements}; correct node, or raise elements')
         return self
 
 
@@ -755,14 +755,14 @@ class ArmSpec(Spec):
                     raise ValueError(f'{what} {name!r} has two entries; rename or remove one')
         for name in self.active_joints or ():
             if name not in names:
-                raise ValueError(f'active joint {name!r} is not among the joints {names}')
+                raise ValueError(f'active joint {name!r} is not a joint; use one of {names}')
         if self.active_joints is not None and not self.active_joints:
             raise ValueError('active_joints is empty: name at least one joint, or leave it out')
         self._check_couplings(names)
         for gauge in self.gauges:
             if gauge.joint not in names:
                 raise ValueError(f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '
-                                 f'which is not among the joints {names}')
+                                 f'which is not among the joints {names}; correct joint')
         self._check_types()
         self._check_links(names)
         rows = self.kinematics.dh
@@ -827,7 +827,7 @@ class ArmSpec(Spec):
             for name in named:
                 if name not in known:
                     raise ValueError(f'{key} names the {what} {name!r}, which is not among the '
-                                     f'{what}s {known}')
+                                     f'{what}s {known}; correct the name')
                 if once and named.count(name) > 1:
                     raise ValueError(f'{key}: {what} {name!r} has two entries; merge them')
         motors = {motor.joint for motor in self.motors}
@@ -853,7 +853,7 @@ def validation_message(err: ValidationError) -> str:
         where = '.'.join(str(part) for part in item['loc']) or 'top level'
         text = str(item.get('ctx', {}).get('error', item['msg']))
         if item['type'] == 'extra_forbidden':
-            text = 'unknown key (misspelt?)'
+            text = 'unknown key (correct or remove it)'
         found = item.get('input')
         shown = '' if isinstance(found, (dict, list)) or item['type'] == 'missing' else (
             f', found {short(repr(found))}')

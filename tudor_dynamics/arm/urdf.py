@@ -62,7 +62,8 @@ class _Bounded(ElementTree.TreeBuilder):
         self._depth += 1
         self._count += 1
         if self._depth > MAX_DEPTH or self._count > MAX_ELEMENTS:
-            raise ArmError(f'has more than {MAX_DEPTH} levels or {MAX_ELEMENTS} elements')
+            raise ArmError(f'has {self._count} elements on {self._depth} levels or more; at '
+                           f'most {MAX_ELEMENTS} and {MAX_DEPTH} are read')
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> Any:
@@ -85,12 +86,11 @@ def parse(text: str, path: str) -> ElementTree.Element:
     try:
         parser.feed(text)
         root: ElementTree.Element = parser.close()
+    except ArmError as err:
+        raise ArmError(f'{path}: {err}; expected the URDF of an arm') from None
     except (ElementTree.ParseError, ValueError) as err:
-        if isinstance(err, ArmError):
-            msg = f'{path}: {err}; expected the URDF of an arm'
-        else:
-            msg = f'{path}: no valid XML ({err}); for xacro files run xacro first'
-        raise ArmError(msg) from None
+        raise ArmError(f'{path}: no valid XML ({err}); correct it; for xacro files run xacro '
+                       'first') from None
     for tag in ('link', 'joint'):
         count = sum(1 for _ in root.iter(tag))
         if count > MAX_LINKS:

@@ -188,7 +188,8 @@ def _verdict(
 ) -> dict[str, Any]:
     nothing = {'effort_model': False, 'strain_model': False}
     if plan is None:
-        return nothing | {'verdict': 'nothing: the bag has no joint positions: record them'}
+        return nothing | {'verdict': 'nothing: the bag has no joint positions: record '
+                          'joint_states'}
     try:
         found = assemble(bag, topics, plan, need_output=True, need_motion=True, checksum=False)
     except BagError as err:
@@ -225,15 +226,12 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
     others = bag.read([name for name in bag.topics if name not in topics], with_data=False)
     reports, edges = [], []
     for name, info in sorted(bag.topics.items()):
-        if name in topics:
-            reports.append(_topic_report(topics[name]))
-            log_time = topics[name].log_time
-        else:
-            log_time = others[name].log_time
-            reports.append(TopicReport(name, info.msgtype, len(log_time),
-                                       **_times(log_time, 'log')))
+        log_time = topics[name].log_time if name in topics else others[name].log_time
+        reports.append(_topic_report(topics[name]) if name in topics else TopicReport(
+            name, info.msgtype, len(log_time), **_times(log_time, 'log')))
         if info.count != len(log_time):
-            bag.notes.add(f'{name}: the bag lists {info.count} messages, but has {len(log_time)}')
+            bag.notes.add(f'{name}: the bag lists {info.count} messages, but has {len(log_time)}; '
+                          'these are used, record again if more are needed')
         if len(log_time):
             edges += [int(log_time[0]), int(log_time[-1])]
     plan = guess_plan(topics) if arm is None else plan_from_arm(arm)

@@ -82,7 +82,7 @@ class Cursor:
 
     def __init__(self, buffer: bytes) -> None:
         if len(buffer) < HEADER or bytes(buffer[:2]) not in (b'\x00\x00', b'\x00\x01'):
-            raise CdrError('does not begin as a plain CDR message')
+            raise CdrError(f'begins with {bytes(buffer[:4])!r}, not with the header of plain CDR')
         self.buffer = buffer
         self.order = '<' if buffer[1] else '>'
         self.position = HEADER
@@ -126,8 +126,8 @@ class Cursor:
         """Read a sequence of strings."""
         count = self.count()
         if count > min(len(self.buffer) // 5, MAX_NAMES):  # a string takes five bytes at least
-            raise CdrError(f'claims {count} names, more than its {len(self.buffer)} bytes can '
-                           f'hold or than the limit of {MAX_NAMES}')
+            raise CdrError(f'claims {count} names; its {len(self.buffer)} bytes can hold '
+                           f'{len(self.buffer) // 5}, and the limit is {MAX_NAMES}')
         return tuple(self.text() for _ in range(count))
 
     def doubles(self) -> tuple[int, int]:
@@ -145,7 +145,7 @@ class Cursor:
         """Check that nothing is left, and make the layout."""
         left = len(self.buffer) - self.position
         if left > spare:
-            raise CdrError(f'has {left} bytes after its end')
+            raise CdrError(f'has {left} bytes after its end, expected at most {spare}')
         present = {name: place for name, place in fields.items() if place[1]}
         parts: list[tuple[str, Any, int]] = [] if not stamped else [
             ('sec', self.order + 'i4', HEADER), ('nanosec', self.order + 'u4', HEADER + 4)]
@@ -205,8 +205,8 @@ def array_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     cursor = Cursor(buffer)
     dimensions = cursor.count()
     if dimensions > min(len(buffer) // 12, MAX_NAMES):  # label, size and stride take twelve bytes
-        raise CdrError(f'claims {dimensions} dimensions, more than its {len(buffer)} bytes can '
-                       f'hold or than the limit of {MAX_NAMES}')
+        raise CdrError(f'claims {dimensions} dimensions; its {len(buffer)} bytes can hold '
+                       f'{len(buffer) // 12}, and the limit is {MAX_NAMES}')
     for _ in range(dimensions):
         cursor.text()
         cursor.count()
@@ -214,7 +214,7 @@ def array_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     cursor.count()  # data_offset
     place = cursor.doubles()
     if place[1] > MAX_NAMES:
-        raise CdrError(f'has {place[1]} values; at most {MAX_NAMES} are read')
+        raise CdrError(f'has {place[1]} values in data, more than the limit of {MAX_NAMES}')
     names = tuple(map(str, range(place[1])))
     return cursor.finish('', names, {DATA: place}, spare, stamped=False)
 
@@ -304,8 +304,8 @@ def decode(
             try:
                 layout = parse(messages[int(index[0])])
             except CdrError as err:
-                raise BagError(f'topic {topic}, message {index[0]}: {err}; the bag is damaged, or '
-                               'names a wrong message type: record it again') from None
+                raise BagError(f'topic {topic}, message {index[0]}: {err}; correct the publisher '
+                               'or, if the bag is damaged, record it again') from None
             if len(blocks) == MAX_LAYOUTS:
                 raise BagError(f'topic {topic}: names, fields or frame_id of its messages vary in '
                                f'more than {MAX_LAYOUTS} ways; record one arm on one topic')

@@ -482,7 +482,7 @@ def _messages(
 
 def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Signals | None:
     """Read the wrenches of a bag; None where it has no message with one."""
-    raw = _messages(open_bag(path), topic, (WRENCH_STAMPED,), path)
+    raw = _messages(open_bag(path), topic, (WRENCH_STAMPED, BOOL), path)
     if raw is None or not raw.data:
         return None
     found = decode_topic(raw, str(path)).signals()
@@ -498,7 +498,7 @@ def read_flags(
     if raw is None:
         return None
     if any(not BOOL_BYTES <= len(data) < BOOL_BYTES + 8 or data[4] > 1 for data in raw.data):
-        msg = f'{path}: topic {raw.topic} has messages that are no {BOOL}; the bag is damaged'
+        msg = f'{path}: topic {raw.topic} has messages that are no {BOOL}; record it again'
         raise BagError(msg)
     joints = bag.find({clock: JOINT_STATE})[clock]
     shift = 0

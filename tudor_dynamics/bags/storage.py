@@ -67,20 +67,20 @@ def read_metadata(directory: Path) -> Metadata:
         cause = f'the key {err} is missing'
     except (AttributeError, TypeError, ValueError) as err:
         cause = ' '.join(str(err).split())[:300]
-    raise BagError(cause, place=directory, remedy='check the bag with `ros2 bag info`')
+    raise BagError(cause, place=directory, remedy=f'check {METADATA} and the files beside it')
 
 
 def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     version = information['version']
     if not isinstance(version, int) or version > MAX_VERSION:
-        raise ValueError(f'format version {version!r}; at most {MAX_VERSION} can be read')
+        raise ValueError(f'the bag has format version {version!r}, expected {MAX_VERSION} or less')
     if information['storage_identifier'] not in STORAGES.values():
         msg = (f'storage {information["storage_identifier"]!r} is unknown; known are '
                f'{", ".join(STORAGES.values())}')
         raise ValueError(msg)
     compression = str(information.get('compression_mode') or '').lower().replace('none', '')
     if compression not in ('', 'file', 'message', 'storage'):
-        raise ValueError(f'compression mode {compression!r} is unknown')
+        raise ValueError(f'compression mode {compression!r} is unknown; known: file, message')
     if compression and information['compression_format'] != 'zstd':
         msg = f'compression {information["compression_format"]!r}; only zstd can be read'
         raise ValueError(msg)
@@ -88,7 +88,7 @@ def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     files = tuple(directory / name for name in dict.fromkeys(names))
     for file in files:
         if not file.is_file():
-            raise ValueError(f'{file.name} is missing, or not a regular file')
+            raise ValueError(f'{file.name} is {"no regular file" if file.exists() else "missing"}')
     custom = information.get('custom_data')
     return Metadata(
         files, compression.replace('storage', ''), _counts(information),

@@ -90,9 +90,9 @@ class Trajectory:
                 raise SignalError(f'the {name} have shape {values.shape}; expected {shape}, a row '
                                   f'for each point, a column for each of {list(self.joints)}')
             if values is not None and not (np.abs(values) < LARGEST).all():
-                row = int(np.flatnonzero(~(np.abs(values) < LARGEST).all(axis=1))[0])
-                raise SignalError(f'{name} of point {row + 1} are not finite, or beyond '
-                                  f'{LARGEST:g}; correct them')
+                row, column = np.argwhere(~(np.abs(values) < LARGEST))[0].tolist()
+                raise SignalError(f'{name} of point {row + 1}: found {values[row, column]:g} for '
+                                  f'{self.joints[column]!r}; give a number below {LARGEST:g}')
         known = np.abs(self.t) < LARGEST
         later = np.diff(np.where(known, self.t, np.nan)) > 0.5 / SECOND  # messages count ns
         if not known.all() or not later.all():
@@ -102,7 +102,7 @@ class Trajectory:
             raise SignalError(msg)
         if self.ddq is not None and self.dq is None:
             msg = 'the trajectory has accelerations without velocities'
-            raise SignalError(msg, remedy='give velocities too, or remove both')
+            raise SignalError(msg, remedy='give velocities too, or no accelerations')
 
     @classmethod
     def from_points(
@@ -182,14 +182,14 @@ def read_trajectory(path: Path) -> Trajectory:
         for ending in FIELDS))
     if columns[0] != 't' or not joints or len(set(columns)) < len(columns):
         msg = f'the first line is {head[:200]!r}; expected t, then each joint once'
-        raise BagError(msg, place=path, remedy='columns are t [s], JOINT [rad or m], and where '
+        raise BagError(msg, place=path, remedy='name columns t [s], JOINT [rad or m], and where '
                        'known JOINT_velocity and JOINT_acceleration')
     try:
         with catch_warnings():
             simplefilter('ignore', UserWarning)  # of a table without rows, which is refused below
             values = np.loadtxt(StringIO(body), delimiter=',', ndmin=2)
     except ValueError as err:
-        raise BagError(f'a row does not consist of numbers ({err})', place=path) from None
+        raise BagError(f'a row is not all numbers; correct it ({err})', place=path) from None
     if values.shape[1:] != (len(columns),):
         msg = f'found a table of shape {values.shape}; expected rows of {len(columns)} numbers'
         raise BagError(msg, place=path)
@@ -269,7 +269,7 @@ def _decode(data: bytes, topic: str, time: int, place: str) -> Sent:
         raise BagError(msg, place=place, remedy='the bag is damaged; record it again') from None
     joints, stamp = tuple(message.joint_names), message.header.stamp
     if len(joints) > MAX_NAMES:
-        raise BagError(f'has {len(joints)} joints; at most {MAX_NAMES} are read', place=place)
+        raise BagError(f'has {len(joints)} joints; record at most {MAX_NAMES}', place=place)
     t = np.array([point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
                   for point in message.points])
     try:

@@ -128,8 +128,8 @@ def encode(signals: Signals) -> RawMessages:
     """Encode messages, each recorded at its stamp."""
     stamp = np.asarray(signals.stamp, dtype=np.int64)
     if len(stamp) and not 0 <= int(stamp.min()) <= int(stamp.max()) < 2**31 * 10**9:
-        raise BagError(f'{signals.topic}: a stamp is negative or later than 2038, which a ROS 2 '
-                       'message cannot hold; correct the stamps')
+        raise BagError(f'{signals.topic}: stamps from {stamp.min() / 1e9:.6g} to '
+                       f'{stamp.max() / 1e9:.6g} s; ROS 2 takes 0 to 2**31 s: correct them')
     data = [b''] * len(stamp)
     frames = np.full(len(stamp), signals.frame, dtype=object)
     for frame in set(frames.tolist()) or {''}:
@@ -377,8 +377,8 @@ class LiveWriter:
                 made.rename(self.path)
             shutil.rmtree(self._scratch, ignore_errors=True)
         except FAILURES as err:
-            raise BagError(f'{self.path}: {failure or "cannot be finished"}; the messages so far '
-                           f'are kept in {made}; closing the bag failed ({reason(err)})') from None
+            raise BagError(f'{self.path}: {failure or "cannot be finished"}; messages are kept '
+                           f'in {made}: copy it; closing it failed ({reason(err)})') from None
         if failure:
             msg = (f'{self.path}: {failure}; recording has ended, the {count} messages that were '
                    'on disk are kept; make room and record on under another name')

@@ -62,7 +62,7 @@ class LoadChange:
         """Refuse what is no time and no mass."""
         if not (math.isfinite(self.time) and self.time >= 0.0
                 and math.isfinite(self.mass) and self.mass >= 0.0):
-            raise SimulationError(f'load of {self.mass} kg at {self.time} s: expected 0 or more')
+            raise SimulationError(f'load of {self.mass} kg at {self.time} s: give 0 or more')
 
 
 def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple[LoadChange, ...]:
@@ -193,8 +193,8 @@ def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: fl
 def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     """Make a motion of a trajectory, at the rate of the loop: dt [s]."""
     if sorted(trajectory.joints) != sorted(arm.active_joints):
-        raise SimulationError(f'the trajectory has the joints {", ".join(trajectory.joints)}, but '
-                              f'needs those of {arm.name}: {", ".join(arm.active_joints)}')
+        raise SimulationError(f'the trajectory has the joints {", ".join(trajectory.joints)}; '
+                              f'give one for those of {arm.name}: {", ".join(arm.active_joints)}')
     q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
     hard = hard_limits(arm)
     wrong = np.any((q < hard.lower) | (q > hard.upper) | (np.abs(dq) > hard.velocity), axis=0)

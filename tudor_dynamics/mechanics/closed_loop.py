@@ -377,12 +377,12 @@ class ClosedLoop:
 
         The arm needs a payload to begin with, be it one of no mass.
         """
-        mechanism = self.plant.mechanism
-        rows = np.flatnonzero(mechanism.body_int[:, at.POINT] == mechanism.tip)
-        if self.arm.spec.payload is None or len(rows) != 1 or not 0.0 <= mass < float('inf'):
-            raise SimulationError(f'{self.arm.name}: cannot attach a payload of {mass} kg; give '
-                                  '0 kg or more, and the key payload in the arm description')
-        mechanism.body_float[rows[0], at.MASS] = mass
+        mechanism, none = self.plant.mechanism, self.arm.spec.payload is None
+        if none or not 0.0 <= mass < float('inf'):
+            raise SimulationError(f'{self.arm.name}: ' + (
+                'no payload to change; give the key payload in the arm description' if none else
+                f'a payload of {mass} kg is impossible; give 0 or more'))
+        mechanism.body_float[mechanism.body_at(mechanism.tip), at.MASS] = mass
 
     def set_floor(self, floor: Floor | None) -> None:
         """Put a floor (height [m], stiffness [N/m]) below the tip, or take it away."""

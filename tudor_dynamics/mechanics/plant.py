@@ -239,8 +239,8 @@ class Plant:
     def drive(self, joint: str, kind: DrivenBy) -> None:
         """Choose how a joint is driven from now on: by torque, by a given motion, or held."""
         if joint not in self.mechanism.joints or kind not in ('torque', 'motion', 'hold'):
-            raise SimulationError(f'joint {joint!r} cannot be driven by {kind!r}; give one of '
-                                  f'{list(self.mechanism.joints)}, and torque, motion or hold')
+            raise SimulationError(f'joint {joint!r} cannot be driven by {kind!r}; give a joint '
+                                  f'of {list(self.mechanism.joints)}, and torque, motion or hold')
         number = self.mechanism.joints.index(joint)
         index = self._q[number]
         self._drives[number] = kind

@@ -127,8 +127,8 @@ class Probe:
     def _check(self, joint: str, distance: float) -> None:
         mechanism = self.plant.mechanism
         if joint not in mechanism.beams:
-            raise SimulationError(f'{mechanism.name}: joint {joint!r} has no beam; joints with a '
-                                  f'beam are {list(mechanism.beams)}')
+            raise SimulationError(f'{mechanism.name}: joint {joint!r} has no beam; choose a '
+                                  f'joint that has one, of {list(mechanism.beams)}')
         length = mechanism.length(joint)
         if not -1e-9 <= distance <= length + 1e-9:
             raise SimulationError(f'{mechanism.name}: a place at {distance:g} m lies outside the '
@@ -270,8 +270,8 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
     mechanism = plant.mechanism
     unknown = [name for name in free_joints if name not in mechanism.joints]
     if unknown or count < 1:
-        raise SimulationError(f'{count} modes with free joints {unknown or list(free_joints)}: '
-                              f'expected 1 or more, with some of {list(mechanism.joints)} free')
+        raise SimulationError(f'free joints {unknown}: use some of {list(mechanism.joints)}'
+                              if unknown else f'{count} modes; give a count of 1 or more')
     free = mechanism.elastic.copy()
     for joint in free_joints:
         free[mechanism.q_index[mechanism.joints.index(joint)]] = True

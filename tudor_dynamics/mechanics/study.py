@@ -179,10 +179,10 @@ def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
         msg = f'{text!r} is neither a file nor an expression in t; example: "0.6*sin(2*pi*t)"'
         raise SimulationError(msg) from None
     except (TypeError, ValueError, RecursionError, MemoryError) as err:
-        raise SimulationError(f'the expression {text!r} cannot be evaluated ({err})') from None
+        raise SimulationError(f'{text!r} cannot be evaluated ({err}); correct it') from None
     if not np.isfinite(values).all():
         when = t[np.flatnonzero(~np.isfinite(values))[0]]
-        raise SimulationError(f'the expression {text!r} is not finite at t = {when:g} s')
+        raise SimulationError(f'expression {text!r} is not finite at t = {when:g} s; correct it')
     return values
 
 
@@ -373,7 +373,7 @@ class SimulatedRun:
         what, _, which = signal.partition(':')
         if signal not in self.signals:
             known = ', '.join(self.signals)
-            raise SimulationError(f'there is no signal {signal!r} to plot; there are {known}')
+            raise SimulationError(f'no such signal: {signal!r}; choose from {known}')
         if what in ('q', 'dq', 'effort'):
             values = np.asarray(getattr(run, what))[:, [mechanism.joints.index(which)]]
             unit = {'q': 'deg', 'dq': 'deg/s', 'effort': 'N m'}[what]
@@ -571,7 +571,7 @@ def _places(plant: Plant, start: Mapping[str, float]) -> FloatArray:
     joints, places = plant.mechanism.joints, plant.state.q.copy()
     for name, place in start.items():
         if name not in joints:
-            raise UsageError(f'start names {name!r}; the joints are {list(joints)}')
+            raise UsageError(f'start names {name!r}, no joint; use some of {list(joints)}')
         if not np.isfinite(place):
             msg = f'start of {name!r}: found {place}, expected a position [rad or m]'
             raise SimulationError(msg)
