@@ -233,10 +233,15 @@ def test_what_runs_beside_the_robot_comes_first(
     result: FitResult, assessment: Assessment, capsys: pytest.CaptureFixture[str],
 ) -> None:
     """The headline is that of the causal models; the offline figure follows."""
-    _print(replace(result, causal=result), assessment, Path('report.html'))
+    _print(replace(result, causal=result), assessment, Path('report.html'), verbose=True)
     said = capsys.readouterr().out
     places = [said.index(f'effort analytical {where}, prediction: good') for where in (
         'beside the robot', '(offline)')]
     assert places == sorted(places)
-    _print(result, assessment, Path('report.html'))
+    _print(result, assessment, Path('report.html'), verbose=True)
     assert 'offline' not in capsys.readouterr().out
+    # in short: nothing of recordings, and no verdict that is good
+    _print(replace(result, causal=result), assessment, Path('report.html'), verbose=False)
+    said = capsys.readouterr().out
+    assert 'models beside the robot' in said and 'report: report.html' in said
+    assert 'offline' not in said and 'prediction: good' not in said
