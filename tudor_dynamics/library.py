@@ -533,8 +533,8 @@ def roc(
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
     data = [load(choice, arm, arm.spec.preprocessing) for choice in choices(bags)]
     if truth and len(truth) != len(data):
-        raise UsageError(
-            f'truth has {len(truth)} tables of pushes for {len(data)} bags; give one a bag')
+        raise UsageError(f'truth has {len(truth)} tables of pushes for {len(data)} bags; '
+                         'give one for each bag')
     recordings = [(bag.choice.path, bag.recording) for bag in data]
     truths = [truth_of_file(table, bag) for table, bag in zip(truth, data, strict=True)
               ] if truth else [find_truth(path) for path, _ in recordings]

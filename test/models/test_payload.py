@@ -138,9 +138,9 @@ def test_a_model_of_one_payload_takes_that() -> None:
     """Its own payload and none are taken as they are; another is refused, with what to do."""
     bundle = of_one(0.2, 0.2)
     assert bundle.at(0.2) is bundle and bundle.at(0.0) is bundle
-    with pytest.raises(ModelError, match=r'of 0\.3 kg: .*0\.2 kg alone.*--payload-of'):
+    with pytest.raises(ModelError, match=r'of 0\.3 kg: .*of 0\.2 kg; give that.*--payload-of'):
         bundle.at(0.3)
-    with pytest.raises(ModelError, match=r'leave the payload out.*--payload-of'):
+    with pytest.raises(ModelError, match=r'unknown mass; give none.*--payload-of'):
         of_one(None).at(0.2)
     for facts in ({}, {'training': 'bags'}, {'training': [3]}):
         assert ModelBundle(ARM, PreprocessingSpec(), bundle.models, facts).payload is None
@@ -153,7 +153,7 @@ def test_what_cannot_be() -> None:
     plain = ModelBundle(ARM, PreprocessingSpec(), {'effort': {'analytical': fitted('effort').at(
         0.0)}})
     assert plain.at(0.0) is plain
-    with pytest.raises(ModelError, match='an unknown payload alone'):
+    with pytest.raises(ModelError, match='one payload'):
         plain.at(0.2)
     with pytest.raises(FitError, match='impossible'):
         fitted('effort').at(-0.1)

@@ -71,7 +71,7 @@ def test_a_model_of_one_payload_takes_its_own(world: World, tmp_path: Path) -> N
         assert not node.fault
         assert dict(node.status()[2])['payload [kg]'] == '0.2'
         result = node.set_parameters([Parameter('payload', value=0.4)])[0]
-        assert not result.successful and '0.2 kg alone; give that' in result.reason
+        assert not result.successful and '0.2 kg; give that' in result.reason
         assert '--payload-of' in result.reason
         assert node.set_parameters([Parameter('payload', value=0.0)])[0].successful
 

@@ -138,8 +138,8 @@ class ModelBundle:
             known = self.payload
             if payload == 0.0 or (known is not None and abs(payload - known) < SAME):
                 return self
-            what = ('an unknown payload alone; leave the payload out' if known is None else
-                    f'{known:g} kg alone; give that payload')
+            what = ('one payload of unknown mass; give none' if known is None else
+                    f'one payload of {known:g} kg; give that one')
             raise ModelError(f'the model cannot predict for a payload of {payload:g} kg: it was '
                              f'fitted to {what}, or fit a model to bags with several payloads '
                              '(tudor fit BAGS --payload-of BAG=KG ...)')
