@@ -322,8 +322,8 @@ def test_each_check_is_complete() -> None:
         assert check.title and ' ' in check.title, kind
     plain = found('jitter', 'what', 'run', size=1e-3, now=2.0, otherwise=1.0)
     assert (plain.unit, plain.measure) == ('s', 'roughness of the positions over time')
-    assert str(plain) == ('what (roughness of the positions over time 2, 1 with the remedy); let '
-                          'the driver set the stamp when it takes the sample')
+    assert str(plain) == ('what (roughness of the positions over time: 2 now, 1 with the remedy); '
+                          'let the driver set the stamp when it takes the sample')
     bare = found('dying', 'what', remedy='look')
     assert (bare.unit, bare.measure, bare.evidence, str(bare)) == ('', '', '', 'what; look')
     assert bare.as_dict() == {'kind': 'dying', 'what': 'what', 'remedy': 'look'}

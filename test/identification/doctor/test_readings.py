@@ -63,6 +63,7 @@ def test_positions(change: Change, kind: str, size: float) -> None:
     item = found(of('q', change))[kind]
     assert item.channels == ('j1',)
     assert item.size == pytest.approx(size, rel=0.1, abs=0.01)
+    assert (' rad' in item.what) is (kind not in ('positions_wrapped', 'stale'))
 
 
 @pytest.mark.parametrize(('change', 'kind'), [

@@ -186,7 +186,7 @@ def test_several_visits_to_the_end_of_the_range_are_a_saturation(recording: Reco
     values = np.minimum(400.0 * np.sin(2.0 * t), 150.0)
     finding, = _found(_strain(recording, values))
     assert (finding.kind, finding.size) == ('saturated', 150.0)
-    assert 'for longest at' in finding.what
+    assert 'its longest saturation begins at' in finding.what
 
 
 def test_zeros_of_a_filter_that_has_not_begun(recording: Recording) -> None:

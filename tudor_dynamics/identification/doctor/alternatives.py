@@ -173,8 +173,8 @@ def directions(case: Case) -> Iterator[Alternative]:
         flip = _scaled(len(names), i, -1.0)
         turned = [{'effort': flip}] if i in shared else []
         if len(case.now) > 1:
-            moved = _moved(case, 'joint_sign', (name,), flip, f'position of {name} counts '
-                           'against the direction of its axis in the kinematics', -1.0)
+            moved = _moved(case, 'joint_sign', (name,), flip, f'position of {name} '
+                           'increases against its axis in the URDF or D-H rows', -1.0)
             for mixed in ({}, *turned):
                 yield replace(moved, mixed=mixed)
         for mixed in turned:
@@ -299,7 +299,7 @@ def exchanges(case: Case) -> Iterator[Alternative]:
         for what, mixed in ([('positions', {}), ('names', {'effort': swap})]
                             if 'effort' in case.outputs else [('names', {})]):
             yield replace(moved, mixed=mixed,
-                          what=f'{what} of {names[i]} and {names[j]} are exchanged')
+                          what=f'{what} of joints {names[i]} and {names[j]} are exchanged')
     for output, what in (('effort', 'efforts'), ('strain', 'gauges')):
         if output in case.outputs:
             names = case.bodies[output].channels

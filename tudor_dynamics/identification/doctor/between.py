@@ -213,7 +213,7 @@ def _loads(
         return [found('payload_wrong', f'the stated payloads of {shown} kg contradict each '
                       'other: one of them is wrong', ', '.join(names[k] for k, _ in chosen))]
     load = 'a different one' if math.isnan(mass) else f'about {max(mass, 0.0):.2g} kg'
-    what = f'the stated payload is {masses[j]:g} kg, but compared with the other bags it is {load}'
+    what = f'the stated payload is {masses[j]:g} kg, but the other bags suggest {load}'
     if math.isnan(mass):
         return [found('payload_wrong', what, names[j])]
     mass = max(mass, 0.0)

@@ -44,7 +44,6 @@ from tudor_dynamics.load.settings import BELIEVED
 from tudor_dynamics.signals.preprocessing import Timing
 from tudor_dynamics.typing import FloatArray
 
-
 BROKEN = ('constant', 'held', 'dying', 'saturated', 'alternating', 'copied_channel')
 """Findings of channels whose values no description is judged by."""
 
@@ -61,22 +60,22 @@ def _table(arm: Arm) -> tuple[list[Finding], Arm]:
     if rows is None:
         reach = sum(float(np.linalg.norm(place.translation))
                     for place in list(arm.full_model.jointPlacements)[1:])
-        if reach > settings.LONGEST_ARM:
-            findings.append(found(
-                'dh_in_millimetres', f'the URDF reaches {reach:.4g} m: its lengths look like '
-                'millimetres', size=reach, remedy='scale the origins in the URDF by 0.001'))
-        return findings, arm
+        return [] if not reach > settings.LONGEST_ARM else [found(
+            'dh_in_millimetres', f'the URDF reaches {reach:.4g} m (limit '
+            f'{settings.LONGEST_ARM:g}): its lengths look like millimetres', size=reach,
+            remedy='scale the origins in the URDF by 0.001')], arm
     a, alpha, d, theta = np.array(rows).T
     reach = float(sum(np.abs(a) + np.abs(d)))
     if reach > settings.LONGEST_ARM:
         a, d = a / 1000.0, d / 1000.0
-        findings.append(found('dh_in_millimetres', f'the D-H rows reach {reach:.4g} m: their '
-                              'lengths look like millimetres', size=reach))
+        findings.append(found(
+            'dh_in_millimetres', f'the D-H rows reach {reach:.4g} m (limit '
+            f'{settings.LONGEST_ARM:g}): their lengths look like millimetres', size=reach))
     largest = float(np.abs([alpha, theta]).max())
     if largest > settings.TURN:
         alpha, theta = np.radians(alpha), np.radians(theta)
-        findings.append(found('dh_in_degrees', f'the D-H rows have an angle of {largest:.4g} rad: '
-                              'their angles look like degrees', size=largest))
+        findings.append(found('dh_in_degrees', f'the D-H rows have an angle of {largest:.4g} rad, '
+                              'more than a turn: their angles look like degrees', size=largest))
     if not findings:
         return [], arm
     return findings, _rebuilt(arm, {'kinematics': {
@@ -91,11 +90,12 @@ def _gauges(arm: Arm) -> tuple[list[Finding], Arm]:
         length = link_length(arm, gauge)
         if not gauge.distance > (1.001 * length if length else settings.LONGEST_ARM):
             continue
-        reach = f', whose link is {length:.4g} m long' if length else ''
-        what = f'gauge {gauge.name} is {gauge.distance:.4g} m from joint {gauge.joint}{reach}'
-        kind = 'gauge_beyond_link'
-        if gauge.distance > 1.0 and gauge.distance / 1000.0 <= (length or settings.LONGEST_ARM):
-            kind, what = 'gauge_in_millimetres', f'{what}: probably given in mm'
+        limit = length or settings.LONGEST_ARM
+        kind, what = 'gauge_beyond_link', (
+            f'distance of gauge {gauge.name} is {gauge.distance:.4g} m, but the link of joint '
+            f'{gauge.joint} is no longer than {limit:.4g} m')
+        if gauge.distance > 1.0 and gauge.distance / 1000.0 <= limit:
+            kind, what = 'gauge_in_millimetres', f'{what}: the distance seems to be in mm'
             content['distance'] = gauge.distance / 1000.0
             mended = _rebuilt(arm, {'gauges': gauges})
         findings.append(found(kind, what, channels=(gauge.name,), size=gauge.distance))
@@ -104,9 +104,8 @@ def _gauges(arm: Arm) -> tuple[list[Finding], Arm]:
 
 def link_length(arm: Arm, gauge: GaugeSpec) -> float | None:
     """Say how far a gauge's link reaches along its direction [m]; None where that is not known."""
-    model = arm.full_model
+    model, direction = arm.full_model, unit_vector(gauge.direction)
     joint = model.getJointId(gauge.joint)
-    direction = unit_vector(gauge.direction)
     places = [model.jointPlacements[i].translation for i in range(1, model.njoints)
               if model.parents[i] == joint]
     places += [frame.placement.translation for frame in model.frames
@@ -155,10 +154,9 @@ def _of_output(case: Case, output: str, predicted: FloatArray) -> Finding | None
 
 def changed_gauges(case: Case, predicted: FloatArray) -> list[Finding]:
     """Find gauges whose gain or zero is not that of the training: predicted (n, gauges)."""
-    measured = case.outputs['strain']
+    measured, sound = case.outputs['strain'], case.sound['strain']
     parts = np.array_split(np.arange(len(measured)), settings.GAUGE_PARTS)
     effect, said = np.zeros(measured.shape[1]), []
-    sound = case.sound['strain']
     sure = sound.copy()
     for i, (expected, gauge) in enumerate(zip(predicted.T, case.arm.gauges, strict=True)):
         left, size = measured[:, i] - expected, max(float(np.std(measured[:, i])), 1e-300)
@@ -205,10 +203,13 @@ def examine_all(
 ) -> list[Examined]:
     """Look at bags of one arm, under the names by which they were chosen."""
     of_description, mended = suspects(arm)
+    units = {('q', name): ' m' if arm.is_prismatic(name) else ' rad' for name in arm.active_joints}
+    units |= {('effort', joint.name): f' {joint.effort.unit}' for joint in arm.joints}
+    units |= {('strain', gauge.name): f' {gauge.unit}' for gauge in arm.gauges}
     seen = []
     for bag in bags:
         clean, findings = look_at_samples(replace(bag.recording, path=str(bag.choice)),
-                                          arm.active_joints, arm.gauge_names, bag.timing)
+                                          arm.active_joints, arm.gauge_names, bag.timing, units)
         findings, decimated = not_listed(arm, clean) + findings, decimate(clean)
         if decimated is not None:
             rings = rings_on(arm, clean)
@@ -240,12 +241,11 @@ def not_listed(arm: Arm, recording: Recording) -> list[Finding]:
              if name in arm.held_joints and span > settings.MOVING_SPAN}
     if not moved:
         return []
-    most = max(moved, key=lambda name: moved[name])
+    most, span = max(moved.items(), key=lambda item: item[1])
     unit = 'm' if arm.is_prismatic(most) else 'rad'
     return [replace(found(
         'joint_not_listed', f'moving, but not active in the arm description: {", ".join(moved)} '
-        f'({most} moves by {moved[most]:.3g} {unit})', recording.path, tuple(moved),
-        size=moved[most]), unit=unit)]
+        f'({most} by {span:.3g} {unit})', recording.path, tuple(moved), size=span), unit=unit)]
 
 
 def rings_on(arm: Arm, recording: Recording) -> list[Finding]:

@@ -36,7 +36,7 @@ NAMES = 'correct names and order of the values in the driver, or the names in th
 UNIT = 'correct joints[].effort.unit in the arm description, or scale the efforts in the driver'
 CHANGED = 'check bond, cable and amplifier of the gauge; if they are fine, fit again with this bag'
 PLACE = 'give gauges[].distance in the arm description in metres, from joint axis along the link'
-STEPPED = 'check amplifier and connectors, or use the bag before or after the change: BAG@5s-50s'
+STEPPED = 'check amplifier and connectors, or use the part before or after the change: BAG@5s-50s'
 CHECKS = {
     'gravity_axis': Check('the arm description has a wrong gravity vector', '', 'deg', RESIDUAL),
     'dh_in_millimetres': Check('lengths of the kinematics look like millimetres', 'give a and d '
@@ -95,16 +95,17 @@ CHECKS = {
     'position_held': Check('a position freezes for a while', 'check encoder and bus, or use only '
                            'a sound part of the bag, such as BAG@5s-50s', 's', one_bag=True),
     'coarse_positions': Check('positions have a coarse resolution',
-                              'publish positions with the full resolution of the encoder'),
+                              'let the driver publish the full resolution of the encoder'),
     'noisy_positions': Check('positions are noisy', 'check the shielding of the encoder cable'),
     'stale': Check('positions repeat while the joint moves',
-                   'publish each reading once, with the stamp at which it was taken'),
+                   'let the driver publish each reading once, with the stamp of its sampling'),
     'filled': Check('lost samples were filled by interpolation', 'record without filling gaps: a '
                     'fit leaves gaps out by itself', 's', one_bag=True),
     'copied_channel': Check('two channels have the same values', NAMES),
     'alternating': Check('a channel has zeros between its samples',
-                         'publish a value only when one was measured'),
-    'rectified': Check('a channel has lost its sign', 'publish signed values', '', RESIDUAL),
+                         'let the driver publish a value only when one was measured'),
+    'rectified': Check('a channel has lost its sign', 'let the driver publish signed values', '',
+                       RESIDUAL),
     'coarse_channel': Check('a channel has a coarse resolution', 'match the measuring range of '
                             'sensor or driver to the signal'),
     'hum': Check('a channel has a steady oscillation of one frequency', 'check grounding and '
@@ -175,11 +176,10 @@ class Finding:
         """Put the evidence in words; empty where the sentence has it all."""
         if self.now is None:
             return ''
-        if self.measure == UNSEEN and self.otherwise is not None:
-            return (f'prediction error on data left out of the fit: {100 * self.now:.2g} % now, '
-                    f'{100 * self.otherwise:.2g} % with the remedy')
-        other = '' if self.otherwise is None else f', {self.otherwise:.3g} with the remedy'
-        return f'{self.measure} {self.now:.3g}{other}'
+        now, otherwise = (
+            '' if value is None else f'{100 * value:.3g} %' if self.measure.startswith('relative')
+            else f'{value:.3g}' for value in (self.now, self.otherwise))
+        return f'{self.measure}: {now}' + (otherwise and f' now, {otherwise} with the remedy')
 
     def __str__(self) -> str:
         """Write what, evidence and remedy on one line."""

@@ -61,7 +61,7 @@ def trends(chosen: Alternative) -> list[Finding]:
                     and abs(rise) > settings.DRIFT_SIZE * float(np.std(y))
                     and (step is None or both < (step.otherwise or 0.0) ** 2)):
                 findings.append(_found(
-                    chosen, 'drift', name, i, f'drifts by {rise:.4g} {units[i]} in '
+                    chosen, 'drift', name, i, f'drifts by {rise:.4g} {units[i]} within '
                     f'{t[-1] - t[0]:.4g} s', rise, now, both))
                 continue
             odd = (_without_sign(chosen, name, i) or step or _wave(chosen, name, i, shares[i])
@@ -79,8 +79,9 @@ def _at_once(findings: list[Finding]) -> list[Finding]:
     names, at = tuple(item.channels[0] for item in steps), float(np.median(times))
     most = max(steps, key=lambda item: item.now or 0.0)
     return [item for item in findings if item not in steps] + [found(
-        'payload_changed', f'{", ".join(names)} change at about {at:.1f} s: a load was picked up '
-        'or put down', most.bag, names, time=at, now=most.now, otherwise=most.otherwise)]
+        'payload_changed', f'readings of {", ".join(names)} change together at about {at:.1f} s: '
+        'a load was probably picked up or put down', most.bag, names, time=at, now=most.now,
+        otherwise=most.otherwise)]
 
 
 def _dies(explained: Explained, channel: int, t: FloatArray, y: FloatArray) -> float | None:
@@ -151,9 +152,8 @@ def _without_sign(chosen: Alternative, name: str, i: int) -> Finding | None:
             guess = explained.predicted(i, signed, everything)
         # of the same spread: a guess that turns a large constant load makes one of its own
         best = min(best, float(share_of(signed - guess, y)))
-    if best > settings.SIGNED * now:
-        return None
-    return _found(chosen, 'rectified', name, i, 'is never negative: sign is lost', 0.0, now, best)
+    return None if best > settings.SIGNED * now else _found(
+        chosen, 'rectified', name, i, 'is never negative: its sign is lost', 0.0, now, best)
 
 
 def _step(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding | None:
@@ -239,10 +239,9 @@ def _wave(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
 
 def _unexplained(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
     """Say that most of a channel is left, and no check has found a cause: now, its share."""
-    if now < settings.UNEXPLAINED ** 2 or ringing(chosen, name):
-        return None
-    return _found(chosen, 'unexplained', name, i, f'does not fit the model: {100 * now:.0f} % of '
-                  'its variance is unexplained, and no check finds a cause', 0.0, now)
+    return None if now < settings.UNEXPLAINED ** 2 or ringing(chosen, name) else _found(
+        chosen, 'unexplained', name, i, f'does not fit the model: {100 * now:.0f} % of its '
+        f'variance is unexplained (limit {100 * settings.UNEXPLAINED ** 2:.0f} %)', 0.0, now)
 
 
 # -- Outputs that come late

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 import math
@@ -48,6 +48,7 @@ class Channel:
     column: int  # column of the array
     values: FloatArray  # samples in their unit, (n,)
     bag: str
+    unit: str  # of its values, after a blank; empty where it is not known
 
     def found(self, kind: str, what: str, time: float, size: float, remedy: str = '') -> Finding:
         """Say what it does."""
@@ -57,9 +58,11 @@ class Channel:
 
 def channels(
     recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
+    units: Mapping[tuple[str, str], str],
 ) -> list[Channel]:
     """List positions, efforts and strains, by joint and gauge."""
-    return [Channel(field, name, i, values[:, i], recording.path)
+    return [Channel(field, name, i, values[:, i], recording.path, units.get(
+                (field, name), ' rad or m' if field == 'q' else ''))
             for field, names in (('q', joints), ('effort', joints), ('strain', gauges))
             if (values := getattr(recording, field)) is not None
             for i, name in enumerate(names)]
@@ -79,11 +82,11 @@ def until(recording: Recording, time: float) -> str:
 
 def look_at_samples(
     recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
-    retimed: Timing | None = None,
+    retimed: Timing | None = None, units: Mapping[tuple[str, str], str] | None = None,
 ) -> tuple[Recording, list[Finding]]:
     """Look at what needs no description: samples and stamps; give the bag without outliers."""
-    clean, findings = outliers(recording, channels(recording, joints, gauges))
-    items, moves = channels(clean, joints, gauges), moving(clean)
+    clean, findings = outliers(recording, channels(recording, joints, gauges, units or {}))
+    items, moves = channels(clean, joints, gauges, units or {}), moving(clean)
     if moves.any():
         findings += [*flat(clean, items, moves), *look_at_readings(clean, items),
                      *standstill(clean, moves)]
@@ -152,26 +155,26 @@ def _jump(recording: Recording, item: Channel) -> Finding | None:
     if not len(places):
         return None
     first, size, at = int(places[0]), float(excess[places[0]]), float(t[places[0] + 1])
-    times = 'once' if len(places) == 1 else f'{len(places)} times'
+    times, since = ('once', 'at') if len(places) == 1 else (f'{len(places)} times', 'first at')
     if math.isclose(abs(size), 2.0 * math.pi, rel_tol=settings.WRAPPED):
-        return item.found('positions_wrapped', f' jumps {times} by a full turn, first at '
+        return item.found('positions_wrapped', f' jumps {times} by a full turn, {since} '
                           f'{at:.2f} s', at, size)
     begins, lengths = runs(item.values)
     run = int(np.searchsorted(begins, first, 'right')) - 1
     held = float(t[first] - t[begins[run]])
     if held > settings.HELD_BEFORE and lengths[run] > settings.HELD_RUN * np.median(lengths):
         return item.found('position_held', f' stays at {item.values[first]:.4g} for {held:.2g} s, '
-                          f'then jumps by {size:.3g} rad (or m) at {at:.2f} s', at - held, held)
-    return item.found('position_jump', f' jumps {times} by up to {np.abs(excess).max():.3g} rad '
-                      f'(or m) between two samples, first at {at:.2f} s', at, size)
+                          f'then jumps by {size:.3g}{item.unit} at {at:.2f} s', at - held, held)
+    return item.found('position_jump', f' jumps {times} by up to {np.abs(excess).max():.3g}'
+                      f'{item.unit} between two samples, {since} {at:.2f} s', at, size)
 
 
 def _noisy(recording: Recording, item: Channel) -> Finding | None:
     """Find positions that change from sample to sample as no arm can."""
     noise = float(np.median(np.abs(np.diff(item.values, 3)))) / math.sqrt(20.0) / 0.6745
-    if noise < settings.NOISY:
-        return None
-    return item.found('noisy_positions', f' has noise of {noise:.2g} rad (or m) rms', 0.0, noise)
+    return None if noise < settings.NOISY else item.found(
+        'noisy_positions', f' has noise of {noise:.2g}{item.unit} rms (limit {settings.NOISY:g})',
+        0.0, noise)
 
 
 def _stale(recording: Recording, item: Channel) -> Finding | None:
@@ -183,10 +186,9 @@ def _stale(recording: Recording, item: Channel) -> Finding | None:
     fast = gone > max(0.5 * float(np.percentile(gone, 95)), settings.STALE_LEAST)
     same = np.diff(item.values)[width // 2:][:len(fast)] == 0.0
     share = float(np.mean(same[fast[:len(same)]])) if fast[:len(same)].any() else 0.0
-    if share < settings.STALE:
-        return None
-    return item.found('stale', f' repeats the previous value in {100 * share:.0f} % of the '
-                      f'samples of fast motion, at {1.0 / recording.dt:.4g} samples/s', 0.0, share)
+    return None if share < settings.STALE else item.found(
+        'stale', f' repeats the previous value in {100 * share:.0f} % of the samples of fast '
+        f'motion (at {1.0 / recording.dt:.4g} Hz)', 0.0, share)
 
 
 def _alternating(recording: Recording, item: Channel) -> Finding | None:
@@ -194,10 +196,9 @@ def _alternating(recording: Recording, item: Channel) -> Finding | None:
     x = item.values
     far = settings.FAR_FROM_ZERO * float(np.std(x))
     share = float(np.mean((x[1:-1] == 0.0) & (x[:-2] * x[2:] > far ** 2)))
-    if share < settings.ALTERNATING:
-        return None
-    return item.found('alternating', f' is zero between two nonzero samples, in '
-                      f'{100 * share:.0f} % of all samples', 0.0, share)
+    return None if share < settings.ALTERNATING else item.found(
+        'alternating', f' is zero between nonzero neighbours in {100 * share:.0f} % of its '
+        'samples', 0.0, share)
 
 
 def _noise_alone(recording: Recording, item: Channel) -> Finding | None:
@@ -205,10 +206,9 @@ def _noise_alone(recording: Recording, item: Channel) -> Finding | None:
     x = item.values - item.values.mean()
     power = float(x @ x)
     same = [abs(float(x[k:] @ x[:-k])) / power for k in range(1, settings.WHITE_LAGS + 1)]
-    if max(same) > settings.WHITE / math.sqrt(len(x)):
-        return None
-    return item.found('constant', f' shows nothing but noise around {item.values.mean():.4g}', 0.0,
-                      float(item.values.mean()))
+    mean = float(item.values.mean())
+    return None if max(same) > settings.WHITE / math.sqrt(len(x)) else item.found(
+        'constant', f' shows nothing but noise around {mean:.4g}{item.unit}', 0.0, mean)
 
 
 def _coarse(recording: Recording, item: Channel) -> Finding | None:
@@ -218,10 +218,12 @@ def _coarse(recording: Recording, item: Channel) -> Finding | None:
     if item.field == 'q':
         coarse = step > settings.COARSE and len(levels) > settings.COARSE_LEVELS
         return None if not coarse else item.found(
-            'coarse_positions', f' changes in steps of {step:.3g} rad (or m)', 0.0, step)
+            'coarse_positions', f' changes in steps of {step:.3g}{item.unit} (limit '
+            f'{settings.COARSE:g})', 0.0, step)
     if len(levels) > settings.LEVELS or len(item.values) < settings.LEVELS ** 2:
         return None
-    return item.found('coarse_channel', f' has only {len(levels)} different values', 0.0, step)
+    return item.found('coarse_channel', f' has only {len(levels)} different values, although more '
+                      f'than {settings.LEVELS} are expected', 0.0, step)
 
 
 def sizes(case: Case) -> list[Finding]:
@@ -260,8 +262,8 @@ def _efforts(case: Case) -> list[Finding]:
     most = max(over, key=lambda i: largest[i] / bounds[i])
     now = float(largest[most])
     return [found(
-        'effort_unit', f'effort of {", ".join(chosen)} reaches {now:.4g} {units[most]}, which is '
-        f'implausible: it looks like m{units[most]}', case.recording.path, chosen,
+        'effort_unit', f'effort of {", ".join(chosen)} reaches {now:.4g} {units[most]} (limit '
+        f'{bounds[most]:.4g}): it looks like m{units[most]}', case.recording.path, chosen,
         size=1000.0, now=now, otherwise=now / 1000.0, measure='largest effort')]
 
 
@@ -275,12 +277,8 @@ def _by_masses(case: Case, known: Described) -> list[Finding]:
     if 1.0 / settings.FEW_TIMES < ratio < 1e3 / settings.FEW_TIMES:
         return []  # rough masses; no unit is a few times larger
     unit = units[described[0]]
-    if ratio > 1.0:
-        size, other = 1000.0, f'm{unit}'
-    elif ratio < 1.0 / settings.THOUSANDTH:
-        size, other = 0.001, f'k{unit}'
-    else:
-        size, other = ratio, 'currents in A'
+    size = 1e3 if ratio > 1.0 else 1e-3 if ratio < 1.0 / settings.THOUSANDTH else ratio
+    other = {1e3: f'm{unit}', 1e-3: f'k{unit}'}.get(size, 'currents in A')
     return [found(
         'effort_unit', f'all efforts are {ratio:.3g} times what the masses in the URDF need: '
         f'they look like {other}, not {unit}', case.recording.path, case.arm.active_joints,
@@ -305,8 +303,8 @@ def outliers(
         size = float(np.max(np.abs(values[where, item.column] - item.values[where])))
         at = float(recording.t[where[0]])
         many = f'{len(where)} samples' if len(where) > 1 else 'one sample'
-        findings.append(item.found('outlier', f' has {many} up to {size:.4g} away from the '
-                                   f'neighbouring ones, first at {at:.3f} s', at, size))
+        findings.append(item.found('outlier', f' differs from its neighbours by up to {size:.4g}'
+                                   f'{item.unit} in {many}, first at {at:.3f} s', at, size))
     return replace(recording, **changed) if changed else recording, findings
 
 
@@ -341,7 +339,7 @@ def flat(
         if np.ptp(item.values) == 0.0:
             value = float(item.values[0])
             findings.append(item.found(
-                'constant', f' never changes (always {value:.4g})', 0.0, value))
+                'constant', f' never changes (always {value:.4g}{item.unit})', 0.0, value))
         else:
             findings.append(_held(recording, item, moves) or _saturated(recording.t, item))
     return [finding for finding in findings if finding is not None]
@@ -387,13 +385,13 @@ def _held(
         return None
     value = float(values[begin])
     if end >= len(t) - 1:
-        return item.found('dying', f' stays at the value {value:.4g} from {at:.2f} s to the end',
+        return item.found('dying', f' stays at {value:.4g}{item.unit} from {at:.2f} s to the end',
                           at, seconds, until(recording, at))
     if (value in (values.min(), values.max()) and len(others) > 2
             and int(others[2]) * settings.VISITS > longest):
         return None  # several visits to the end of the range are a saturation
-    return item.found('held', f' stays at the value {value:.4g} for {seconds:.3g} s from {at:.2f} '
-                      's on, while the arm moves', at, seconds)
+    return item.found('held', f' stays at {value:.4g}{item.unit} for {seconds:.3g} s from '
+                      f'{at:.2f} s on, while the arm moves', at, seconds)
 
 
 def _saturated(t: FloatArray, item: Channel) -> Finding | None:
@@ -408,9 +406,9 @@ def _saturated(t: FloatArray, item: Channel) -> Finding | None:
                 and share > settings.FLAT_SHARE):
             begin = float(times[flats >= settings.FLAT][0])
             return item.found(
-                'saturated', f' is saturated at {bound:.4g} in {100 * share:.2g} % of samples, '
-                f'first at {begin:.2f} s, for longest at {times[np.argmax(flats)]:.2f} s',
-                begin, bound)
+                'saturated', f' is saturated at {bound:.4g}{item.unit} in {100 * share:.2g} % of '
+                f'samples, first at {begin:.2f} s; its longest saturation begins at '
+                f'{times[np.argmax(flats)]:.2f} s', begin, bound)
     return None
 
 
