@@ -232,9 +232,8 @@ class OscillationDamperNode(MovingNode):
         if self.crowded:
             return self.crowded
         if controller.state is State.HOLDING:
-            lost, known = controller.unreferenced, controller.reference.known
-            hint = '' if known and not lost else f'; start what sends {JOINT_REFERENCE}'
-            return STALE if lost else WARN, f'{controller.cause}: the joints are held{hint}'
+            return (STALE if controller.unreferenced else WARN,
+                    f'the joints are held: {controller.cause}')
         delay = gains.delay.delay
         if gains.allowed_share < 1.0 and delay is not None:
             off = 'is off' if gains.allowed_share == 0.0 else 'acts with reduced gain'

@@ -416,7 +416,7 @@ class TudorNode(Node):
 
     def about(self) -> dict[str, str]:
         """Give what the line at the start says; subclasses add to it."""
-        about = {name: str(self.get_parameter(name).value) for name in (
+        about: dict[str, str] = {name: str(self.get_parameter(name).value) for name in (
             'model', 'kind', 'arm', 'bag', 'rate') if name in self.params}
         for name, of in (('hears', self.subscriptions), ('publishes', self.publishers)):
             about[name] = ' '.join(item.topic_name for item in of
