@@ -311,3 +311,15 @@ def test_a_shell_completes(typed: str, answers: set[str]) -> None:
         ['bash', '-c', f'{sys.executable} -m tudor_dynamics 8>&1 9>/dev/null'],
         env=os.environ | asked, capture_output=True, text=True, check=True)
     assert set(done.stdout.split()) == answers
+
+
+@pytest.mark.parametrize(('words', 'name'), [
+    (['excite', '--floor', '0', '--meshes', 'a', 'b', '--arm', 'x', '--out', 'plan'], 'arm'),
+    (['simulate', '--arm', 'x', '--modes', '3'], 'arm'),
+    (['tune', '--arm', 'x', '--model', 'm', '--out', 'y'], 'arm'),
+    (['export', '--to', 'urdf', '--model', 'x', '--out', 'y'], 'model')])
+def test_arm_and_model_have_one_name(words: list[str], name: str) -> None:
+    """Where a bare word names them, the option of the other commands does, too."""
+    args = entry.build_parser(words[0]).parse_args(words)
+    assert getattr(args, name) == 'x'
+    assert args.out in (None, 'plan', 'y')

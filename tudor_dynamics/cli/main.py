@@ -85,12 +85,18 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refuse unknown options before it is said that others are missing."""
-        for word in args or ():
+        words = list(args or ())
+        for name in ('arm', 'model'):  # --arm and --model work where a bare word names them, too
+            if f'--{name}' in words[:-1] and any(action.dest == name and not action.option_strings
+                                                 for action in self._actions):
+                place = words.index(f'--{name}')
+                words = [words[place + 1], *words[:place], *words[place + 2:]]
+        for word in words:
             name = word.partition('=')[0]
             if name.startswith('--') and len(name) > 2 and self.prog != 'tudor' and not any(
                     option.startswith(name) for option in self._option_string_actions):
                 self.error(f'there is no {name}{meant(name, self._option_string_actions)}')
-        return super().parse_known_args(args, namespace)
+        return super().parse_known_args(words, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Say in one line what is wrong, and where help is."""
