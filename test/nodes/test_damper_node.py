@@ -209,7 +209,9 @@ def test_a_damper_that_hears_no_positions(world: World, tudor: Path) -> None:
     assert not arm.wait(0.2).any()
     status = arm.told()
     assert status.level == DiagnosticStatus.STALE
-    assert status.message == 'no joint positions arrive on joint_states: no commands are sent'
+    assert status.message == (
+        'no joint positions arrive on joint_states, so no commands are sent: start the driver '
+        'of the arm')
     assert arm.run(400)[-50:].any() and arm.told().message == 'running'
 
 

@@ -52,8 +52,7 @@ class ArmSimulatorNode(TudorNode):
         super().__init__('arm_simulator', **kwargs)
         self.arm: ArmProcess | None = None
         self._answer, self._commanded = Event(), -math.inf  # to the newest sample; when one came
-        self._lock = Lock()
-        self.late = 0
+        self._lock, self.late = Lock(), 0
         try:
             description = self.described_arm('links and motors', 'a simulated arm')
             self.arm = ArmProcess(
@@ -207,7 +206,8 @@ class ArmSimulatorNode(TudorNode):
             return ERROR, (f'{self.arm.failure}; the arm rests at its initial pose and takes no '
                            'commands until you call ~/reset')
         if level != OK:
-            return WARN, f'no commands arrive on {VELOCITY_COMMANDS}: the joints stand still'
+            return WARN, (f'no commands arrive on {VELOCITY_COMMANDS}, so the joints stand still: '
+                          'start oscillation_damper')
         return level, message
 
 

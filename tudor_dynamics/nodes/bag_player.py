@@ -74,14 +74,14 @@ class BagPlayerNode(TudorNode):
         self._run_beside(self._play)
 
     def _open(self) -> None:
-        if not self.value('bag'):
+        bag, offset = self.value('bag'), float(self.value('start_offset'))
+        if not bag:
             raise BagError('no bag: set the parameter bag to a rosbag2 directory, .mcap or .db3')
-        self.track = track = read_track(self.value('bag'), self.value('topics'))
-        self._first = int(np.searchsorted(
-            track.time, track.time[0] + round(float(self.value('start_offset')) * 1e9)))
+        self.track = track = read_track(bag, self.value('topics'))
+        self._first = int(np.searchsorted(track.time, track.time[0] + round(offset * 1e9)))
         if self._first == len(track.time):
             raise BagError(f'the bag lasts {(track.time[-1] - track.time[0]) * 1e-9:.3f} s; lower '
-                           f'the parameter start_offset, now {self.value("start_offset"):g} s')
+                           f'the parameter start_offset, now {offset:g} s', place=bag)
         for topic, msgtype in track.topics.items():
             try:
                 kind = message_class(msgtype)

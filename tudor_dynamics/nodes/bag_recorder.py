@@ -46,6 +46,7 @@ class BagRecorderNode(TudorNode):
         super().__init__('bag_recorder', **kwargs)
         self.writer: LiveWriter | None = None
         self.recorded: dict[str, Any] = {}
+        self._own = 'the topics to record'
         try:
             if not self.value('bag'):
                 raise BagError('no bag: set the parameter bag to the directory to create')
@@ -99,14 +100,13 @@ class BagRecorderNode(TudorNode):
             return
         if not known:
             self.recorded[topic] = None
-            self.get_logger().warning(f'cannot record {topic}, a {msgtype}: use ros2 bag record')
+            self.get_logger().warning(f'unknown type {msgtype}: record {topic} by ros2 bag record')
             return
         reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offers)
         kept = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offers)
         qos = QoSProfile(
             depth=RECORDER_DEPTH,
-            reliability=(ReliabilityPolicy.RELIABLE if reliable
-                         else ReliabilityPolicy.BEST_EFFORT),
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=(DurabilityPolicy.TRANSIENT_LOCAL if kept
                         else DurabilityPolicy.VOLATILE))
         self.recorded[topic] = self.create_subscription(

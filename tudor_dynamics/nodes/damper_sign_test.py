@@ -63,8 +63,8 @@ class SignTester(Trial):
 
     def needs(self) -> list[Any]:
         """Wait for strains, too."""
-        return [*super().needs(),
-                (lambda: all(len(heard) > 1 for heard in self._strain), 'strains of all gauges')]
+        return [*super().needs(), (lambda: all(len(heard) > 1 for heard in self._strain),
+                                   f'strains on {", ".join(self.arm.topics["strain"])}')]
 
     def listen(self, gauge: int, seconds: float, *, watch: bool = False) -> StepResponse:
         """Record the strain of a gauge; with ``watch`` the damper goes off where it grows."""

@@ -102,7 +102,7 @@ class JointTester(Trial):
         self._activate(True)
         self._commands = 0
         if not self.spin_until(lambda: self._commands > 0, PATIENCE):
-            raise TudorError(self._hinted(f'{DAMPER} sends nothing on {VELOCITY_COMMANDS}'))
+            raise TudorError(self._hinted(f'{DAMPER} sends no {VELOCITY_COMMANDS}; see its log'))
 
     def _hinted(self, what: str) -> str:
         return '; '.join([what, *(f'{name} says: {text}' for name, text in self._said.items())])
@@ -157,7 +157,7 @@ class JointTester(Trial):
         self.set_damping(damping)
         if not answer.right:
             end = (f'{DAMPER} is inactive now: correct this, then test again before any motion'
-                   if answer.right is False else 'unclear: test again with a larger --step')
+                   if answer.right is False else 'unclear: take a larger --step or --slide')
             print(self._hinted(end))
             return 1
         if set(joints) == set(self.arm.active_joints) and self._tested.service_is_ready():
@@ -170,7 +170,7 @@ class JointTester(Trial):
 
 
 parser = trial_parser(
-    'joint_test', 'Move each joint a little: it must follow its own commands, as far as these.',
+    'joint_test', 'Move each joint a little: it alone must move, as far as commanded.',
     ['--arm my_arm.yaml', '--arm my_arm.yaml --controller velocity_controller --step 1'],
     '0 all joints are right, 1 one is wrong or unclear', math.degrees(NUDGE), 1e3 * NUDGE_SLIDE)
 parser.add_argument('--controller', metavar='NAME',

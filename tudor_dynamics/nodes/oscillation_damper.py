@@ -106,7 +106,7 @@ class OscillationDamperNode(MovingNode):
             controller.adaptation = Adaptation(
                 load_schedule(self.value('gain_schedule'), arm), controller.planned.acceleration)
         for text in controller.limits.missing:
-            self.get_logger().warning(f'{text} is described; add it to the limits of the joint')
+            self.get_logger().warning(f'{text} is described; add it to joints[].limits')
         self.controller = controller
         self._references = NamedReader(controller.joints, self.drops)
         return arm, controller.damper.gauges
@@ -213,45 +213,45 @@ class OscillationDamperNode(MovingNode):
             return level, message
         if controller.state is State.FAULT:
             return ERROR, f'{controller.cause}; joints are stopped: correct it, then call ~/reset'
-        clock = self.clocks.fault()
-        if clock:
-            return ERROR, clock
+        if clock := self.clocks.fault():
+            return ERROR, f'{self._own}: {clock}'
         if controller.blind:
-            return STALE, f'no joint positions arrive on {self._own}: no commands are sent'
+            return STALE, (f'no joint positions arrive on {self._own}, so no commands are sent: '
+                           'start the driver of the arm')
         if controller.missing:
-            return STALE, f'{controller.cause}: the damper commands standstill'
+            return STALE, (f'{self._own}: {controller.cause}; the damper commands standstill; '
+                           'check the driver of the arm')
         if self.crowded and self.crowded[0] == ERROR:
             return self.crowded
         gains = controller.gains
         if gains.excited:
             return ERROR, (f'the damper is off: {gains.excited}; run damper_sign_test, check '
                            'the gains and the loop delay, then call ~/reset')
-        bad = self._gauge_faults(controller)
-        if bad:
+        if bad := self._gauge_faults(controller):
             return ERROR, '; '.join(bad)
         if self.crowded:
             return self.crowded
         if controller.state is State.HOLDING:
-            return (STALE if controller.unreferenced else WARN,
-                    f'{controller.cause}: the joints are held')
+            lost, known = controller.unreferenced, controller.reference.known
+            hint = '' if known and not lost else f'; start what sends {JOINT_REFERENCE}'
+            return STALE if lost else WARN, f'{controller.cause}: the joints are held{hint}'
         delay = gains.delay.delay
         if gains.allowed_share < 1.0 and delay is not None:
             off = 'is off' if gains.allowed_share == 0.0 else 'acts with reduced gain'
             return WARN, (f'the damper {off}: the loop delay is '
-                          f'{1e3 * (delay + gains.late):.0f} ms; its full gain needs at most '
-                          f'{1e3 * gains.full_delay:.0f} ms')
+                          f'{1e3 * (delay + gains.late):.0f} ms; shorten it (driver, network); '
+                          f'full gain needs at most {1e3 * gains.full_delay:.0f} ms')
         gain = gains.position_gain_in_use
         if gain < gains.position_gain:
             return WARN, (f'the position gain is {gain:.2g}, not {gains.position_gain:.2g} 1/s: '
-                          'the loop delay allows no more; shorten this delay')
+                          'the loop delay allows no more; shorten it (driver, network)')
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
             return WARN, f'fixed gains: {adaptation.unknown}'
-        note = controller.reference.refusal or self.clocks.offset()
-        if note:
+        if note := controller.reference.refusal or self.clocks.offset():
             return WARN, note
         if controller.limits.missing:
-            return WARN, f'limits are not described: {"; ".join(controller.limits.missing)}'
+            return WARN, f'{"; ".join(controller.limits.missing)}; add them to joints[].limits'
         return level, message
 
     def _look(self) -> None:

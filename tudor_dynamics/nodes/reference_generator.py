@@ -275,9 +275,9 @@ class ReferenceGeneratorNode(MovingNode):
         elif alive:
             self._unwatched = f'{", ".join(self.monitors)} cannot judge the arm; see /diagnostics'
         elif self.monitors:
-            self._unwatched = f'{", ".join(self.monitors)} sends no diagnostics'
+            self._unwatched = f'{", ".join(self.monitors)} sends no diagnostics; restart it'
         else:
-            self._unwatched = f'no node publishes {COLLISION}'
+            self._unwatched = f'no node publishes {COLLISION}; start monitor'
         self.source.halt(self._unwatched if self.value('require_monitor') else '')
         self._heard = {name: item for name, item in self._heard.items() if now - item[0] < 60.0}
 

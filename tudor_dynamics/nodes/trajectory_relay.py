@@ -88,7 +88,8 @@ class TrajectoryRelayNode(TudorNode):
         except TudorError as err:
             self.fail(err)
             return
-        self.robot, self._names = arm.name, arm.active_joints
+        self.robot, self._names, self._own = arm.name, arm.active_joints, arm.spec.joint_topic
+        self._units = ['m' if arm.is_prismatic(name) else 'rad' for name in self._names]
         self.follower = Follower(hard_limits(arm))
         self._braking = replace(
             self.follower.bounds, acceleration=planned_limits(arm).acceleration)
@@ -197,7 +198,7 @@ class TrajectoryRelayNode(TudorNode):
         if self.held or self.collision:
             raise SignalError('a collision was reported', remedy='check the arm and call ~/reset')
         if self._q is None or self.steady() - self._at > self.value('timeout'):
-            raise SignalError('no joint positions arrive: start the driver of the arm')
+            raise SignalError(f'no joint positions arrive on {self._own}: start the driver')
         self._step()
         state = self._state()
         held = state.q if follower.path is None else follower.path.target
@@ -218,14 +219,14 @@ class TrajectoryRelayNode(TudorNode):
             if off.max() > self.value('start_tolerance'):
                 k = int(off.argmax())
                 raise SignalError(
-                    f'{self._names[k]} is {off[k]:.3g} rad or m away from the point that is due',
+                    f'{self._names[k]} is {off[k]:.3g} {self._units[k]} away from the point that '
+                    f'is due, more than start_tolerance {self.value("start_tolerance"):g}',
                     remedy='begin where the arm is, or raise time_from_start of the points')
             why = Path(own, whole, since).beyond(follower.bounds)
             if not why:
                 follower.leave()
                 state = own
-        why = why or follower.take(whole, since, state, follower.path is None)
-        if why:
+        if why := why or follower.take(whole, since, state, follower.path is None):
             raise SignalError(why)
         if sent is not given:
             put_trajectory(message, sent)
@@ -251,8 +252,7 @@ class TrajectoryRelayNode(TudorNode):
 
     def _state(self) -> MotionState:
         assert self.follower is not None and self._q is not None
-        none = np.zeros_like(self._q)
-        return self.follower.state or MotionState(self._q, none, none)
+        return self.follower.state or MotionState(self._q, *np.zeros((2, len(self._q))))
 
     def _step(self) -> None:
         """Follow what was forwarded; what cannot begin after all is stopped."""
@@ -301,9 +301,9 @@ class TrajectoryRelayNode(TudorNode):
         if level != OK:
             return level, message
         if self.held or self.collision:
-            return WARN, 'collision: the controller was stopped; call ~/reset to go on'
+            return WARN, 'collision: the controller was stopped; check the arm, then call ~/reset'
         if not self._output.get_subscription_count():
-            return WARN, f'no node hears {self._output.topic_name}: activate the controller'
+            return WARN, f'no node hears {self._output.topic_name}: activate that controller'
         if self.refused:
             return WARN, f'refused: {self.refused}'
         return (WARN, f'not shaped: {self.not_shaped}') if self.not_shaped else (level, message)

@@ -81,8 +81,7 @@ class Meter:
 
     def stale(self, timeout: float) -> bool:
         """Say whether nothing has come for a while, or ever [s]."""
-        return (self.last_arrival is None
-                or self._steady() - self.last_arrival > timeout)
+        return self.last_arrival is None or self._steady() - self.last_arrival > timeout
 
     def report(self, drops: Iterable[Counter[str]] = ()) -> dict[str, str]:
         """Give rate, latency and drops as texts."""
@@ -139,19 +138,19 @@ class ClockWatch:
         """Say what is wrong with the clocks, though sample times are right; empty for nothing."""
         if self._count < ENOUGH or self.age is None or -EARLY <= self.age <= OLD:
             return ''
-        where = 'in the future' if self.age < 0.0 else 'in the past'
-        return (f'stamps of the positions are {abs(self.age):.3g} s {where}: synchronize the '
-                'clocks of this machine and the driver, and set use_sim_time alike for both')
+        where, most = ('in the future', EARLY) if self.age < 0.0 else ('in the past', OLD)
+        return (f'stamps of the positions are {abs(self.age):.3g} s {where} (limit {most:g} s): '
+                'synchronize the clocks of this machine and driver, and set use_sim_time alike')
 
 
 UNUSABLE = {
-    'unknown_names': 'their names are not those of the arm description',
-    'short_array': 'their arrays are shorter than their names',
-    'not_finite': 'their values are not finite',
-    'not_one_point': 'they are not trajectories of one point',
-    'impossible_command': 'they are not valid commands for the joints of the arm',
-    'duplicate_stamp': 'they repeat the stamp of the message before',
-    'backward_stamp': 'their stamps are older than that of the message before'}
+    'unknown_names': 'a joint or gauge is missing in them; use description or model of this arm',
+    'short_array': 'they have fewer values than names or channels; correct the driver',
+    'not_finite': 'they have NaN or infinite values; check the driver',
+    'not_one_point': 'trajectories need one point each; correct the node that sends them',
+    'impossible_command': 'they need a finite value for each joint; correct the sender',
+    'duplicate_stamp': 'stamps repeat; check the driver, and for a second publisher',
+    'backward_stamp': 'stamps go backwards; check the driver, and for a second publisher'}
 """Drops that are the fault of who sends, and what they mean."""
 OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)  # topics that every node has
 
@@ -254,11 +253,11 @@ class TudorNode(Node):
 
     steady: clock by which the node takes ages, which never stops, see `SimulatedClock` [s];
     ros_time: stands for stamps that are not there [ns]; fault: empty for nothing; ended: empty
-    while it may; robot: name of the arm, once known; crowded: what `crowd` found last.
+    while it may; robot, _own: arm and topic of its positions, once known; crowded: see `crowd`.
     """
 
     depth = DEPTH  # of its queues
-    robot = ''
+    robot = _own = ''
     crowded: tuple[bytes, str] | None = None
     exit_code: int | None = None  # of the process, once a node ends by itself; set by any thread
     FIGURES: tuple[Figure, ...] = ()
@@ -417,9 +416,8 @@ class TudorNode(Node):
 
     def about(self) -> dict[str, str]:
         """Give what the line at the start says; subclasses add to it."""
-        about: dict[str, str] = {
-            name: str(self.get_parameter(name).value)
-            for name in ('model', 'kind', 'arm', 'bag', 'rate') if name in self.params}
+        about: dict[str, str] = {name: str(self.get_parameter(name).value) for name in (
+            'model', 'kind', 'arm', 'bag', 'rate') if name in self.params}
         for name, of in (('hears', self.subscriptions), ('publishes', self.publishers)):
             about[name] = ' '.join(item.topic_name for item in of
                                    if item.topic_name not in OWN_TOPICS) or 'nothing'
@@ -430,7 +428,8 @@ class TudorNode(Node):
         for name in self._parameter_overrides:  # a file may hold those of other nodes, too
             if not (self.has_parameter(name) or name.startswith('qos_overrides.')
                     or any(param.name == name for group in NODES.values() for param in group)):
-                self._unknown = f'there is no parameter {name}{meant(name, self.params)}'
+                hint = meant(name, self.params) or '; remove it, or correct its name'
+                self._unknown = f'there is no parameter {name}{hint}'
         about = ', '.join(f'{name} {value or "none"}' for name, value in self.about().items())
         self.get_logger().info(f'started: {about}')
 
@@ -446,7 +445,8 @@ class TudorNode(Node):
         if self.fault:
             return ERROR, self.fault
         if 'timeout' in self.params and self.meter.stale(float(self.value('timeout'))):
-            return STALE, 'no input'
+            topics = self._own or self.about()['hears']
+            return STALE, f'no input on {topics}: start what publishes there'
         return OK, 'running'
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:

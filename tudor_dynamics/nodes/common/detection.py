@@ -89,7 +89,7 @@ class CollisionOutput:
         node = self._node
         node.publish_diagnostics(DiagnosticStatus(
             level=WARN, name=f'{node.get_name()}: collision', hardware_id=node.hardware(),
-            message=f'collision at {event.link}, detected by {event.method}',
+            message=f'collision at {event.link}, detected by {event.method}: check the arm',
             values=[KeyValue(key=k, value=v) for k, v in values.items()]))
 
     def values(self) -> dict[str, str]:
@@ -237,8 +237,8 @@ class DetectNode(ModelNode):
         """Say which methods were asked for in vain, and which have no thresholds."""
         unserved = [m for m in self.value('methods') if m not in watch.methods]
         self._unserved = '' if not unserved else (
-            f'methods {", ".join(unserved)}: the bundle has no model that they can use with kind '
-            f'{self.value("kind")}; change the parameter methods or kind')
+            f'methods {", ".join(unserved)}: the bundle has no model of kind {self.value("kind")} '
+            '(analytical for momentum) for them; change the parameter methods or kind')
         missing = [m for m in watch.methods if m not in watch.stages]
         return '' if not missing else (
             f'the model has no thresholds for {", ".join(missing)}: run tudor fit with more '
@@ -255,8 +255,8 @@ class DetectNode(ModelNode):
         collision = values.get('false_alarms_per_hour', self.value('false_alarms_per_hour'))
         contact = values.get('contact_alarms_per_hour', self.value('contact_alarms_per_hour'))
         if contact < collision:
-            raise TudorError(f'contact_alarms_per_hour, {contact:g}, must not be less than '
-                             f'false_alarms_per_hour, {collision:g}')
+            raise TudorError(f'contact_alarms_per_hour {contact:g} is less than '
+                             f'false_alarms_per_hour {collision:g}; raise it or lower the other')
 
     def apply(self) -> None:
         super().apply()
@@ -338,8 +338,7 @@ class DetectNode(ModelNode):
         self._calibration = Calibration(
             {method: self.bundle.arm.channels[SOURCE[method]] for method in self.watch.methods},
             seconds, self.watch.stiction)
-        self._note = (f'learning thresholds from the next {seconds:g} s: move the arm, and let '
-                      'nothing touch it')
+        self._note = f'learning thresholds for {seconds:g} s: move the arm, let nothing touch it'
         return self._note
 
     def _collect(self, method: str, residual: Residual) -> None:
@@ -357,7 +356,7 @@ class DetectNode(ModelNode):
             def take() -> None:
                 if self.bundle is bundle and self.watch is not None:
                     self.watch.use_thresholds(learned, replace(settings))
-                    self._note = 'thresholds of ~/calibrate replace those of the model'
+                    self._note = 'thresholds of ~/calibrate are in use until a model is loaded'
             return take
 
         def refuse(why: str) -> None:
@@ -395,7 +394,8 @@ class DetectNode(ModelNode):
         verdict = self.coverage.verdict
         learning = self._calibration is not None and not self.watch.stages
         errors = [
-            f'{", ".join(dead)}: no change while the arm moves; check the sensor' if dead else '',
+            f'{", ".join(dead)}: no change for {self.value("stuck_time"):g} s while the arm '
+            'moves; check the sensor and its driver' if dead else '',
             self._unserved if not self.watch.methods else '',
             verdict.text if verdict.level is CoverageLevel.NONE and not learning else '']
         warnings = [

@@ -135,7 +135,7 @@ class PayloadPort:
 
     def _expect(self) -> str:
         if not isinstance(self.load, PayloadStage):
-            raise TudorError('no model to estimate the load is in use; the diagnostics say why')
+            raise TudorError('no model that estimates the load is in use; see the diagnostics')
         self.announce()
         return 'a load picked up or released within 3 s is not reported as a collision'
 
@@ -263,7 +263,7 @@ class ModelNode(TudorNode):
 
         def refuse(why: str) -> None:
             self._reload_fault = why
-            self.get_logger().error(f'{why}; the previous model stays in use')
+            self.get_logger().error(f'reload refused: {why}; correct this, then call ~/reload')
         self.in_background(load, refuse)
         return f'loading {self.source}'
 
@@ -316,7 +316,7 @@ class ModelNode(TudorNode):
         known = None if self._whole is None else self._whole.payload_range
         if known is not None and not known[0] <= self.payload <= known[1]:
             return WARN, (f'parameter payload {self.payload:g} kg is outside the {known[0]:g} to '
-                          f'{known[1]:g} kg that the model was fitted to: it extrapolates')
+                          f'{known[1]:g} kg of the model: it extrapolates; fit it to such loads')
         if self._reload_fault:
-            return ERROR, f'reload refused: {self._reload_fault}'
+            return ERROR, f'the previous model stays in use, reload refused: {self._reload_fault}'
         return level, message

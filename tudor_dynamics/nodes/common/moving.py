@@ -43,10 +43,9 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
     """
 
     FIGURES: tuple[Figure, ...] = (Figure('phase', lambda node: node.phase),)
-    feels = False
-    """Whether efforts are heard."""
-    ending = ''
-    """What a node that was shut down says."""
+    feels = False  # whether efforts are heard
+    ending = ''  # what a node that was shut down says
+    _own = 'the topic of positions'  # until the arm is known
 
     def __init__(self, name: str, gap: float, **kwargs: Any) -> None:
         TudorNode.__init__(self, name, **kwargs)

@@ -37,13 +37,13 @@ EXECUTORS = ('events', 'single')
 def new_executor(kind: str, context: Any = None) -> Any:
     """Make an executor; kind: where this rclpy has none, ``single`` is taken."""
     if kind not in EXECUTORS:
-        raise TudorError(f'--executor {kind}: expected one of {", ".join(EXECUTORS)}')
+        raise TudorError(f'--executor or TUDOR_EXECUTOR {kind}: expected {" or ".join(EXECUTORS)}')
     if kind == 'events':
         try:
             from rclpy.experimental import EventsExecutor
             return EventsExecutor(context=context)
         except ImportError:
-            print('this rclpy has no events executor; the single-threaded one is used',
+            print('this rclpy has no events executor: nothing to do, the single-threaded one runs',
                   file=sys.stderr)
     return SingleThreadedExecutor(context=context)
 

@@ -54,7 +54,8 @@ class Trial(Node):
 
     def __init__(self, name: str, arm: Arm, **kwargs: Any) -> None:
         if arm.spec.damper is None:
-            raise ArmError(f'{arm.source}: no damper is described; add the key damper')
+            raise ArmError('there is no damper section; add damper: with gauges and gains',
+                           place=arm.source)
         refuse_interfaces(arm, name)
         super().__init__(name, **kwargs)
         self.arm, self.steady = arm, steady_clock(self)
@@ -182,8 +183,7 @@ def run_trial(
                 ('step', options.step, largest[0], 'degrees'),
                 ('slide', options.slide, largest[1], 'mm')):
             if not 0.0 < value <= bound:
-                msg = f'--{name} {value:g}: expected more than 0 and at most {bound:g} {unit}'
-                raise ArmError(msg)
+                raise ArmError(f'--{name} {value:g}: expected above 0, up to {bound:g} {unit}')
         rclpy.init(args=words)
         node = make(arm)
         node.wait()
