@@ -44,7 +44,7 @@ def _check_regular(status: os.stat_result, path: Path) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise OSError(errno.EISDIR, 'is a directory', str(path))
     if not stat.S_ISREG(status.st_mode):
-        raise OSError(errno.EINVAL, 'no regular file', str(path))
+        raise OSError(errno.EINVAL, 'no regular file but a device, pipe or socket', str(path))
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -66,7 +66,7 @@ def read_bounded(path: Path, limit: int) -> bytes:
     with open_regular(path) as stream:
         data = stream.read(limit + 1)
     if len(data) > limit:
-        raise OSError(errno.EFBIG, f'larger than {limit} bytes', str(path))
+        raise OSError(errno.EFBIG, f'larger than {limit} bytes, the limit', str(path))
     return data
 
 
@@ -195,9 +195,9 @@ class BoundedLoader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ign
             self._long += isinstance(value, int) and abs(value) >= 1 << 64
             if self._long <= MAX_LONG:
                 return value
-        raise yaml.constructor.ConstructorError(
-            None, None, f'a number of more than {MAX_DIGITS} characters, or many of 64 bits',
-            node.start_mark)
+        cause = (f'a number of more than {MAX_DIGITS} characters' if self._long <= MAX_LONG else
+                 f'more than {MAX_LONG} integers of more than 64 bits')
+        raise yaml.constructor.ConstructorError(None, None, cause, node.start_mark)
 
 
 for _kind in ('int', 'float'):

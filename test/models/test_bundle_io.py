@@ -269,7 +269,7 @@ def test_weights_that_would_overflow(model: Path, saved: dict[str, bytes]) -> No
         arrays = {name: archive[name] for name in archive.files}
     arrays['effort_elm_output_weights'][0, 0] = 1e300
     _replace_file(model, 'elm.npz', _archive(**arrays))
-    with pytest.raises(ModelError, match='values within 1e.15'):
+    with pytest.raises(ModelError, match='values beyond 1e.15'):
         load_bundle(model)
 
 

@@ -94,7 +94,7 @@ def test_a_dead_sensor_and_too_little_motion_are_refused() -> None:
         [record.residual[:, 0], np.zeros(len(record.residual))]))
     calibration = Calibration({'strain': CHANNELS}, 15.0)
     collect(calibration, dead)
-    with pytest.raises(FitError, match='strain: a residual never changes'):
+    with pytest.raises(FitError, match='strain: the residual of .* never changes'):
         calibration.learn()
     calibration = Calibration({'strain': CHANNELS}, 15.0)
     collect(calibration, ringing(5, 1))

@@ -159,7 +159,7 @@ def test_joints_in_any_order_and_held_ones() -> None:
     found = one.along(Trajectory(('j2', 'j1'), T, q))
     assert found.effort is not None
     assert found.effort.shape == (11, 2) and not found.effort[:, 0].any()
-    with pytest.raises(SignalError, match="'j2' at 0.4 rad or m, but point 1 moves it to 0"):
+    with pytest.raises(SignalError, match="'j2' at 0.4 rad, but point 1 moves it to 0"):
         one.along(Trajectory(('j2', 'j1'), T, q - 0.4))
 
 

@@ -126,7 +126,7 @@ def test_round_trip(learned) -> None:
             ({'taps': [[[float('nan')]]]}, 'taps.0.0.0: .* finite number')):
         with pytest.raises(ModelError, match=f'{text}.*; fit the model again'):
             thresholds_from_dict({**content, **change}, CHANNELS, 2)
-    with pytest.raises(ModelError, match='thresholds of the model: .*; fit the model again'):
+    with pytest.raises(ModelError, match='key facts.thresholds: .*; fit the model again'):
         thresholds_from_dict([], CHANNELS, 2)
 
 

@@ -198,13 +198,13 @@ def unpack(models: Mapping[str, AnalyticalModel], content: bytes, file: Path) ->
             factors, data = bool(arrays[f'{name}_triangular'][0]), []
             for number, group in enumerate(model.groups_):
                 size = len(group.base.kept) + 1
-                values = arrays[f'{name}_{number}']
-                counts = arrays[f'{name}_{number}_n']
-                shape = (1, len(group.base.channels), size, size)
-                if values.shape != shape or counts.shape != shape[:2] or not (
-                        np.all(np.isfinite(values)) and np.all(counts >= 0.0)):
-                    raise ValueError(f'{name} has shape {values.shape} or is not finite; '
-                                     f'expected {shape}')
+                key, shape = f'{name}_{number}', (1, len(group.base.channels), size, size)
+                values, counts = arrays[key], arrays[f'{key}_n']
+                if (values.shape, counts.shape) != (shape, shape[:2]):
+                    raise ValueError(f'{key} and {key}_n have the shapes {values.shape} and '
+                                     f'{counts.shape}; expected {shape} and {shape[:2]}')
+                if not (np.all(np.isfinite(values)) and np.all(counts >= 0.0)):
+                    raise ValueError(f'{key} has NaN or infinite values, or {key}_n negative ones')
                 data.append([Products(matrix.T @ matrix, int(k), matrix) if factors else
                              Products(matrix, int(k))
                              for matrix, k in zip(values[0], counts[0], strict=True)])

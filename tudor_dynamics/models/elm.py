@@ -172,12 +172,13 @@ class ExtremeLearningMachine(MemorylessModel):
         shapes = ((2, n_inputs), (2, len(channels)), (n_inputs, hidden), (hidden,),
                   (hidden, len(channels)))
         for name, shape in zip(ARRAYS, shapes, strict=True):
-            array = content.get(name)
-            if not isinstance(array, np.ndarray) or array.shape != shape or not np.all(
-                    np.abs(array) <= MAX_COEFFICIENT):
-                found = f'shape {array.shape}' if isinstance(array, np.ndarray) else 'nothing'
-                raise ModelError(f'elm.npz: array {output}_elm_{name}: found {found}, expected '
-                                 f'shape {shape}, values within {MAX_COEFFICIENT:g}; {AGAIN}')
+            array: Any = content.get(name)
+            found: object = array.shape if isinstance(array, np.ndarray) else 'nothing'
+            if found == shape and not np.all(np.abs(array) <= MAX_COEFFICIENT):
+                found = f'NaN or values beyond {MAX_COEFFICIENT:g}'
+            if found != shape:
+                raise ModelError(f'array {output}_elm_{name} of elm.npz: found {found}, expected '
+                                 f'shape {shape}', remedy=AGAIN)
             setattr(model, f'{name}_', array)
         return model
 
@@ -190,8 +191,7 @@ class ExtremeLearningMachine(MemorylessModel):
                                        seed=self.seed, clip=self.clip)
         low, high = self.input_range_[:, -1]
         normal = 2.0 * (payload - low) / (high - low) - 1.0 if high > low else 0.0
-        if self.clip:
-            normal = min(max(normal, -1.0), 1.0)
+        normal = min(max(normal, -1.0), 1.0) if self.clip else normal
         plain.input_range_, plain.output_range_ = self.input_range_[:, :-1], self.output_range_
         plain.input_weights_ = self.input_weights_[:-1]
         plain.biases_ = self.biases_ + normal * self.input_weights_[-1]

@@ -413,10 +413,9 @@ class PayloadRegressor(Regressor):
         self, plain: Regressor, arm: Arm, payload_range: tuple[float, float],
     ) -> None:
         if plain.loaded:
-            msg = ('friction that grows with the load (the term load) cannot be identified over '
-                   'several payloads')
-            raise FitError(msg, remedy='remove load from joints[].friction in the arm '
-                                       'description, or fit each payload apart')
+            raise FitError('the friction term `load` cannot be identified over several payloads',
+                           place=arm.source, remedy='remove `load` from joints[].friction, or fit '
+                           'the bags of each payload alone')
         self.plain, self.payload_range = plain, payload_range
         self.channels, self.groups, self.unknown = plain.channels, plain.groups, plain.unknown
         self.states, self.form = plain.states, plain.form

@@ -119,7 +119,8 @@ class TunedArm:
         self.scale = np.array([STRAIN_SCALE.get(arm.gauges[i].unit, 0.0) for i in index])
         """Units of the gauges per m/m, shape (n_damped,)."""
         if not self.scale.all():
-            raise ModelError('a gauge of damper.joints[] has no unit of strain', place=arm.source,
+            name = arm.gauge_names[index[int(np.argmin(self.scale))]]
+            raise ModelError(f'gauge {name} has no unit of strain', place=arm.source,
                              remedy=f'set its gauges[].unit to {" or ".join(STRAIN_SCALE)}')
         values = model.values if model is not None else {}
         self._driven, self._loose = driven_arm(arm, values), driven_arm(arm, values)
@@ -138,8 +139,7 @@ class TunedArm:
         missing = [name for name in self.arm.gauge_names if name not in sensors]
         if missing:
             raise ModelError(f'the gains of the gauges {", ".join(missing)} are not known',
-                             place=self.arm.source,
-                             remedy='give --model, or add the gains as sensors[].gain')
+                             place=self.arm.source, remedy='add sensors[].gain, or give --model')
         known = [sensors[name] for name in self.arm.gauge_names]
         return np.array([[sensor.gain for sensor in known], [sensor.offset for sensor in known]])
 

@@ -73,7 +73,7 @@ class ContactEstimate:
     def note(self) -> str:
         """Say what cannot be said; empty for nothing."""
         return '' if self.located or not self.felt else (
-            'the gauges cannot separate place and force of this contact')
+            'the gauges cannot separate place and force of this contact: its place is unknown')
 
 
 class ContactRecord:

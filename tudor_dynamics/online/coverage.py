@@ -196,11 +196,10 @@ class OutputCoverage:
         if self._blind is not None and new.time - self._blind >= COVERAGE_TIME and not (
                 patient and share == settling):
             return self._say_blind(new, old, causes)
-        apart = self._apart(new, old)
-        faults = [apart] if apart else []
+        faults = list(filter(None, [self._apart(new, old)]))
         if share >= UNJUDGED_WARNING:
-            faults.append(f'{100.0 * share:.1f} % of the samples of {self.output} are not judged, '
-                          f'mainly because {_main(causes)}')
+            faults.append(f'collisions go undetected in {100.0 * share:.1f} % of the samples of '
+                          f'{self.output}, mainly because {_main(causes)}')
         lasting = share - (settling if patient else 0.0)
         full = (self._flowing is not None
                 and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
@@ -214,9 +213,9 @@ class OutputCoverage:
         assert self._flowing is not None
         silent = [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
                   if new.time - max(at, self._flowing) >= COVERAGE_TIME - COVERAGE_PERIOD]
-        why = (f'no message came on {", ".join(silent)}' if silent
-               else self._apart(new, old) or _main(causes))
-        text = f'no sample of {self.output} was judged for {COVERAGE_TIME:g} s because {why}'
+        why = (f'no message came on {", ".join(silent)}: check the node that publishes there'
+               if silent else self._apart(new, old) or _main(causes))
+        text = f'collisions go undetected in all samples of {self.output} because {why}'
         return CoverageReport(CoverageLevel.NONE, text, 1.0, causes)
 
     def _shares(self, new: _Counts, old: _Counts) -> tuple[dict[str, float], dict[str, float]]:
@@ -236,12 +235,13 @@ class OutputCoverage:
             if len(offsets) < COVERAGE_TIME / COVERAGE_PERIOD / 2:
                 continue
             offset = median(item for _, item in offsets)
-            period = max(self._period(i, new, old) for i in (0, place))
-            if abs(offset) > max(STAMPS_APART, PERIODS_APART * period):
+            limit = max(STAMPS_APART, *(PERIODS_APART * self._period(i, new, old)
+                                        for i in (0, place)))
+            if abs(offset) > limit:
                 one, other = self.streams[place].topic, self.streams[0].topic
                 side = 'behind' if offset > 0.0 else 'ahead of'
-                return (f'stamps of {one} are {1e3 * abs(offset):.0f} ms {side} those of {other}: '
-                        'compare the clocks of hosts and drivers')
+                return (f'stamps of {one} are {1e3 * abs(offset):.0f} ms {side} those of {other} '
+                        f'(limit {1e3 * limit:.0f} ms): compare the clocks of hosts and drivers')
         return ''
 
     def _period(self, place: int, new: _Counts, old: _Counts) -> float:

@@ -59,8 +59,8 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
             continue
         constant = joint.effort.torque_constant or motors.get(joint.name)
         if constant is None:
-            msg = (f'the effort of joint {joint.name!r} is in {joint.effort.unit}, and its torque '
-                   'constant is not described')
+            msg = (f'the efforts of joint {joint.name!r} cannot be converted from '
+                   f'{joint.effort.unit}, as its torque constant is not described')
             raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm '
                                          'description and fit again, or set unit to model')
         result[i] = constant if unit == 'torque' else 1.0 / constant
@@ -311,7 +311,8 @@ class DeflectedArm:
         if done < len(q):
             msg = (f'{self._name}: links and gears find no equilibrium under the load of point '
                    f'{done + 1} of the motion, q = {np.round(q[done], 3).tolist()}')
-            raise SimulationError(msg, remedy='move more slowly there, or correct the stiffness')
+            raise SimulationError(msg, remedy='move more slowly there, or correct their stiffness '
+                                              'in the arm description')
         return Deflection(motor, torque)
 
 
@@ -384,6 +385,7 @@ class Feedforward:
         self._deflected: DeflectedArm | None = None
         self._leads = positions == 'motor'
         self._limits = hard_limits(arm)
+        self._unit = {j.name: 'm' if arm.is_prismatic(j.name) else 'rad' for j in arm.spec.joints}
         if self._leads or kind == 'elastic':
             identified = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
             self._deflected = DeflectedArm(arm, {} if identified is None else identified.values)
@@ -395,7 +397,6 @@ class Feedforward:
         self._per_kilogram = None if known is not None or kind != 'analytical' else load_worth(
             arm, {'effort': {kind: self._of_all}}).get('effort')
         self._model: Model = self._of_all
-        self.payload = self._known
         self.carry(self._known if payload is None else payload)
 
     def carry(self, payload: float) -> None:
@@ -482,7 +483,7 @@ class Feedforward:
             point, joint = np.argwhere(beyond)[0]
             msg = (f'at point {point + 1}, the motor of {self.joints[joint]} would have to go to '
                    f'{motor[point, joint]:.4g} to compensate bending, beyond its position limits '
-                   f'{low[joint]:.4g} to {high[joint]:.4g} [rad or m]')
+                   f'{low[joint]:.4g} to {high[joint]:.4g} {self._unit[self.joints[joint]]}')
             raise SignalError(msg, remedy='keep the wanted motion further from these limits')
 
     def _check_held(self, trajectory: Trajectory) -> None:
@@ -491,14 +492,13 @@ class Feedforward:
             if name in self.joints:
                 continue
             if name not in self._held:
-                held = f' and holds {list(self._held)}' if self._held else ''
                 msg = (f'the trajectory names the joint {name!r}, which the model does not know; '
-                       f'the model moves {list(self.joints)}{held}')
+                       f'it knows {[*self.joints, *self._held]}')
                 raise SignalError(msg, remedy='name joints as the arm description does')
             off = np.abs(column - self._held[name])
             if off.max() > HELD_WITHIN:
-                msg = (f'the model holds {name!r} at {self._held[name]:g} rad or m, but point '
-                       f'{int(off.argmax()) + 1} moves it to {column[off.argmax()]:g}')
+                msg = (f'the model holds {name!r} at {self._held[name]:g} {self._unit[name]}, but '
+                       f'point {int(off.argmax()) + 1} moves it to {column[off.argmax()]:g}')
                 raise SignalError(msg, remedy=f'hold {name} at {self._held[name]:g}, or fit a '
                                               'model with it among active_joints')
 

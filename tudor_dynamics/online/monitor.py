@@ -218,7 +218,7 @@ class Watch:
         spec = bundle.preprocessing
         unknown = [name for name in settings.methods if name not in METHODS]
         if unknown:
-            raise ModelError(f'unknown methods {unknown}; expected some of {list(METHODS)}')
+            raise ModelError(f'unknown methods {unknown}; set methods to some of {list(METHODS)}')
         if thresholds is None:
             thresholds = stored_thresholds(bundle, settings.kind)
         kinds = bundle.models
@@ -299,7 +299,7 @@ class Watch:
         wide = [f'{method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
                 if factor > WIDENING_WARNING]
         return '' if not wide else (
-            'the motion differs from that of the training, so thresholds are widened '
+            'weak collisions are missed: the motion differs from training, so thresholds widen '
             f'({", ".join(wide)}); call ~/calibrate during it, or fit to bags with such motion')
 
     @property

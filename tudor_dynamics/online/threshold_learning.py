@@ -66,8 +66,7 @@ class ThresholdsPart(BundlePart):
         channels, joints = context['channels'], context['n_joints']
         n = len(channels)
         if self.channels != channels:
-            raise ValueError(f'channels {list(self.channels)} do not fit the arm; expected '
-                             f'{list(channels)}')
+            raise ValueError(f'channels are {list(self.channels)}; the arm has {list(channels)}')
         for name, value, shape in (
                 ('taps', self.taps, (LAGS + WINDOW, n, n)),
                 ('profile', self.profile, (2 * n, 1 + 4 * joints)), ('usual', self.usual, (n,)),
@@ -75,7 +74,7 @@ class ThresholdsPart(BundlePart):
             if np.shape(value) != shape:
                 raise ValueError(f'{name} has the shape {np.shape(value)}; expected {shape}')
         if len(self.tails) != 3 * n:
-            raise ValueError(f'tails has {len(self.tails)} entries; expected {3 * n}')
+            raise ValueError(f'tails has {len(self.tails)} entries; expected {3 * n}, 3 a channel')
         if any(row[0] == 0.0 for row in self.profile):
             raise ValueError('profile begins with 0 in some row; expected more than 0')
         if n != joints and any(self.stiction):
@@ -107,7 +106,7 @@ def thresholds_from_dict(
     try:
         part = read(ThresholdsPart, content, {'channels': channels, 'n_joints': n_joints})
     except ModelError as err:
-        raise err.at('thresholds of the model') from None
+        raise err.at('model.yaml, key facts.thresholds') from None
     return MethodThresholds(
         channels, part.step, np.array(part.taps), np.array(part.profile), part.tails, part.seconds,
         np.array(part.usual), np.array(part.reach), np.array(part.stiction))
@@ -162,7 +161,7 @@ def learn_thresholds(
 ) -> MethodThresholds:
     """Learn the thresholds of one method: stiction (channels,) [unit of the residual]."""
     if not records:
-        raise FitError('no free motion to learn thresholds from; record motion without contact')
+        raise FitError('no free motion to learn thresholds from; let the arm move without contact')
     period = float(np.median(np.concatenate([np.diff(r.t) for r in records])))
     step = max(STEP, period)
     block = max(1, round(BLOCK / period))
@@ -171,8 +170,8 @@ def learn_thresholds(
     records = [r for r in records if min(r.t[-1], (len(r.t) - 1) * period) > least]
     seconds = float(sum(r.t[-1] for r in records))
     if seconds < LEAST_BLOCKS * BLOCK:
-        raise FitError(f'{seconds:.1f} s of free motion are too little for thresholds; at least '
-                       f'{LEAST_BLOCKS * BLOCK:g} s without a gap are needed')
+        raise FitError(f'{seconds:.1f} s of free motion are too little for thresholds; let '
+                       f'the arm move for at least {LEAST_BLOCKS * BLOCK:g} s without a gap')
     stiction = np.zeros(len(channels)) if stiction is None else stiction
     rows = _Rows(records, step, period, stiction)
     taps, profile = rows.law()
@@ -365,8 +364,9 @@ class Calibration:
             held = (None if self.stiction is None or not len(places)
                     else self.stiction(method, places))
             learned = learn_thresholds(records, self.channels[method], held)
-            if not all(tail.scale > 0 for tail in learned.tails):
-                raise FitError(f'{method}: a residual never changes; check the sensors, then call '
-                               '~/calibrate again')
+            for channel, tail in zip(3 * learned.channels, learned.tails, strict=True):
+                if not tail.scale > 0:
+                    raise FitError(f'{method}: the residual of {channel} never changes; check its '
+                                   'sensor, then call ~/calibrate again')
             found[method] = learned
         return found

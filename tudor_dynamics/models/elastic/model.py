@@ -375,11 +375,11 @@ class LiveElastic:
             strain = models.get('strain')
             if strain is None or strain.coefficients_ is None or strain.noise_ is None:
                 raise ModelError('the observer needs an elastic model of strain; fit one to bags '
-                                 'with strain, or set the observer to off')
+                                 'with strain, or set observer to off')
             self._gauges = np.array(strain.coefficients_)
             if np.any(self._gauges[:, 0] == 0.0):
-                raise ModelError('a gauge has gain 0 in the elastic model; check the gauges of '
-                                 'the training bags and fit again')
+                dead = strain.channels[int(np.argmin(np.abs(self._gauges[:, 0])))]
+                raise ModelError(f'elastic model: gauge {dead} has gain 0; check it and fit again')
             self._driven.start_observer(
                 strain.noise_ / np.abs(self._gauges[:, 0]), BANDWIDTH)
         self._moment: FloatArray | None = None
