@@ -142,13 +142,13 @@ FIRST = np.array([1.0, 0.0])
 DRIVES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], float, str]] = {
     'negated': (lambda u: u * [-1.0, 1.0], -1.0, 'the joint moves the other way: a sign is wrong'),
     'all negated': (lambda u: -u, -1.0, 'the joint moves the other way: a sign is wrong'),
-    'degrees': (lambda u: u * 57.3, 57.3, '(degrees confused with radians?)'),
-    'radians': (lambda u: u / 57.3, 1.0 / 57.3, '(degrees confused with radians?)'),
+    'degrees': (lambda u: u * 57.3, 57.3, ', perhaps degrees confused with radians'),
+    'radians': (lambda u: u / 57.3, 1.0 / 57.3, ', perhaps degrees confused with radians'),
     'half': (lambda u: 0.5 * u, 0.5, 'times as far as commanded'),
-    'tenfold': (lambda u: u * [10.0, 1.0], 10.0, 'wrong decimal place?'),
+    'tenfold': (lambda u: u * [10.0, 1.0], 10.0, 'wrong decimal place'),
     'negated tenth': (lambda u: -0.1 * u, -0.1, 'the other way')}
 ENCODERS: dict[str, tuple[float, str]] = {
-    'a tenth': (0.1, 'wrong decimal place?'), 'a half': (0.5, 'times as far as commanded'),
+    'a tenth': (0.1, 'wrong decimal place'), 'a half': (0.5, 'times as far as commanded'),
     'backwards': (-1.0, 'the joint moves the other way: a sign is wrong')}
 BOUND = 1.0
 """How far the true joint goes at most until it is found [deg]."""
@@ -195,7 +195,7 @@ def test_encoders_that_lie(name: str, whole: bool, rate: float, payload: float) 
     answer = nudge(rig, 0)
     assert answer.right is False and text in answer.text, answer
     assert answer.sign == np.sign(scale) and 0.6 < answer.scale / abs(scale) < 1.3
-    assert ('in the encoder that measures' if whole else 'velocity is right') in answer.text
+    assert ('the encoder that measures' if whole else 'velocity is right') in answer.text
     assert gone(rig, begin) < BOUND
 
 
@@ -218,7 +218,7 @@ def test_swapped_order(what: str, joint: int, rate: float, payload: float) -> No
     own, other = arm().active_joints[joint], arm().active_joints[1 - joint]
     assert answer.right is False and (answer.joint, answer.answered) == (own, other), answer
     assert f'but the position of {other}' in answer.text if what == 'positions' else (
-        f'{own}: commands to this joint move {other}: the driver has another order' in answer.text)
+        f'{own}: commands to this joint move {other}: correct the order' in answer.text)
     assert gone(rig, begin) < BOUND
 
 
@@ -267,7 +267,7 @@ def test_drivers_without_velocities() -> None:
     lie(rig, lambda u: -u)
     rig.run(0.3)
     answer = nudge(rig, 0, velocities=False)
-    assert answer.right is False and 'in the drive or in the encoder' in answer.text
+    assert answer.right is False and 'check the drive and the encoder' in answer.text
 
 
 def test_a_rough_encoder_needs_a_larger_nudge() -> None:
@@ -324,7 +324,7 @@ def test_orders_and_poses() -> None:
     assert 'the order differs' in order_fault(joints, ['joint3', 'joint2'])
     assert 'the joints differ' in order_fault(joints, ['joint1', 'joint2', 'joint3'])
     assert pose_fault(arm(), AT) == ''
-    assert 'joint2 is at 0, outside its limits' in pose_fault(arm(), np.zeros(2))
+    assert 'joint2 is at 0 rad, outside its limits' in pose_fault(arm(), np.zeros(2))
 
 
 def test_what_answers_its_own_commands_is_not_moved_by_others() -> None:

@@ -248,19 +248,19 @@ TABLE = (
               absolute=True), do(lambda play: play.run(6.1)), ended('reached'))),
     Row('off the path', 'aborted, the position is held', 'brakes, with joint and distance',
         (bounds(path=0.05), LINE, do(lambda play: play.run(0.5)), off(0.0, 0.06), rests,
-         ended('off the path: joint3 is 0.06 [rad or m] away, tolerance 0.05'))),
+         ended('off the path: joint3 is 0.06 rad away, tolerance 0.05; see'))),
     Row('late at the goal, within `goal_time`', 'succeeds', SAME,
         (bounds(goal=0.03, goal_time=0.5), LINE, off(0.0, 0.04), at(2.2, 0.3, 0.0), ended(''),
          off(0.0, 0.0), at(0.1, 0.3, 0.0), ended('reached'))),
     Row('not at the goal after `goal_time`', 'aborted', 'the same, with joint and distance',
         (bounds(goal=0.03, goal_time=0.5), LINE, off(0.0, 0.04), at(2.7, 0.3, 0.0),
-         ended('missed the goal: joint3 is 0.04 [rad or m] away'))),
+         ended('missed the goal: 0.5 s after the end joint3 is 0.04 rad away'))),
     Row('not at the goal, `goal_time` 0', 'it waits for as long as it takes', SAME,
         (bounds(goal=0.03), LINE, off(0.0, 0.04), at(9.0, 0.3, 0.0), ended(''), off(0.0, 0.0),
          at(0.1, 0.3, 0.0), ended('reached'))),
     Row('during a collision', 'controllers know of none', 'stops what is driven; refused',
         (LINE, do(lambda play: play.run(0.5)), touch, ended('stopped: collision'),
-         send([1.0, 2.0], [[0.2, 0.0], [0.3, 0.0]], why='a collision was reported: call'))))
+         send([1.0, 2.0], [[0.2, 0.0], [0.3, 0.0]], why='a collision was reported: free'))))
 
 
 @pytest.mark.parametrize('row', TABLE, ids=lambda row: row.name)

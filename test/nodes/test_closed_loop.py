@@ -68,7 +68,7 @@ def test_move_push_and_floor(root: Path, tudor_model: Path) -> None:
     found = run(root, tudor_model)
     assert set(found['damper']) <= {
         'running', 'no joint positions arrive on joint_states: no commands are sent',
-        'no reference has arrived yet: the joints are held'}
+        'no reference yet; start reference_generator: the joints are held'}
     move = found['move']
     assert move['off_goal_deg'] < 0.5  # late samples slow its commands down, on a busy machine
     assert move['stamps']['joint_states']['rate'] == pytest.approx(500.0, rel=1e-3)

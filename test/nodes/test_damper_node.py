@@ -245,7 +245,7 @@ def test_bad_input_moves_nothing(world: World, tudor: Path) -> None:
                       and arm.node.controller.reference.refused.total() >= 3)
     assert not arm.commands
     status = arm.told()
-    assert status.level == DiagnosticStatus.WARN and 'are these degrees?' in status.message
+    assert status.level == DiagnosticStatus.WARN and 'not degrees' in status.message
     assert values_of(status)['refused: reference outside limits'] == '1'
     assert not arm.run(5, names=(['tool', 'joint3', 'joint2'], GAUGES[::-1])).any()
     values = values_of(arm.told())

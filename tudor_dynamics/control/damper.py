@@ -166,10 +166,11 @@ MEANING = {
     Status.DAMPING: 'damps',
     Status.STARTING: f'damping is off until the gauge is valid for {settings.RECOVERY_TIME:g} s',
     Status.SATURATED: 'damping is off while the joint is at a limit of current, speed or position',
-    Status.MISSING: 'damping is off: the strain is missing or not a number; check the gauge',
+    Status.MISSING: 'damping is off: the strain is absent or not finite; check gauge and driver',
     Status.STALE: 'damping is off: no new strain arrives; check the driver of the gauge',
     Status.STUCK: 'damping is off: the strain does not change; check gauge and amplifier',
-    Status.IMPLAUSIBLE: 'damping is off: the strain jumped or is too large; check the wiring',
+    Status.IMPLAUSIBLE: 'damping is off: the strain jumped, or is beyond '
+    f'{1e6 * settings.PLAUSIBLE_STRAIN:g} um/m; check the wiring of the gauge',
 }
 
 
@@ -209,8 +210,7 @@ STRAIN_SCALE = {'um/m': 1e6, 'm/m': 1.0}
 def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
     """Take the settings of the dampers of active joints from an arm description."""
     if arm.spec.damper is None:
-        msg = f'{arm.source}: there is no damper section; add damper: with gauges and gains'
-        raise ArmError(msg)
+        raise ArmError(f'{arm.source}: no damper section; add damper: with gauges and gains')
     gauges = {gauge.name: gauge for gauge in arm.gauges}
     limits = {joint.name: joint.limits for joint in arm.spec.joints}
     result = []
@@ -336,8 +336,8 @@ Measure = Callable[[str, float, float], StepResponse]
 def ringing(response: StepResponse) -> FloatArray:
     """Take slow motion out of a response."""
     if len(response.strain) * response.dt < 2.0:
-        raise SignalError(f'a strain response of {len(response.strain) * response.dt:g} s is too '
-                          'short to see a decay; record 3 s or more')
+        raise SignalError(f'the strain was recorded for {len(response.strain) * response.dt:g} s, '
+                          'less than the 2 s that a decay needs; check the driver of the gauge')
     from scipy.signal import butter, sosfiltfilt  # slow to import
 
     sos = butter(2, settings.SIGN_HIGH_PASS * 2.0 * response.dt, 'highpass', output='sos')

@@ -49,7 +49,7 @@ class TipSensing:
         self._used = [k for k, gauge in enumerate(arm.gauges) if gauge.name in sensors]
         if not self._used:
             raise ArmError(f'{arm.source}: no gauge has a gain, so the force is unknown; add '
-                           'sensors: with the reading of each gauge per N m as gain')
+                           'sensors: with gauge and gain, its reading per N m')
         gauges = [arm.gauges[k] for k in self._used]
         self.names = tuple(gauge.name for gauge in gauges)
         self._gain = np.array([sensors[name].gain for name in self.names])
@@ -191,8 +191,7 @@ class ForceController:
     ) -> None:
         length = math.sqrt(sum(value * value for value in normal))
         if not (math.isfinite(length) and length > 1e-6):
-            raise UsageError(f'normal {list(normal)} has no direction; give a vector along the '
-                             'force on the tip, in the base frame')
+            raise UsageError(f'normal {list(normal)} has no direction; give one that is not zero')
         self.settings = settings
         self.sensing = TipSensing(arm, np.array(normal) / length)
         self.limits, self._planned = hard_limits(arm), motion_limits(arm)
@@ -201,8 +200,7 @@ class ForceController:
         self.force = self.wanted = self._target = 0.0
         self._q: FloatArray | None = None
         self._dq = np.zeros(len(arm.active_joints))
-        self._smooth = self._error = 0.0
-        self._way = self._touched = self._alone = 0.0
+        self._smooth = self._way = self._touched = self._alone = 0.0
         self._brake: MotionPlanner | None = None
 
     @property
@@ -260,7 +258,7 @@ class ForceController:
         """
         if self._q is None or dt <= 0.0:
             if self._q is not None and self.phase not in (Phase.IDLE, Phase.HELD):
-                self.stop('the joint positions were interrupted')
+                self.stop('the joint positions were interrupted; check their driver')
             self._q = np.clip(q, self.limits.lower, self.limits.upper)
             self._dq = np.zeros(len(q))
             self._brake = None
@@ -297,8 +295,10 @@ class ForceController:
         dq = slope * (speed / size) if size > 1e-6 else np.zeros_like(slope)
         self._dq = dq / float(np.max(np.abs(dq) / self._planned.velocity, initial=1.0))
         new = place + dt * self._dq
-        if size <= 1e-6 or self.limits.outside(new).any():
-            self.stop('the tip cannot move on along the normal: joint limit or singular pose')
+        outside = self.limits.outside(new)
+        if size <= 1e-6 or outside.any():
+            why = 'singular pose' if size <= 1e-6 else f'limit of {self._names[outside.argmax()]}'
+            self.stop(f'the tip cannot move on along the normal: {why}; begin in another pose')
             return False
         self._q = new
         return True
@@ -316,10 +316,10 @@ class ForceController:
             self._smooth = max(self._smooth, 0.0) if self.force > 0.0 else 0.0
             if self._smooth > chosen.touch:
                 self.phase, self.cause = Phase.HOLD, 'holds the force'
-                self._target, self._touched = self._smooth, self._way
-                self._alone = 0.0
+                self._target, self._touched, self._alone = self._smooth, self._way, 0.0
             elif self._way > chosen.reach:
-                self.stop(f'no surface within {1e3 * chosen.reach:.0f} mm (parameter reach)')
+                self.stop(f'no surface within {1e3 * chosen.reach:.0f} mm; begin closer to it, or '
+                          'raise the parameter reach')
                 return 0.0
             return -chosen.approach_speed
         if self.phase is Phase.RETREAT:
@@ -332,7 +332,7 @@ class ForceController:
         lost = self._smooth < settings.FORCE_SOFT * self.wanted
         self._alone = self._alone + dt if lost else 0.0
         if self._alone > chosen.lost:
-            self.stop(f'contact was lost for {chosen.lost:g} s')
+            self.stop(f'contact was lost for {chosen.lost:g} s (parameter lost)')
             return 0.0
         if self._way - self._touched > chosen.give:
             self.stop(f'the surface gives way by over {1e3 * chosen.give:.0f} mm (parameter give)')

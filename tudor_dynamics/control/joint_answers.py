@@ -78,7 +78,7 @@ def _times(scale: float) -> str:
            for factor, hint in settings.KNOWN_SCALES.items()}
     hint = min(off, key=lambda hint: off[hint])
     return (f'the joint moves {scale:.3g} times as far as commanded'
-            + (f' ({hint}?)' if off[hint] < settings.SCALE_NEAR else ''))
+            + (f', perhaps {hint}' if off[hint] < settings.SCALE_NEAR else ''))
 
 
 def _stuck(way: FloatArray, widths: FloatArray) -> FloatArray:
@@ -211,8 +211,7 @@ class JointRecord:
     def _judge(self, j: int) -> JointAnswer:
         """Judge what the commands of one joint did."""
         name = self._joints[j]
-        fits = [_fit(self._time, self._moved[:, k], self._ways[:, j], back=self._turned[j])
-                for k in range(len(self._joints))]
+        fits = [self._answer(k, j) for k in range(len(self._joints))]
         clear = [k for k, fit in enumerate(fits) if fit.clear]
         odd = self._by_itself(j)
         if odd and (self._stood is None or j != self._nudged or not any(
@@ -235,9 +234,10 @@ class JointRecord:
         fit = fits[k]
         gaps = self._gaps / self._time[-1]
         too = [i for i in clear if i != k and abs(fits[i].scale) > settings.MOVES_TOO
-               and not self._own(i).unexplained < fits[i].unexplained]
+               and not self._answer(i, i).unexplained < fits[i].unexplained]
         if fit.unexplained > settings.UNEXPLAINED or gaps > settings.UNEXPLAINED:
-            right, text = None, f'{self._figures(j, fit)}; no positions for {gaps:.0%} of the time'
+            right, text = None, (f'no positions came for {gaps:.0%} of the time: check the driver'
+                                 if gaps > settings.UNEXPLAINED else self._figures(j, fit))
         elif k != j:
             right, text = False, self._swapped(j, k)
         elif not fit.near(1.0):
@@ -249,8 +249,8 @@ class JointRecord:
                                   'check the order of commands and the wiring of the drives')
         elif fit.delay - fit.delay_error > self._late:
             right, text = False, (f'the joint answers late, after {1e3 * fit.delay:.0f} ms, more '
-                                  f'than {1e3 * self._late:.0f} ms: reduce the delay of driver or '
-                                  'network, or lower the gains and raise damper.full_delay')
+                                  f'than {1e3 * self._late:.0f} ms: speed up driver and network, '
+                                  'or lower the gains and raise full_delay in damper: of the arm')
         elif fit.error > settings.SCALE_ERROR:
             right, text = None, self._figures(j, fit)
         else:
@@ -259,8 +259,8 @@ class JointRecord:
                            1 if fit.scale > 0.0 else -1, abs(fit.scale), fit.error, fit.delay,
                            fit.noise)
 
-    def _own(self, j: int) -> _Fit:
-        return _fit(self._time, self._moved[:, j], self._ways[:, j], back=self._turned[j])
+    def _answer(self, k: int, j: int) -> _Fit:
+        return _fit(self._time, self._moved[:, k], self._ways[:, j], back=self._turned[j])
 
     def _figures(self, j: int, fit: _Fit) -> str:
         factor, unit = self._units[j]
@@ -281,30 +281,30 @@ class JointRecord:
         """Say that sign or scale is wrong, and of what."""
         own = self._velocity(j)
         if own is None:
-            where = 'in the drive or in the encoder'
+            where = 'the drive and the encoder'
         elif own.near(1.0):
-            where = 'in the positions that the driver reports: its velocity is right'
+            where = 'the positions that the driver reports: its velocity is right'
         elif own.near(fit.scale):
-            where = 'in the drive, or in the encoder that measures position and velocity'
+            where = 'the drive, and the encoder that measures position and velocity'
         else:
-            where = f'in drive and encoder: reported velocity is {own.scale:.3g} times the command'
+            where = f'drive and encoder: reported velocity is {own.scale:.3g} times the command'
         texts = ['the joint moves the other way: a sign is wrong'] if fit.scale < 0.0 else []
         if not (fit.near(1.0) or fit.near(-1.0)):
             texts.append(_times(abs(fit.scale)))
-        return f'{"; ".join(texts)}; the fault is {where}'
+        return f'{"; ".join(texts)}; check {where}'
 
     def _swapped(self, j: int, k: int) -> str:
         own = self._velocity(j)
         if own is not None and own.near(1.0):
             return (f'commands to this joint change its velocity, but the position of '
                     f'{self._joints[k]}: correct order or names of the positions in the driver')
-        return (f'commands to this joint move {self._joints[k]}: the driver has another order of '
-                'the joints in commands or readings')
+        return (f'commands to this joint move {self._joints[k]}: correct the order of commands '
+                'or readings in the driver')
 
     def _drifts(self, j: int, drift: float) -> str:
         factor, unit = self._units[j]
-        return (f'the joint moves by itself at {factor * drift:.2g} {unit}/s: its encoder drifts, '
-                'its drive has an offset, or another node commands it')
+        return (f'the joint moves by itself at {factor * drift:.2g} {unit}/s: check its encoder, '
+                'the offset of its drive, and whether another node commands it')
 
     def _by_itself(self, j: int) -> str:
         """Say what a joint does that no command made; empty for nothing."""
@@ -330,8 +330,8 @@ class JointRecord:
                 or np.ptp(self._moved[:, j]) > settings.MOVES_TOO * way):
             return None, self._figures(j, fit)
         factor, unit = self._units[j]
-        return False, (f'the joint does not answer commands of {factor * way:.2g} {unit}: drive '
-                       'off, brake on, encoder frozen, or no driver takes the commands')
+        return False, (f'the joint does not answer commands of {factor * way:.2g} {unit}: check '
+                       'drive, brake and encoder, and that a driver takes the commands')
 
 
 def nudges(joint: str, q: float, step: float) -> Trajectory:
@@ -346,11 +346,11 @@ def nudges(joint: str, q: float, step: float) -> Trajectory:
 def pose_fault(arm: Arm, q: FloatArray) -> str:
     """Say which joint stands where it cannot; empty for none: q (joints,) [rad or m]."""
     limits = hard_limits(arm)
-    for j in np.flatnonzero((q < limits.lower - settings.BEYOND)
-                            | (q > limits.upper + settings.BEYOND)):
-        return (f'{arm.active_joints[j]} is at {q[j]:.4g}, outside its limits '
-                f'{limits.lower[j]:.4g} .. {limits.upper[j]:.4g} [rad or m]: check order, sign, '
-                'unit and zero of the positions in the driver')
+    for name, at, low, high in zip(arm.active_joints, q, limits.lower, limits.upper, strict=True):
+        if at < low - settings.BEYOND or at > high + settings.BEYOND:
+            unit = 'm' if arm.is_prismatic(name) else 'rad'
+            return (f'{name} is at {at:.4g} {unit}, outside its limits {low:.4g} .. {high:.4g}: '
+                    'check order, sign, unit and zero of the positions in the driver')
     return ''
 
 

@@ -103,7 +103,7 @@ class ReferenceGate:
         now, timeout [s], q (joints,) [rad or m].
         """
         if self.age(now) > timeout:
-            return f'no reference arrived for {1e3 * timeout:.0f} ms'
+            return f'no reference on joint_reference for {1e3 * timeout:.0f} ms; check its sender'
         found = self._deviation(now, timeout, q)
         return str(found) if found.seconds > settings.FOLLOWING_TIME else ''
 
@@ -114,30 +114,30 @@ class ReferenceGate:
         now, timeout [s], q (joints,) [rad or m], held (joints,) [rad/s or m/s].
         """
         if self.age(now) > timeout:
-            return self.refusal or 'no reference arrives on joint_reference'
+            return self.refusal or 'no reference on joint_reference; start reference_generator'
         found = self._deviation(now, timeout, q)
         if found.seconds > settings.NEAR_TIME:
-            return (f'the reference is {found.away:.3g} [rad or m] away from {found.joint}: it '
-                    'must begin at the arm')
+            return (f'{found.joint} is {found.away:.3g} [rad or m] away from its reference; let '
+                    'the reference begin where the arm is')
         resting = settings.RESTING_SPEED * self._planned
         if np.any(np.abs(self.dq) > resting):
-            return 'the reference moves already: it must begin at rest'
+            return 'the reference moves; let it rest until the arm follows it'
         return 'the arm still brakes' if np.any(np.abs(held) > resting) else ''
 
     def _deviation(self, now: float, timeout: float, q: FloatArray) -> Deviation:
         return Deviation.of(self._joints, self.place(now, timeout) - q, self._planned)
 
     def _impossible(self, q: FloatArray, dq: FloatArray) -> str:
-        if not (np.isfinite(q).all() and np.isfinite(dq).all()):
-            return 'reference not finite: a position or velocity is NaN or infinite'
+        for j in np.flatnonzero(~(np.isfinite(q) & np.isfinite(dq))):
+            return f'reference not finite: {self._joints[j]} at {q[j]:g}, speed {dq[j]:g}; mend it'
         limits = self._limits
         for j in np.flatnonzero(limits.outside(q)):
-            degrees = '' if abs(q[j]) < 2.0 * math.pi else '; are these degrees?'
-            return (f'reference outside limits: {self._joints[j]} {q[j]:.4g} is not within '
-                    f'{limits.lower[j]:.4g} .. {limits.upper[j]:.4g} [rad or m]{degrees}')
+            fix = 'correct it' if abs(q[j]) < 2.0 * math.pi else 'send rad or m, not degrees or mm'
+            return (f'reference outside limits: {self._joints[j]} at {q[j]:.4g} is not within '
+                    f'{limits.lower[j]:.4g} .. {limits.upper[j]:.4g} [rad or m]; {fix}')
         for j in np.flatnonzero(np.abs(dq) > limits.velocity):
             return (f'reference too fast: {self._joints[j]} at {dq[j]:.4g} exceeds its velocity '
-                    f'limit of {limits.velocity[j]:.4g} [rad/s or m/s]')
+                    f'limit of {limits.velocity[j]:.4g} [rad/s or m/s]; send slower motion')
         return ''
 
 
@@ -185,8 +185,7 @@ class MotionController:
 
     def __init__(self, arm: Arm, share: float = 1.0, timeout: float = 0.1) -> None:
         if arm.spec.damper is None:
-            msg = f'{arm.source}: there is no damper section; add damper: with gauges and gains'
-            raise ArmError(msg)
+            raise ArmError(f'{arm.source}: no damper section; add damper: with gauges and gains')
         self.joints, self.gauges = arm.active_joints, arm.gauge_names
         self.limits = hard_limits(arm)
         self.planned = motion_limits(arm)
@@ -219,12 +218,12 @@ class MotionController:
         # Until when the cause of a fault is estimated again, and when next.
         self._explain_until = self._explain_at = -math.inf
         self.cuts: Counter[str] = Counter()
-        self.state, self.cause = State.HOLDING, 'no reference has arrived yet'
+        self.state, self.cause = State.HOLDING, 'no reference yet; start reference_generator'
 
     def reset(self) -> bool:
         """Leave a fault and begin again; True where its own motion is braked, without a break."""
         moving = not (self._unknown or self.missing or self.state is State.FAULT)
-        self.state, self.cause = State.HOLDING, 'no reference has arrived yet'
+        self.state, self.cause = State.HOLDING, 'no reference yet; start reference_generator'
         self.reference.reset()
         self.damper.reset()
         if self.adaptation is not None:
@@ -271,7 +270,8 @@ class MotionController:
         if age is not None and self.ages.step(now, age) > self._latest:
             self.cuts['late'] += 1
             return None if self._q is None or self._silent else self._brake(
-                now, f'joint positions come {1e3 * self.ages.late:.0f} ms late (busy computer?)')
+                now, f'joint positions come {1e3 * self.ages.late:.0f} ms late (limit '
+                f'{1e3 * self._latest:.0f} ms); check the load of computer and network')
         gains.late = max(self.ages.late, 0.0)
         gains.period = gains.period or max(dt, 0.0)
         if self._q is None or dt <= 0.0 or dt > self._patience or (
@@ -318,7 +318,7 @@ class MotionController:
                 self.gains.period, self._arrival):
             return None
         if waited > self._patience:
-            return self._brake(now, 'no joint positions arrive')
+            return self._brake(now, 'no joint positions arrive; start the driver of the arm')
         if self._unknown or self.missing:
             return None
         command = self._slow_down(now)

@@ -286,11 +286,12 @@ class MotionWatch:
             return []
         self._onset = self.state[:, ONSET].copy()
         doubts = [Doubt(int(j), f'the measured position {q[j]:.4g} is far outside its limits '
-                        f'{self._limits.lower[j]:.4g} .. {self._limits.upper[j]:.4g} [rad or m]',
-                        False, later=False)
+                        f'{self._limits.lower[j]:.4g} .. {self._limits.upper[j]:.4g} [rad or m]; '
+                        'check unit and zero of its encoder', False, later=False)
                   for j in np.flatnonzero(outside)]
         doubts += [Doubt(int(j), f'the measured position jumped by {step[j]:.3g} [rad or m] in '
-                         f'{1e3 * dt:.3g} ms', False, later=False) for j in np.flatnonzero(jumped)]
+                         f'{1e3 * dt:.3g} ms; check its encoder', False, later=False)
+                   for j in np.flatnonzero(jumped)]
         beyond = self.state[:, BEYOND] > 0.0
         frozen = np.abs(self.state[:, STOOD]) > self.speed * settings.FROZEN_TIME
         for j in np.flatnonzero((beyond | frozen) & ~jumped):
@@ -331,8 +332,7 @@ class MotionWatch:
         floor = settings.EXCESS_SMALL * self.state[j, ALLOWED] * settings.ROUGH
 
         def left(explained: FloatArray) -> float:
-            rest = mine - explained
-            return float(np.std(rest)) + floor
+            return float(np.std(mine - explained)) + floor
 
         def fast(rate: float) -> float:
             return settings.FREE + abs(rate) / (settings.FAST_DRIFT * self.speed[j])
@@ -355,7 +355,7 @@ class MotionWatch:
             math.inf if abs(step) < settings.JUMP_SHARE * max(
                 np.ptp(change), self.state[j, ALLOWED]) else 0.0), Doubt(
                 j, f'the measured position jumped by {step:.3g} [rad or m] in '
-                f'{1e3 * (times[place + 1] - times[place]):.3g} ms', False)
+                f'{1e3 * (times[place + 1] - times[place]):.3g} ms; check its encoder', False)
         for i in range(len(self._joints)):
             both_push = pushed and pushing[i]  # of two that are swapped, one is slower
             if i != j and not both_push and np.ptp(
@@ -407,7 +407,7 @@ class MotionWatch:
         steps = np.diff(moved - made)
         if np.abs(steps).max() > settings.JUMP_SHARE * np.ptp(moved - made):
             return (f'the position jumped by {steps[np.abs(steps).argmax()]:.3g} [rad or m], '
-                    'which the reported velocity does not show: the encoder lost counts')
+                    'but not the reported velocity: the encoder lost counts; check its cable')
         if abs(mine) < settings.STANDS * abs(way):
             return (f'the position moves {mine / way:.2g} times as far as the reported velocity '
                     'implies: the encoder is frozen, slips, or drifts against the motion')

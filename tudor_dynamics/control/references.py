@@ -31,7 +31,7 @@ from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
 from tudor_dynamics.control.trajectory import Follower, of_all, ROUNDING
 from tudor_dynamics.errors import SignalError, UsageError
 from tudor_dynamics.signals.filters import MotionState
-from tudor_dynamics.signals.motion_profile import aprbs, joint_range, motion_limits
+from tudor_dynamics.signals.motion_profile import aprbs, Deviation, joint_range, motion_limits
 from tudor_dynamics.typing import FloatArray
 
 
@@ -263,16 +263,16 @@ class ReferenceSource:
         self.reaction, self.retreat_time, self.timeout = reaction, retreat_time, timeout
         self.shaping = shaping or Shaping()
         self.names = arm.active_joints
+        self._units = ['m' if arm.is_prismatic(name) else 'rad' for name in self.names]
         self.tolerances, self.partial = Tolerances(), True
         self.motion: ReactingReference | None = None
         self.outcome = self.note = ''
         self._asked = -math.inf
         self._ends: FloatArray | None = None
         self._own: Tolerances | None = None
-        self._overdue = 0.0
+        self._overdue = self._away = 0.0
         self.actual: FloatArray | None = None
         self._at = -math.inf
-        self._away = 0.0
         self.collision = False
         self.halted = ''
         self._goals: list[tuple[float, FloatArray]] = []
@@ -309,10 +309,9 @@ class ReferenceSource:
         target = np.asarray(target, dtype=np.float64)
         if why := self._unable():
             return why
-        outside = self.hard.outside(target) | np.isinf(target)
-        for k in np.flatnonzero(outside):
-            return (f'the target of {self.names[k]} is {target[k]:.4g}, outside its limits '
-                    f'{self.hard.lower[k]:.4g} .. {self.hard.upper[k]:.4g} [rad or m]')
+        for k in np.flatnonzero(self.hard.outside(target) | np.isinf(target)):
+            return (f'the target of {self.names[k]} is {target[k]:.4g} {self._units[k]}; send one '
+                    f'within its limits {self.hard.lower[k]:.4g} .. {self.hard.upper[k]:.4g}')
         assert self.motion is not None
         self.motion.go(target)
         self._follow(target)
@@ -364,10 +363,11 @@ class ReferenceSource:
         if self.motion is None:
             return 'no joint positions arrive: start the driver of the arm'
         if self.halted:
-            return f'require_monitor is set, but no monitor watches the arm: {self.halted}'
+            return f'require_monitor is set, but {self.halted}: start or check the monitor'
         if self._seed is not None:
             return 'this node drives random targets: restart it with mode:=goals'
-        return 'a collision was reported: call ~/reset' if self.reacting or self.collision else ''
+        return ('a collision was reported: free the arm, then call ~/reset'
+                if self.reacting or self.collision else '')
 
     def _follow(self, ends: FloatArray, own: Tolerances | None = None) -> None:
         """Watch the way to the ends of what was taken, NaN where that is open."""
@@ -400,7 +400,7 @@ class ReferenceSource:
             return
         self._overdue += dt
         if 0.0 < limit.goal_time < self._overdue:
-            self._end(f'{MISSED} the goal: {off}, {limit.goal_time:g} s after the end')
+            self._end(f'{MISSED} the goal: {limit.goal_time:g} s after the end {off}')
 
     def _beyond(self, wanted: FloatArray, bound: FloatArray | float) -> str:
         """Name the joint that is farthest beyond its bound; empty if none is."""
@@ -408,8 +408,8 @@ class ReferenceSource:
         off, bounds = np.abs(self.actual - wanted), np.broadcast_to(bound, wanted.shape)
         over = np.where((bounds > 0.0) & (off > bounds), off - bounds, 0.0)
         k = int(over.argmax())
-        return (f'{self.names[k]} is {off[k]:.3g} [rad or m] away, tolerance {bounds[k]:.3g}'
-                if over[k] else '')
+        return (f'{self.names[k]} is {off[k]:.3g} {self._units[k]} away, tolerance {bounds[k]:.3g}'
+                '; see the diagnostics of oscillation_damper' if over[k] else '')
 
     def collide(self, collision: bool) -> None:
         """Take the state of the collision detector into account."""
@@ -452,7 +452,7 @@ class ReferenceSource:
             if self.motion is not None:
                 self.motion = None
                 self.note = 'joint positions stopped; the reference restarts when they return'
-                self._end('stopped: no joint positions arrived')
+                self._end('stopped: no joint positions arrive; start the driver of the arm')
             return None
         motion = self.motion
         if motion is None or self._lost(motion, dt):
@@ -470,7 +470,7 @@ class ReferenceSource:
         place = np.clip(self.actual, self.hard.lower, self.hard.upper)
         self.motion = ReactingReference(self._limits, place, self.reaction, self.retreat_time,
                                         shaping=self.shaping, hard=self.hard)
-        self._end('stopped: the reference restarted where the arm is')
+        self._end(f'stopped: {self.note}')
         self._away = 0.0
         if self.collision:
             self.motion.collide()
@@ -480,11 +480,11 @@ class ReferenceSource:
         """Say whether the arm is not with its reference."""
         assert self.actual is not None
         planned = self._limits.velocity
-        away = np.abs(motion.q - self.actual) / planned
+        found = Deviation.of(self.names, motion.q - self.actual, planned)
         resting = bool(np.all(np.abs(motion.dq) < settings.RESTING_SPEED * planned))
-        self._away = self._away + dt if resting and away.max() > settings.NEAR_TIME else 0.0
-        if away.max() > settings.FOLLOWING_TIME or self._away > settings.LOST_TIME:
-            self.note = 'the arm was far from its reference, which restarted where the arm is'
+        self._away = self._away + dt if resting and found.seconds > settings.NEAR_TIME else 0.0
+        if found.seconds > settings.FOLLOWING_TIME or self._away > settings.LOST_TIME:
+            self.note = f'{found}, which restarted where the arm is; see oscillation_damper'
             return True
         return False
 

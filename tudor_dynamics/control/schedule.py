@@ -196,7 +196,7 @@ class Schedule:
         given = list(zip(self.content.damped, self.content.gauges, strict=True))
         if self.content.joints != arm.active_joints or given != own:
             self._refuse(f'the schedule is for joints {list(self.content.joints)} with gauges '
-                         f'{dict(given)}, {arm.name} has {list(arm.active_joints)}, {dict(own)}')
+                         f'{dict(given)}; {arm.name} has {list(arm.active_joints)}, {dict(own)}')
 
     def at(self, payload: float, q: FloatArray) -> Point:
         """
@@ -305,7 +305,7 @@ class Adaptation:
         """Why no payload is known, where none is."""
         return self._refusal or (
             'no payload was reported: start payload_estimator' if math.isnan(self._reported) else
-            f'no payload was reported for {self.timeout:g} s: is payload_estimator running?')
+            f'no payload was reported for {self.timeout:g} s: check that payload_estimator runs')
 
     def report(self) -> dict[str, str]:
         """Give what is in use as texts by name, for diagnostics."""

@@ -149,7 +149,7 @@ class ShapedPlanner(MotionPlanner):
         wanted = np.where(np.isnan(wanted), self.q, wanted)
         if self._shaping.kind == 'none' or not np.any(np.abs(wanted - self.q) > 1e-9):
             return
-        self._shaping.note = '' if rests else 'a new target came during motion'
+        self._shaping.note = '' if rests else 'a new target came during motion; send it at rest'
         if not rests:
             return
         self._plan(wanted)
