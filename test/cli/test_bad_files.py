@@ -155,7 +155,7 @@ CASES: dict[str, tuple[Make, str]] = {
                         'no regular file'),
     'chain': (lambda p: simulate(with_urdf(p / 'a.yaml', chain(20_000))), 'at most 1000'),
     'nested XML': (lambda p: simulate(with_urdf(p / 'a.yaml', '<a>' * 300_000)),
-                   'more than 50 levels'),
+                   '51 levels'),
     'pipe for torques': (
         lambda p: ['simulate', 'config/single_flexible_link.yaml', '--json', '--torque',
                    pipe(p / 'a.csv')], 'no regular file'),

@@ -21,6 +21,7 @@ import hashlib
 import io
 import os
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 import zipfile
 
@@ -33,7 +34,8 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
-from tudor_dynamics.models.bundle_io import check_target, load_bundle, MAX_BYTES, save_bundle
+from tudor_dynamics.models.bundle_io import (
+    check_target, load_bundle, MAX_BYTES, save_bundle, unpack)
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 import yaml
@@ -237,6 +239,17 @@ def test_pickle_is_refused(model: Path) -> None:
     _replace_file(model, 'elm.npz', _archive(effort_elm_biases=np.array([print, {}], object)))
     with pytest.raises(ModelError, match='allow_pickle=False'):
         load_bundle(model)
+
+
+@pytest.mark.parametrize('counts', [-1.0, np.nan, np.inf, 1e300])
+def test_sums_over_bags_that_count_nothing(counts: float) -> None:
+    """What data.npz says was summed up is a number of samples."""
+    group = SimpleNamespace(base=SimpleNamespace(kept=(0,), channels=(0,)))
+    content = _archive(m_triangular=np.zeros(1), m_0=np.zeros((1, 1, 2, 2)),
+                       m_0_n=np.full((1, 1), counts))
+    with pytest.raises(ModelError, match='m_0_n no counts'):
+        unpack({'m': SimpleNamespace(groups_=(group,))}, content,  # type: ignore[dict-item]
+               Path('data.npz'))
 
 
 def test_bombs(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,14 @@ from sample_arms import recording_of
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.errors import ModelError
 from tudor_dynamics.mechanics.closed_loop import ClosedLoop
 from tudor_dynamics.mechanics.hardware import Push
+from tudor_dynamics.mechanics.mechanism import build_mechanism
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.contact import ContactEstimate, ContactEstimator
+from tudor_dynamics.online.contact_fronts import Pressing, spans_of
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 
 SETTINGS = MonitorSettings(kind='elastic', methods=('strain',), contact=True)
@@ -117,3 +121,11 @@ def test_without_scale_the_watch_says_why(bundle: ModelBundle) -> None:
     rigid = MonitorSettings(kind='elastic', methods=('effort',), contact=True)
     watch = Monitor(ModelBundle(bundle.arm, bundle.preprocessing, bundle.models), rigid).watch
     assert watch.contact is None and 'strain and momentum' in watch.no_contact
+
+
+def test_a_link_with_gauges_and_no_beam(bundle: ModelBundle) -> None:
+    """It is an error of the model, so that the monitor goes on without contacts."""
+    arm = bundle.arm
+    span = replace(spans_of(arm, [True] * len(arm.gauges))[0], joint='joint1')
+    with pytest.raises(ModelError, match='joint1.*links.*flexible'):
+        Pressing(span, np.zeros(3), np.zeros(3), build_mechanism(arm), ())

@@ -203,8 +203,8 @@ def unpack(models: Mapping[str, AnalyticalModel], content: bytes, file: Path) ->
                 if (values.shape, counts.shape) != (shape, shape[:2]):
                     raise ValueError(f'{key} and {key}_n have the shapes {values.shape} and '
                                      f'{counts.shape}; expected {shape} and {shape[:2]}')
-                if not (np.all(np.isfinite(values)) and np.all(counts >= 0.0)):
-                    raise ValueError(f'{key} has NaN or infinite values, or {key}_n negative ones')
+                if not (np.all(np.isfinite(values)) and np.all((counts >= 0.0) & (counts < 1e15))):
+                    raise ValueError(f'{key} has NaN or infinite values, or {key}_n no counts')
                 data.append([Products(matrix.T @ matrix, int(k), matrix) if factors else
                              Products(matrix, int(k))
                              for matrix, k in zip(values[0], counts[0], strict=True)])

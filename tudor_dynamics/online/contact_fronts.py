@@ -28,7 +28,7 @@ import pinocchio as pin
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import gauge_axis, gauge_point, unit_vector
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import add, Chain, times
 from tudor_dynamics.mechanics.equations import put_force, unsaid
@@ -315,8 +315,8 @@ class Pressing:
         gauges: Sequence[GaugePlace],
     ) -> None:
         if span.joint not in mechanism.beams:
-            raise SimulationError(f'the link of {span.joint!r} has gauges, but no links[].'
-                                  'flexible; describe its beam there to estimate contacts')
+            raise ModelError(f'the link of {span.joint!r} has gauges, but no links[].flexible; '
+                             'describe its beam there to estimate contacts')
         body = mechanism.body_of[span.joint]
         floats = mechanism.body_float[body]
         length = float(floats[at.LENGTH])
