@@ -52,7 +52,7 @@ CASES = {
     'control': ('record/pushed', 'objects/rig', 'tune/description'),
     'mechanics': ('simulate/shape', 'record/pushed'),
     'models': ('fit/rigid', 'fit/elm', 'compare/models'),
-    'load': ('payload/json', 'payload/live'),
+    'load': ('payload/json', 'payload/two'),
     'online': ('evaluate/collisions', 'evaluate/free'),
     'identification': ('fit/rigid', 'info/blades'),
     'show': ('fit/ols', 'export/urdf'),

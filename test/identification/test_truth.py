@@ -77,7 +77,7 @@ def test_truth_of_a_bool(tmp_path: Path) -> None:
     moved = make_bag(tmp_path / 'moved', joint_states(stamp), button(
         changes - late, *pressed))
     assert find_truth(str(moved), '/button').pushes[0].begin == stamp[40] - late
-    with pytest.raises(BagError, match='there is no message on /other'):
+    with pytest.raises(BagError, match='has no messages on /other'):
         find_truth(str(bag), '/other')
     with pytest.raises(BagError, match='/joint_states is of type'):
         find_truth(str(bag), '/joint_states')

@@ -161,7 +161,7 @@ def test_gauge_faults(world: World, tudor: Path) -> None:
         strain[0] = value
         return strain
     for cause, fault in (('does not change', lambda k: spoil(kept[0])),
-                         ('not a number', lambda k: spoil(np.nan)),
+                         ('not finite', lambda k: spoil(np.nan)),
                          ('jumped', lambda k: arm.strain() + [4000.0 * (k % 2), 0, 0, 0])):
         seen = arm.damping(90, fault)
         assert np.abs(seen).max() < 1.2 * largest.max(), cause

@@ -38,7 +38,7 @@ def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, expected in (
             (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no damper'),
             (['--arm', tudor, '--joints', 'joint1'], "'joint1' is not in damper.joints"),
-            (['--arm', tudor, '--step', '50'], 'at most 20 degrees')):
+            (['--arm', tudor, '--step', '50'], 'up to 20 degrees')):
         assert main(['damper_sign_test', *words]) == 2
         error = capsys.readouterr().err
         assert expected in error and len(error.splitlines()) == 1

@@ -63,7 +63,7 @@ LIES = {
     'negated': ('lambda u: [u[0], -u[1]]', TRUE,
                 'joint3: the joint moves the other way: a sign is wrong'),
     'a tenth': (TRUE, 'lambda q: [q[0], 0.7 + 0.1 * q[1], q[2]]',
-                'in the positions that the driver reports: its velocity is right'),
+                'the positions that the driver reports: its velocity is right'),
     'deaf': ('lambda u: [0.0, 0.0]', TRUE, 'joint2: the joint does not answer')}
 
 
@@ -73,7 +73,7 @@ def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, expected in (
             (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no damper'),
             (['--arm', tudor, '--joints', 'joint1'], "'joint1' is not an active joint"),
-            (['--arm', tudor, '--step', '50'], 'at most 5 degrees')):
+            (['--arm', tudor, '--step', '50'], 'up to 5 degrees')):
         assert main(['joint_test', *words]) == 2
         error = capsys.readouterr().err
         assert expected in error and len(error.splitlines()) == 1

@@ -145,6 +145,6 @@ def test_sign_test_knows_other_arms(gantry: Path, world: World,
     finally:
         tester.destroy_node()
     assert program.main(['damper_sign_test', '--arm', str(gantry), '--joints', 'lift']) == 2
-    assert "joint 'lift' has no damper" in capsys.readouterr().err
+    assert "'lift' is not in damper.joints" in capsys.readouterr().err
     assert program.main(['damper_sign_test', '--arm', str(gantry), '--slide', '500']) == 2
-    assert 'at most 100 mm' in capsys.readouterr().err
+    assert 'up to 100 mm' in capsys.readouterr().err

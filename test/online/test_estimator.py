@@ -176,7 +176,7 @@ def test_without_a_scale_it_says_so() -> None:
     rigid = ModelBundle(bare, bundle.preprocessing, {'strain': {
         'analytical': bundle.models['strain']['elastic']}}, {})
     rigid.models['strain']['analytical'].noise_ = None  # type: ignore[attr-defined]
-    with pytest.raises(ModelError, match='no gauge has a scale'):
+    with pytest.raises(ModelError, match='no gauge has a known gain'):
         ContactEstimator(ModelBundle(bare, bundle.preprocessing, {'strain': {
             'elm': _Unknown()}}, {}), 'elm')  # type: ignore[dict-item]
 

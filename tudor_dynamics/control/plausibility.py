@@ -406,8 +406,8 @@ class MotionWatch:
             return ''
         steps = np.diff(moved - made)
         if np.abs(steps).max() > settings.JUMP_SHARE * np.ptp(moved - made):
-            return (f'the position jumped by {steps[np.abs(steps).argmax()]:.3g} [rad or m], '
-                    'unlike the reported velocity: the encoder lost counts; check its cable')
+            return (f'the position jumped by {steps[np.abs(steps).argmax()]:.3g} [rad or m], the '
+                    'reported velocity did not: the encoder lost counts; check its cable')
         if abs(mine) < settings.STANDS * abs(way):
             return (f'the position moves {mine / way:.2g} times as far as the reported velocity '
                     'implies: the encoder is frozen, slips, or drifts against the motion')
