@@ -142,8 +142,9 @@ MAX_STEPS, MAX_BYTES = 2e7, 4e9
 def check_budget(what: str, steps: float, each: float = 8.0) -> None:
     """Refuse a run that nobody could wait for, or no memory holds: each [bytes a step]."""
     if not (steps <= MAX_STEPS and steps * each <= MAX_BYTES):
-        raise UsageError(f'{what}: {steps:.3g} steps of {each:g} bytes exceed {MAX_STEPS:g} steps '
-                         f'or {MAX_BYTES:g} bytes in all', remedy='take fewer or larger steps')
+        over = (f'{steps:.3g} steps, more than {MAX_STEPS:g}' if not steps <= MAX_STEPS else
+                f'{steps:.3g} steps need {steps * each:.2g} bytes, more than {MAX_BYTES:g}')
+        raise UsageError(f'{what}: {over}', remedy='ask for less, or larger steps')
 
 
 class TudorWarning(UserWarning):

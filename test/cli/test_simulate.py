@@ -250,5 +250,6 @@ def test_files_that_cannot_be_written(root, tmp_path, capsys, monkeypatch, name)
                  '--seconds', '0.1', '--rate', '100', '--plot', '--signals', 'energy', '--out',
                  str(out), '--animate', str(out / 'a.gif')])
     err = capsys.readouterr().err
-    assert code == 2 and err.endswith(f'{name}: No space left on device\n')
+    assert code == 2
+    assert err.endswith(f'{name}: No space left on device; check path, rights and disk\n')
     assert not [item for item in out.iterdir() if item.name.startswith('.') or item.name == name]

@@ -237,7 +237,8 @@ def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said:
     assert world.spin(lambda: len(chain.controller.taken) == 2)
     assert said in chain.relay.not_shaped and len(chain.controller.taken[1].points) == 1
     status = chain.told()
-    assert status.level == DiagnosticStatus.WARN and status.message.startswith('not shaped: ')
+    assert status.level == DiagnosticStatus.WARN
+    assert status.message.startswith('passed on unshaped: ')
     chain.relay.set_parameters([Parameter('not_shaped', value='refuse')])
     chain.send(point(2.0, 2.1, 0.1))
     assert chain.relay.refused.startswith('the trajectory cannot be shaped: ')

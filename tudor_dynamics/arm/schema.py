@@ -584,7 +584,8 @@ class MaterialSpec(Spec):
     @model_validator(mode='after')
     def _one_of(self) -> MaterialSpec:
         if (self.G is None) == (self.nu is None):
-            raise ValueError('give either the shear modulus G or the Poisson ratio nu')
+            raise ValueError(f'{"neither" if self.G is None else "both"} the shear modulus G and '
+                             'the Poisson ratio nu: give one of them')
         return self
 
 

@@ -136,10 +136,10 @@ def check_finite(stream: Signals, field: str, notes: Notes, path: str) -> FloatA
     counts = bad.sum(axis=0)
     first = int(np.argmax(bad.any(axis=1)))
     seconds = (stream.stamp[first] - stream.stamp[0]) * 1e-9
-    who = ', '.join(f'{name} {count}' for name, count in zip(stream.names, counts, strict=True)
+    who = ', '.join(f'{name}: {count}' for name, count in zip(stream.names, counts, strict=True)
                     if count)
     large = '' if not np.isfinite(values[bad]).any() else f' or beyond {MAX_VALUE:g}'
-    text = (f'{stream.what}: of {len(bad)} samples are NaN or infinite{large}: {who}, the first '
+    text = (f'{stream.what}: {who} of {len(bad)} samples are NaN or infinite{large}, the first '
             f'at {seconds:.3f} s')
     if counts.max() > FEW * len(bad):
         msg = f'{text}; repair the driver or leave this channel out, and record again'
@@ -302,7 +302,7 @@ class Assembly:
         wanted, field = channels[0].topic, channels[0].field
         topic = self.names[wanted]
         if topic is None:
-            self.notes.add(f'no topic {wanted} ({field} of {who})', lacking=True)
+            self.notes.add(f'no topic {wanted}, which has the {field} of {who}', lacking=True)
             return None
         states = self.states(topic, channels[0])
         stream, index = self.select(states, keys, field)

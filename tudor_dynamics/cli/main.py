@@ -184,7 +184,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return OK
         except OSError as err:
             place = f'{err.filename}: ' if err.filename else ''
-            _complain(name, f'{place}{err.strerror or err}')
+            _complain(name, f'{place}{err.strerror or err}; check path, rights and disk')
             try:
                 sys.stdout.flush()
             except OSError:

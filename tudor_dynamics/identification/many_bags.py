@@ -286,8 +286,8 @@ class ManyBags:
 
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
         if wrong and self.streaming.strict:
-            more = f' (and {len(wrong) - 1} more)' if len(wrong) > 1 else ''
-            raise FitError(f'--strict: {wrong[0]}{more}', remedy='leave out this bag or --strict')
+            more = f' ({len(wrong) - 1} more bags)' if len(wrong) > 1 else ''
+            raise FitError(f'--strict: {wrong[0]}{more}', remedy='leave out such bags or --strict')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
             warnings.warn(f'left out: {item}', TudorWarning, stacklevel=2)
         self.unused += wrong

@@ -175,6 +175,8 @@ def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
         tree = ast.parse(text.strip(), mode='eval').body
         with np.errstate(all='ignore'):
             values = np.broadcast_to(_evaluate(tree, t), t.shape).astype(float)
+    except SimulationError as err:
+        raise err.at(f'expression {text!r}') from None
     except SyntaxError:
         msg = f'{text!r} is neither a file nor an expression in t; example: "0.6*sin(2*pi*t)"'
         raise SimulationError(msg) from None

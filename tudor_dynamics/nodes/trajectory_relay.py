@@ -306,7 +306,8 @@ class TrajectoryRelayNode(TudorNode):
             return WARN, f'no node hears {self._output.topic_name}: activate that controller'
         if self.refused:
             return WARN, f'refused: {self.refused}'
-        return (WARN, f'not shaped: {self.not_shaped}') if self.not_shaped else (level, message)
+        return ((WARN, f'passed on unshaped: {self.not_shaped}') if self.not_shaped else
+                (level, message))
 
     def close(self) -> None:
         if self.server is not None:

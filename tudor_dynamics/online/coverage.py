@@ -63,12 +63,12 @@ def _wait(values: FloatArray, last: FloatArray, dt: float, still: FloatArray) ->
 
 
 MEANING = {
-    'settling': 'the filters settle after the start or a gap; if this repeats, look for gaps',
+    'settling': 'filters settle after a start or gap; if it repeats, look for lost messages',
     'gap': 'messages are lost: check the driver, the network and qos_overrides',
     'not_finite': 'messages have NaN or infinite values: check the driver',
     'duplicate_stamp': 'stamps repeat: check the driver, and for a second publisher',
     'backward_stamp': 'stamps go backwards: check the driver, and for a second publisher',
-    'unknown_names': 'messages lack joints or gauges of the model: use a model of this arm',
+    'unknown_names': 'messages lack joints or gauges of the model: use its arm, or mend names',
     'short_array': 'messages have fewer values than names: correct the driver',
     'no_measurement': 'no effort or strain is measured during the motion: check topic and driver',
     'no_neighbour': 'no effort or strain comes shortly before and after a joint state: check '

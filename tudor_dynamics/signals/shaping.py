@@ -59,8 +59,8 @@ def impulses(kind: str, frequency: float, damping: float) -> Impulses:
     """Give the impulses after which a mode does not oscillate: frequency [Hz]."""
     if kind not in KINDS or not (math.isfinite(frequency) and frequency > 0.0
                                  and 0.0 <= damping < 1.0):
-        msg = (f'shaper {kind!r} for {frequency} Hz with a damping ratio of {damping}: expected '
-               f'one of {", ".join(KINDS)}, a frequency above 0 and a ratio of 0 to 1')
+        msg = (f'shaper of kind {kind!r}, {frequency} Hz, damping ratio {damping}: give the kind '
+               f'{" or ".join(KINDS)}, a frequency above 0 Hz, a ratio of 0 to 1')
         raise SignalError(msg)
     root = math.sqrt(1.0 - damping**2)
     k = math.exp(-damping * math.pi / root)

@@ -405,5 +405,5 @@ class DetectNode(ModelNode):
             'namespace, or remap the topic' if rivals else '']
         for level, texts in ((ERROR, errors), (WARN, warnings)):
             if any(texts):
-                return level, '; '.join(text for text in texts if text)
+                return level, '. '.join(text for text in texts if text)
         return OK, 'running'

@@ -188,5 +188,7 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         """Say that a node that is not active moves nothing."""
         level, message = super().verdict()
         if self.controller is not None and not self.active:
-            return WARN, self.ended or self.phase
+            step = {'inactive': 'activate', 'unconfigured': 'configure'}.get(self.phase, '')
+            return WARN, self.ended or self.phase + (
+                f': ros2 lifecycle set {self.get_name()} {step}' if step else '')
         return level, message
