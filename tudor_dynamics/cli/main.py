@@ -85,7 +85,7 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refuse unknown options before it is said that others are missing."""
-        words = list(args or ())
+        words = list(sys.argv[1:] if args is None else args)
         for name in ('arm', 'model'):  # --arm and --model work where a bare word names them, too
             if f'--{name}' in words[:-1] and any(action.dest == name and not action.option_strings
                                                  for action in self._actions):
