@@ -156,7 +156,7 @@ def follow(name, folder, data, robot):
             print(f'    runs: {step["command"]}', flush=True)
     for number, finding in enumerate(said['findings']):
         changed = remedied(content, finding)
-        part = re.search(r'use (\S+@\S+%)', finding['remedy'])
+        part = re.search(r'use (?:only this part of the bag: )?(\S+@\S+%)', finding['remedy'])
         if changed is not None or part and part[1] != training:
             count += 1
             other = folder / f'arm_{number}.yaml'
