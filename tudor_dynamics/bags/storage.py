@@ -441,7 +441,7 @@ def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
         msg = f'{path}: no such file or directory; give a rosbag2 directory, .mcap or .db3 file'
         left = abandoned(path)
         if left:
-            msg += f' (a recorder that was killed left {", ".join(str(item) for item in left)})'
+            msg += f'; a killed recorder left {", ".join(map(str, left))}, which may be given too'
     elif path.suffix == '.bag':
         msg = f'{path}: a bag of ROS 1; convert it with `rosbags-convert --src {path} --dst OUT`'
     elif path.suffix == '.zstd':

@@ -62,7 +62,7 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
             msg = (f'the efforts of joint {joint.name!r} cannot be converted from '
                    f'{joint.effort.unit}, as its torque constant is not described')
             raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm '
-                                         'description and fit again, or set unit to model')
+                                         'description and fit again, or take the unit model')
         result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
 
