@@ -174,7 +174,7 @@ def test_drives_that_lie(name: str, rate: float, payload: float) -> None:
     if not math.isnan(answer.scale):  # one that oscillates has none
         assert answer.sign == np.sign(scale)
         assert 0.5 < answer.scale / abs(scale) < 2.0
-    assert "driver's own velocity is right" not in answer.text
+    assert 'its velocity is right' not in answer.text
     assert gone(rig, begin) < (3.5 if abs(scale) > 10.0 else BOUND)
 
 
