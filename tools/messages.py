@@ -15,12 +15,10 @@
 """
 List what the package says to people: errors, warnings, log lines, diagnostics, help, reports.
 
-    python tools/messages.py                              how many there are of each kind
-    python tools/messages.py --sample 40 --seed 7         40 errors and diagnostics, to be read
-    python tools/messages.py --sample 40 --kind error     of one kind
+    python tools/messages.py      how many there are of each kind
 
 Found in the code: strings of three words and more that are no docstring. What a message repeats
-stands in braces.
+stands in braces. `tools/said.py` draws some as they are printed.
 """
 
 from __future__ import annotations
@@ -31,13 +29,10 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-import random
 import re
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / 'tudor_dynamics'
-READ = ('error', 'warning', 'log', 'diagnostic', 'finding')
-"""Kinds that a sample is drawn from; help and reports are read page by page."""
 ROOMS = {'nodes': 'diagnostic', 'control': 'diagnostic', 'online': 'diagnostic',
          'identification/doctor': 'finding', 'identification/uses.py': 'finding',
          'identification/next_steps.py': 'finding', 'identification/ringdowns.py': 'finding',
@@ -153,20 +148,10 @@ def messages(package: Path = PACKAGE) -> list[Message]:
 
 
 def main() -> None:
-    """Count them, or draw some."""
-    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    parser.add_argument('--sample', type=int, metavar='N', help='draw so many')
-    parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--kind', nargs='+', default=READ)
-    args = parser.parse_args()
-    found = messages()
-    if args.sample is None:
-        for kind, number in Counter(message.kind for message in found).most_common():
-            print(f'{number:5d} {kind}')
-        return
-    chosen = [message for message in found if message.kind in args.kind]
-    for message in random.Random(args.seed).sample(chosen, min(args.sample, len(chosen))):
-        print(f'{message.kind} {message.place}\n    {message.text}')
+    """Count them."""
+    argparse.ArgumentParser(description=__doc__.strip().splitlines()[0]).parse_args()
+    for kind, number in Counter(message.kind for message in messages()).most_common():
+        print(f'{number:5d} {kind}')
 
 
 if __name__ == '__main__':

@@ -321,8 +321,7 @@ class Prediction:
 
     arm: Arm  # arm of the models
     data: tuple[BagData, ...]  # bags, filtered as the models need it
-    # By output and kind: ``outputs['strain']['analytical'].traces[0].residual`` of the first bag.
-    outputs: dict[str, dict[str, Validation]]
+    outputs: dict[str, dict[str, Validation]]  # figures and traces by output and kind
 
     def __repr__(self) -> str:
         """Write the fit of each model, one line each."""

@@ -318,9 +318,21 @@ def test_a_shell_completes(typed: str, answers: set[str]) -> None:
     (['excite', '--floor', '0', '--meshes', 'a', 'b', '--arm', 'x', '--out', 'plan'], 'arm'),
     (['simulate', '--arm', 'x', '--modes', '3'], 'arm'),
     (['tune', '--arm', 'x', '--model', 'm', '--out', 'y'], 'arm'),
+    (['tune', '--arm=x', '--model=m', '--out', 'y'], 'arm'),
     (['export', '--to', 'urdf', '--model', 'x', '--out', 'y'], 'model')])
 def test_arm_and_model_have_one_name(words: list[str], name: str) -> None:
     """Where a bare word names them, the option of the other commands does, too."""
     args = entry.build_parser(words[0]).parse_args(words)
     assert getattr(args, name) == 'x'
     assert args.out in (None, 'plan', 'y')
+
+
+def test_a_description_that_cannot_be_read_is_left_out_of_a_bug_report(
+    command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What the command says of it is what the file is for."""
+    (tmp_path / 'secret.yaml').write_text('name: arm')
+    monkeypatch.setattr('os.access', lambda *_: False)
+    command.run, kept = _raise(BagError('secret.yaml: cannot be read')), tmp_path / 'debug.txt'
+    assert entry.main(['evaluate', str(tmp_path / 'secret.yaml'), '--debug', str(kept)]) == 2
+    assert 'cannot be read' in kept.read_text() and 'name: arm' not in kept.read_text()

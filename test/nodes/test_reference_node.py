@@ -44,6 +44,7 @@ from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.signals.shaping import Profile
 
+INACTIVE = 'inactive: ros2 lifecycle set reference_generator activate'
 GOAL = np.array([1.2, -0.3])
 
 
@@ -293,7 +294,7 @@ def test_lifecycle(world: World, tudor: Path) -> None:
     node = generator.node
     assert node.trigger_deactivate().name == 'SUCCESS'
     assert generator.run(3).size == 0
-    assert generator.told().message.startswith('inactive: ros2 lifecycle set')
+    assert generator.told().message == INACTIVE
     generator.goals.publish(trajectory(point(1.0, *GOAL)))
     assert world.spin(lambda: node.drops['goal_refused'] == 1)
     assert node.trigger_activate().name == 'SUCCESS'
@@ -312,7 +313,7 @@ def test_lifecycle(world: World, tudor: Path) -> None:
     elapsed = 1e-9 * np.diff([nanoseconds(m.header.stamp) for m in way])
     assert np.abs(np.diff([m.position for m in way], axis=0) / elapsed[:, None]).max() < 1.0
     assert node.source.motion is None
-    assert generator.told().message.startswith('inactive: ros2 lifecycle set')
+    assert generator.told().message == INACTIVE
     assert node.trigger_activate().name == 'SUCCESS'
     assert generator.run(5)[-1] == pytest.approx(generator.q)
     assert node.trigger_shutdown().name == 'SUCCESS'

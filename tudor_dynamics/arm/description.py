@@ -248,6 +248,12 @@ class Arm:
         return is_prismatic(self.full_model, joint)
 
     @cached_property
+    def position_units(self) -> dict[str, str]:
+        """Unit of the position of each joint that can move."""
+        return {name: 'm' if self.is_prismatic(name) else 'rad'
+                for name in list(self.full_model.names)[1:]}
+
+    @cached_property
     def digest(self) -> str:
         """
         SHA-256 of all that a fitted model depends on.

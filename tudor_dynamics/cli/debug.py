@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import io
+import os
 from pathlib import Path
 import shlex
 import sys
@@ -50,7 +51,7 @@ class _Copied:
 def report(arguments: Sequence[str], output: str = '', ended: str = '') -> str:
     """Write what a bug report needs about a call, and about an exception that is handled."""
     files = [path for path in map(Path, arguments) if path.suffix in ('.yaml', '.urdf')
-             and path.is_file() and path.stat().st_size < LONGEST]
+             and path.is_file() and os.access(path, os.R_OK) and path.stat().st_size < LONGEST]
     raised = traceback.format_exc() if sys.exc_info()[0] else ''
     return '\n'.join((
         *(f'{name}: {value}' for name, value in provenance().items()),

@@ -34,7 +34,6 @@ from tudor_dynamics.provenance import installed, provenance
 
 EXAMPLES = """\
 examples:
-  tudor doctor
   tudor doctor --json
 
 It looks at versions, ROS 2, clock, processor, rights and space, and says what to do where one is

@@ -38,7 +38,7 @@ from tudor_dynamics.identification.detection import (
     evaluate_collisions, find_truth, FREE, MethodResult, Truth, truth_of_file,
     WatchedBag, within)
 from tudor_dynamics.identification.doctor.between import examine_evaluation
-from tudor_dynamics.identification.next_steps import changes, ErrorChange, fit_with, touched
+from tudor_dynamics.identification.next_steps import changes, fit_with, touched
 from tudor_dynamics.identification.validation import rounded, Validation
 from tudor_dynamics.library import predict_bags, warn_of_training
 from tudor_dynamics.models.bundle import KINDS, ModelBundle
@@ -309,7 +309,9 @@ def run(args: argparse.Namespace) -> int:
     evaluated = examine_evaluation(bundle, data)
     findings = evaluated.findings
     compared = () if args.rate else changes(bundle.facts, found)
-    worse = [change for change in compared if change.changed and _counts(change, compared)]
+    # an ELM decides where there is no other model
+    decides = [change for change in compared if change.kind != 'elm'] or compared
+    worse = [change for change in decides if change.changed]
     if args.save:
         save_traces(Path(args.save), found)
     if args.report:
@@ -363,11 +365,6 @@ def _print_cause(
     else:
         say('the doctor finds no cause in these bags: temperature and wear of the drives change '
             'friction; fit again with these bags')
-
-
-def _counts(change: ErrorChange, compared: Sequence[ErrorChange]) -> bool:
-    """Say whether a change decides: an ELM does where it is all that there is."""
-    return change.kind != 'elm' or all(other.kind == 'elm' for other in compared)
 
 
 def chosen_rate(spec: PreprocessingSpec, rate: str | None) -> PreprocessingSpec:

@@ -29,8 +29,7 @@ from tudor_dynamics.arm.limits import RADIUS, SelfCollision, walls_of
 from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import whole
-from tudor_dynamics.identification.excitation import (
-    CLEARANCE, ExpectedError, Information, mean_error)
+from tudor_dynamics.identification.excitation import CLEARANCE, ExpectedError, mean_error
 from tudor_dynamics.identification.excitation_plan import (
     bounds_of, default_highest, KINDS, make_plan, Order, PICTURE, Plan,
     plan_head, STAGES, Target, target_of_arm, target_of_model, write_plan)
@@ -213,7 +212,7 @@ def run(args: argparse.Namespace) -> int:
 
         write_picture(
             folder / PICTURE, draw_motion, plan.trajectory, joint_range(arm), motion_limits(arm),
-            {name: 'm' if arm.is_prismatic(name) else 'rad' for name in arm.active_joints})
+            arm.position_units)
     if args.json:
         print_json({'out': args.out, 'search_seconds': round(seconds, 2), **head})
         return 0
@@ -227,8 +226,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _gain(target: Target, plan: Plan, order: Order) -> float:
     """Compare with random motions: mean ratio of standard errors to those of the median one."""
-    bounds, information = bounds_of(target), Information(target.models, target.noise.size)
-    costs = [information.value(fourier_motion(
+    bounds = bounds_of(target)
+    costs = [target.information.value(fourier_motion(
         bounds.range, bounds.limits, order.seconds, order.seed + 1 + seed, order.dt,
         base=max(0.1, 3.0 / order.seconds)).motion, mean_error) for seed in range(RANDOM)]
     return float(np.exp(np.median(costs) - plan.cost))

@@ -206,9 +206,7 @@ def run(args: argparse.Namespace) -> int:
     return 1
 
 
-def _print(
-    result: FitResult, assessment: Assessment, report: Path, *, verbose: bool,
-) -> None:
+def _print(result: FitResult, assessment: Assessment, report: Path, *, verbose: bool) -> None:
     # first what runs beside the robot, then the offline figures
     live = () if result.causal is None else result.causal.fitted
     judged = [(item, ' beside the robot' * verbose) for item in live]

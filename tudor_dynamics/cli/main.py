@@ -25,8 +25,7 @@ from __future__ import annotations
 import _thread
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import (
-    contextmanager, ExitStack, redirect_stderr, redirect_stdout, suppress)
+from contextlib import contextmanager, ExitStack, redirect_stderr, redirect_stdout, suppress
 import gc
 from importlib import import_module
 import os
@@ -85,7 +84,8 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refuse unknown options before it is said that others are missing."""
-        words = list(sys.argv[1:] if args is None else args)
+        words = [part for word in (sys.argv[1:] if args is None else args) for part in (
+            word.split('=', 1) if word.startswith(('--arm=', '--model=')) else [word])]
         for name in ('arm', 'model'):  # --arm and --model work where a bare word names them, too
             if f'--{name}' in words[:-1] and any(action.dest == name and not action.option_strings
                                                  for action in self._actions):

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             step(f'read {choice}')
             bags.append(load(choice, bundle.arm, bundle.preprocessing))
     found = [payload_of(bundle, [bag], args.kind) for bag in bags]
-    known = [truths.get(_resolved(bag)) for bag in bags]
+    known = [truths.get(str(Path(bag.choice.path).resolve())) for bag in bags]
     if args.json:
         print_json({'model': args.model, 'bags': {
             str(bag.choice): {**item.as_dict(), **({} if mass is None else {'true_mass': mass})}
@@ -78,10 +78,6 @@ def run(args: argparse.Namespace) -> int:
            if item.verdict is Presence.UNKNOWN or (
                mass is not None and not abs(item.mass - mass) <= FAR * item.mass_std)]
     return 1 if bad else 0
-
-
-def _resolved(bag: BagData) -> str:
-    return str(Path(bag.choice.path).resolve())
 
 
 def _print(

@@ -23,7 +23,8 @@ import time
 from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
-from tudor_dynamics.cli.console import add_running, bar, new_table, print_json, print_table, say
+from tudor_dynamics.cli.console import (
+    add_running, bar, check_running, new_table, print_json, print_table, say)
 from tudor_dynamics.errors import BagError, check_budget, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.excitation_plan import read_motion
@@ -89,9 +90,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(args: argparse.Namespace) -> None:
-    for name in ('stimuli', 'jobs'):
-        if getattr(args, name) < 1:
-            raise UsageError(f'--{name.replace("_", "-")} {getattr(args, name)}: give 1 or more')
+    check_running(args)
+    if args.stimuli < 1:
+        raise UsageError(f'--stimuli {args.stimuli}: give 1 or more')
     if min(args.pushes, args.loads, args.seed) < 0:
         raise UsageError(f'--pushes {args.pushes} --loads {args.loads} --seed {args.seed}: none '
                          'can be negative')
@@ -101,20 +102,17 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
-    result = []
     trajectory = None
     ideal = Imperfections.names() if 'all' in args.ideal else args.ideal
     if args.trajectory is not None:
         trajectory = read_motion(Path(args.trajectory))
         args.seconds = round(len(played_motion(arm, trajectory, dt).q) * dt, 6)
-    for number in range(args.stimuli):
-        motion, noise, push = stimulus_seeds(args.seed, number)
-        result.append(StimulusSpec(
-            args.payload, args.seconds, args.rate, 0.0 if args.no_damping else 1.0,
-            args.excitation, motion, noise, push, args.pushes,
-            Imperfections(**dict.fromkeys(ideal, False)),
-            random_loads(args.loads, args.seconds, args.payload, push), args.held, trajectory))
-    return result
+    seeds = (stimulus_seeds(args.seed, number) for number in range(args.stimuli))
+    return [StimulusSpec(
+        args.payload, args.seconds, args.rate, 0.0 if args.no_damping else 1.0, args.excitation,
+        motion, noise, push, args.pushes, Imperfections(**dict.fromkeys(ideal, False)),
+        random_loads(args.loads, args.seconds, args.payload, push), args.held, trajectory)
+        for motion, noise, push in seeds]
 
 
 def run(args: argparse.Namespace) -> int:

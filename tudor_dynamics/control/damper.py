@@ -335,9 +335,9 @@ Measure = Callable[[str, float, float], StepResponse]
 
 def ringing(response: StepResponse) -> FloatArray:
     """Take slow motion out of a response."""
-    if len(response.strain) * response.dt < 2.0:
+    if len(response.strain) * response.dt < settings.SHORTEST_DECAY:
         raise SignalError(f'the strain was recorded for {len(response.strain) * response.dt:g} s, '
-                          'less than the 2 s that a decay needs; check the driver of the gauge')
+                          f'a decay needs {settings.SHORTEST_DECAY:g} s; check its driver')
     from scipy.signal import butter, sosfiltfilt  # slow to import
 
     sos = butter(2, settings.SIGN_HIGH_PASS * 2.0 * response.dt, 'highpass', output='sos')

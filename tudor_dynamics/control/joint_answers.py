@@ -348,9 +348,9 @@ def pose_fault(arm: Arm, q: FloatArray) -> str:
     limits = hard_limits(arm)
     for name, at, low, high in zip(arm.active_joints, q, limits.lower, limits.upper, strict=True):
         if at < low - settings.BEYOND or at > high + settings.BEYOND:
-            unit = 'm' if arm.is_prismatic(name) else 'rad'
-            return (f'{name} is at {at:.4g} {unit}, outside its limits {low:.4g} .. {high:.4g}: '
-                    'check order, sign, unit and zero of the positions in the driver')
+            return (f'{name} is at {at:.4g} {arm.position_units[name]}, outside its limits '
+                    f'{low:.4g} .. {high:.4g}: check order, sign, unit and zero of the positions '
+                    'in the driver')
     return ''
 
 

@@ -263,7 +263,7 @@ class ReferenceSource:
         self.reaction, self.retreat_time, self.timeout = reaction, retreat_time, timeout
         self.shaping = shaping or Shaping()
         self.names = arm.active_joints
-        self._units = ['m' if arm.is_prismatic(name) else 'rad' for name in self.names]
+        self._units = arm.position_units
         self.tolerances, self.partial = Tolerances(), True
         self.motion: ReactingReference | None = None
         self.outcome = self.note = ''
@@ -310,8 +310,9 @@ class ReferenceSource:
         if why := self._unable():
             return why
         for k in np.flatnonzero(self.hard.outside(target) | np.isinf(target)):
-            return (f'the target of {self.names[k]} is {target[k]:.4g} {self._units[k]}; send one '
-                    f'within its limits {self.hard.lower[k]:.4g} .. {self.hard.upper[k]:.4g}')
+            return (f'the target of {self.names[k]} is {target[k]:.4g} '
+                    f'{self._units[self.names[k]]}; send one within its limits '
+                    f'{self.hard.lower[k]:.4g} .. {self.hard.upper[k]:.4g}')
         assert self.motion is not None
         self.motion.go(target)
         self._follow(target)
@@ -408,8 +409,8 @@ class ReferenceSource:
         off, bounds = np.abs(self.actual - wanted), np.broadcast_to(bound, wanted.shape)
         over = np.where((bounds > 0.0) & (off > bounds), off - bounds, 0.0)
         k = int(over.argmax())
-        return (f'{self.names[k]} is {off[k]:.3g} {self._units[k]} away, tolerance {bounds[k]:.3g}'
-                '; see the diagnostics of oscillation_damper' if over[k] else '')
+        return (f'{self.names[k]} is {off[k]:.3g} {self._units[self.names[k]]} away, tolerance '
+                f'{bounds[k]:.3g}; see the diagnostics of oscillation_damper' if over[k] else '')
 
     def collide(self, collision: bool) -> None:
         """Take the state of the collision detector into account."""

@@ -63,6 +63,7 @@ RECOVERY_TIME = 0.5
 
 # -- Test of the damper's sign
 
+SHORTEST_DECAY = 2.0  # of a strain that is judged [s]: five periods of TUDOR's links at 2.5 Hz
 # Step that the test asks for [rad]: it rings well above the noise, measured in
 # test/mechanics/test_closed_loop.py.
 SIGN_STEP = math.radians(3.0)

@@ -172,7 +172,7 @@ class Information:
 
     def value(self, motion: FloatArray, criterion: Criterion) -> float:
         """Judge a motion (samples, 3 joints)."""
-        return _weighed(criterion, self.matrices(motion))[0]
+        return _evaluate(criterion, self.matrices(motion))[0]
 
     def cost(
         self, motion: FloatArray, criterion: Criterion = mean_error,
@@ -181,7 +181,7 @@ class Information:
         rows = [regressor.rows(motion) for regressor, _ in self._parts]
         own = [[group.rows(rows_) for group in groups]
                for rows_, (_, groups) in zip(rows, self._parts, strict=True)]
-        cost, slopes = _weighed(criterion, [_square(part) for parts in own for part in parts])
+        cost, slopes = _evaluate(criterion, [_square(part) for parts in own for part in parts])
         slope, by_group = np.zeros_like(motion), iter(slopes)
         for rows_, parts, (regressor, groups) in zip(rows, own, self._parts, strict=True):
             pulls = [2.0 * (part @ next(by_group)) for part in parts]
@@ -194,7 +194,7 @@ class Information:
         return cost, slope
 
 
-def _weighed(
+def _evaluate(
     criterion: Criterion, information: Sequence[FloatArray],
 ) -> tuple[float, Sequence[FloatArray]]:
     """Ask a criterion, which may be a user's, for its cost and slopes."""

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 import json
 import math
 from pathlib import Path
@@ -247,6 +248,11 @@ class Target:
     noise: Noise  # noise of the outputs
     parameters: FloatArray | None = None  # what is known of the efforts, (joints, columns)
 
+    @cached_property
+    def information(self) -> Information:
+        """What motions show of it."""
+        return Information(self.models, self.noise.size)
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -313,9 +319,8 @@ def make_plan(
 ) -> Plan:
     """Search for the motion that shows best what is to be identified."""
     bounds = bounds_of(target, links)
-    information = Information(target.models, target.noise.size)
-    reference = (best_series(information, bounds, order, report, criterion) if kind == 'fourier'
-                 else best_aprbs(information, bounds, order, report, criterion))
+    best = best_series if kind == 'fourier' else best_aprbs
+    reference = best(target.information, bounds, order, report, criterion)
     return judged(target, Trajectory(
         target.arm.active_joints, np.asarray(np.arange(len(reference.q)) * reference.dt),
         reference.q, reference.dq, reference.ddq), bounds, criterion)
@@ -326,8 +331,7 @@ def judged(target: Target, trajectory: Trajectory, bounds: Bounds, criterion: Cr
     motion = states(trajectory)
     return Plan(trajectory, expected_errors(
         target.models, target.arm, trajectory, target.preprocessing, target.noise),
-        bounds.beyond(motion), target.noise,
-        Information(target.models, target.noise.size).value(motion, criterion))
+        bounds.beyond(motion), target.noise, target.information.value(motion, criterion))
 
 
 # -- A plan as a folder: the motion as a bag and as a table, and what it is to show as JSON.

@@ -52,7 +52,8 @@ class ArmSimulatorNode(TudorNode):
         super().__init__('arm_simulator', **kwargs)
         self.arm: ArmProcess | None = None
         self._answer, self._commanded = Event(), -math.inf  # to the newest sample; when one came
-        self._lock, self.late = Lock(), 0
+        self._lock = Lock()
+        self.late = 0
         try:
             description = self.described_arm('links and motors', 'a simulated arm')
             self.arm = ArmProcess(

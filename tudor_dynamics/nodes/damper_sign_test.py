@@ -86,7 +86,8 @@ class SignTester(Trial):
         heard = self._strain[gauge]
         if len(heard) < 20:
             return None
-        stamp, strain = np.array(heard).T * [[1e-9], [1.0]]
+        stamp, strain = np.array([item[0] for item in heard]) * 1e-9, np.array(
+            [item[1] for item in heard])
         grid = np.linspace(stamp[0], stamp[-1], len(stamp))  # lost messages leave no dent
         return StepResponse(float(grid[1] - grid[0]), np.interp(grid, stamp, strain))
 
@@ -108,9 +109,9 @@ class SignTester(Trial):
         response = self.listen(self._gauge(joint), RECORD, watch=share > 0.0)
         assert self.q is not None
         if abs(self.q[index] - self._goal[index]) > 0.5 * abs(step):
-            unit = 'm' if self.arm.is_prismatic(joint) else 'rad'
             raise TudorError(f'{joint} is at {self.q[index]:.3g}, not at {self._goal[index]:.3g} '
-                             f'{unit}: see the diagnostics of {DAMPER}, then test again')
+                             f'{self.arm.position_units[joint]}: see the diagnostics of {DAMPER}, '
+                             'then test again')
         return response
 
     def _go(self, index: int) -> None:

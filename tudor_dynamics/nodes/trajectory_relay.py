@@ -89,7 +89,7 @@ class TrajectoryRelayNode(TudorNode):
             self.fail(err)
             return
         self.robot, self._names, self._own = arm.name, arm.active_joints, arm.spec.joint_topic
-        self._units = ['m' if arm.is_prismatic(name) else 'rad' for name in self._names]
+        self._units = arm.position_units
         self.follower = Follower(hard_limits(arm))
         self._braking = replace(
             self.follower.bounds, acceleration=planned_limits(arm).acceleration)
@@ -217,10 +217,10 @@ class TrajectoryRelayNode(TudorNode):
             own = MotionState(*(curve(since, order) for order in range(3)))
             off = np.abs(own.q - state.q)
             if off.max() > self.value('start_tolerance'):
-                k = int(off.argmax())
+                name, away = self._names[int(off.argmax())], off.max()
                 raise SignalError(
-                    f'{self._names[k]} is {off[k]:.3g} {self._units[k]} away from the point that '
-                    f'is due, more than start_tolerance {self.value("start_tolerance"):g}',
+                    f'{name} is {away:.3g} {self._units[name]} away from the point that is due, '
+                    f'more than start_tolerance {self.value("start_tolerance"):g}',
                     remedy='begin where the arm is, or raise time_from_start of the points')
             why = Path(own, whole, since).beyond(follower.bounds)
             if not why:

@@ -61,8 +61,8 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
         if constant is None:
             msg = (f'the efforts of joint {joint.name!r} cannot be converted from '
                    f'{joint.effort.unit}, as its torque constant is not described')
-            raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm '
-                                         'description and fit again, or take the unit model')
+            raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm descrip'
+                                         'tion and fit again, or take the unit of the model')
         result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
 
@@ -385,7 +385,7 @@ class Feedforward:
         self._deflected: DeflectedArm | None = None
         self._leads = positions == 'motor'
         self._limits = hard_limits(arm)
-        self._unit = {j.name: 'm' if arm.is_prismatic(j.name) else 'rad' for j in arm.spec.joints}
+        self._unit = arm.position_units
         if self._leads or kind == 'elastic':
             identified = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
             self._deflected = DeflectedArm(arm, {} if identified is None else identified.values)

@@ -300,7 +300,7 @@ class Watch:
                 if factor > WIDENING_WARNING]
         return '' if not wide else (
             'weak collisions are missed: the motion differs from training, so thresholds widen '
-            f'({", ".join(wide)}); call ~/calibrate while it moves so, or fit to such bags')
+            f'({", ".join(wide)}); call ~/calibrate during such motion, or fit such bags')
 
     @property
     def settle(self) -> float:

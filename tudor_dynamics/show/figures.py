@@ -231,8 +231,8 @@ def liveliest(trace: Trace, data: Sequence[BagData]) -> tuple[float, float]:
 def joint_axes(result: FitResult) -> list[JointPositions]:
     """Collect the positions of each joint at the samples used, in training and in validation."""
     training, test = _kept(result.training, 'q'), _kept(result.test, 'q')
-    return [JointPositions(joint.name, 'm' if result.arm.is_prismatic(joint.name) else 'rad',
-                           training[:, i], test[:, i] if len(test) else np.zeros(0))
+    return [JointPositions(joint.name, result.arm.position_units[joint.name], training[:, i],
+                           test[:, i] if len(test) else np.zeros(0))
             for i, joint in enumerate(result.arm.joints)]
 
 

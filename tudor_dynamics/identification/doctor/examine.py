@@ -41,6 +41,7 @@ from tudor_dynamics.identification.doctor.samples import look_at_samples, sizes
 from tudor_dynamics.identification.ringdowns import loudest_ring
 from tudor_dynamics.load.rows import described_masses, LoadRows
 from tudor_dynamics.load.settings import BELIEVED
+from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.signals.preprocessing import Timing
 from tudor_dynamics.typing import FloatArray
 
@@ -203,9 +204,9 @@ def examine_all(
 ) -> list[Examined]:
     """Look at bags of one arm, under the names by which they were chosen."""
     of_description, mended = suspects(arm)
-    units = {('q', name): ' m' if arm.is_prismatic(name) else ' rad' for name in arm.active_joints}
-    units |= {('effort', joint.name): f' {joint.effort.unit}' for joint in arm.joints}
-    units |= {('strain', gauge.name): f' {gauge.unit}' for gauge in arm.gauges}
+    units = {(field, name): f' {unit}' for field, known in (
+                 ('q', arm.position_units), ('effort', output_units(arm, 'effort')),
+                 ('strain', output_units(arm, 'strain'))) for name, unit in known.items()}
     seen = []
     for bag in bags:
         clean, findings = look_at_samples(replace(bag.recording, path=str(bag.choice)),
@@ -242,7 +243,7 @@ def not_listed(arm: Arm, recording: Recording) -> list[Finding]:
     if not moved:
         return []
     most, span = max(moved.items(), key=lambda item: item[1])
-    unit = 'm' if arm.is_prismatic(most) else 'rad'
+    unit = arm.position_units[most]
     return [replace(found(
         'joint_not_listed', f'moving, but not active in the arm description: {", ".join(moved)} '
         f'({most} by {span:.3g} {unit})', recording.path, tuple(moved), size=span), unit=unit)]

@@ -277,8 +277,9 @@ def _by_masses(case: Case, known: Described) -> list[Finding]:
     if 1.0 / settings.FEW_TIMES < ratio < 1e3 / settings.FEW_TIMES:
         return []  # rough masses; no unit is a few times larger
     unit = units[described[0]]
-    size = 1e3 if ratio > 1.0 else 1e-3 if ratio < 1.0 / settings.THOUSANDTH else ratio
-    other = {1e3: f'm{unit}', 1e-3: f'k{unit}'}.get(size, 'currents in A')
+    size, other = ((1000.0, f'm{unit}') if ratio > 1.0 else
+                   (0.001, f'k{unit}') if ratio < 1.0 / settings.THOUSANDTH else
+                   (ratio, 'currents in A'))
     return [found(
         'effort_unit', f'all efforts are {ratio:.3g} times what the masses in the URDF need: '
         f'they look like {other}, not {unit}', case.recording.path, case.arm.active_joints,

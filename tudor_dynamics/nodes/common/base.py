@@ -47,6 +47,7 @@ from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateDecoder, MotionDecoder, PointSample)
 from tudor_dynamics.nodes.settings import (
     AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, STANDS, TOO_MANY)
+from tudor_dynamics.online.coverage import MEANING
 
 
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
@@ -144,13 +145,10 @@ class ClockWatch:
 
 
 UNUSABLE = {
-    'unknown_names': 'a joint or gauge is missing in them; use description or model of this arm',
-    'short_array': 'they have fewer values than names or channels; correct the driver',
-    'not_finite': 'they have NaN or infinite values; check the driver',
-    'not_one_point': 'trajectories need one point each; correct the node that sends them',
-    'impossible_command': 'they need a finite value for each joint; correct the sender',
-    'duplicate_stamp': 'stamps repeat; check the driver, and for a second publisher',
-    'backward_stamp': 'stamps go backwards; check the driver, and for a second publisher'}
+    **{cause: MEANING[cause] for cause in ('unknown_names', 'short_array', 'not_finite',
+                                           'duplicate_stamp', 'backward_stamp')},
+    'not_one_point': 'trajectories need one point each: correct the node that sends them',
+    'impossible_command': 'commands need a finite value for each joint: correct the sender'}
 """Drops that are the fault of who sends, and what they mean."""
 OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)  # topics that every node has
 
