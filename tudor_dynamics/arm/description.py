@@ -249,7 +249,7 @@ class Arm:
 
     @cached_property
     def position_units(self) -> dict[str, str]:
-        """Unit of the position of each joint that can move."""
+        """Name the unit of the position of each joint that can move."""
         return {name: 'm' if self.is_prismatic(name) else 'rad'
                 for name in list(self.full_model.names)[1:]}
 

@@ -250,7 +250,7 @@ class Target:
 
     @cached_property
     def information(self) -> Information:
-        """What motions show of it."""
+        """Tell what motions show of it."""
         return Information(self.models, self.noise.size)
 
 
