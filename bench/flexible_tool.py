@@ -33,7 +33,6 @@ from typing import Any
 import warnings
 
 import numpy as np
-from tool_model import fit_tool, FlexibleTool, Heard, heard
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -42,11 +41,12 @@ from tudor_dynamics.arm.description import Arm, load_arm  # noqa: E402
 from tudor_dynamics.bags.reader import read_recording  # noqa: E402
 from tudor_dynamics.bags.recording import Recording  # noqa: E402
 from tudor_dynamics.identification.ringdowns import block_means  # noqa: E402
+from tudor_dynamics.identification.tool import fit_tool, Heard, heard, REFERENCE  # noqa: E402
+from tudor_dynamics.models.flexible_tool import FlexibleTool  # noqa: E402
 from tudor_dynamics.typing import FloatArray  # noqa: E402
 
 DATA = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT / '../shared/data'))
 FREQUENCY = {'up': 2.770, 'level': 2.943, 'down': 3.039}
-REFERENCE = 'joint_reference'
 
 
 def amplitude(rest: Heard, recording: Recording, tool: FlexibleTool) -> FloatArray:

@@ -63,6 +63,7 @@ input.
 """
 
 
+VIBRATION = 'vibration'  # stands beside the kinds of models, for `ModelBundle.tool`
 CURRENTS = {'shared': True, 'separate': False}
 """Words for whether currents of unknown torque constants share the inertial parameters."""
 
@@ -83,8 +84,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'bags, one model of all payloads is fitted')
     parser.add_argument('--ignore-payload', action='store_true',
                         help='fit as if all bags had the same payload')
-    parser.add_argument('--models', nargs='+', choices=tuple(KINDS), default=list(DEFAULT_KINDS),
-                        help='kinds of models (default: analytical; elastic needs links)')
+    parser.add_argument('--models', nargs='+', choices=(*KINDS, VIBRATION),
+                        default=list(DEFAULT_KINDS),
+                        help='kinds of models (default: analytical; elastic needs links); and '
+                             'vibration: how a tool at the flange rings after motion')
     parser.add_argument('--plan', metavar='PLAN',
                         help='directory of tudor excite that the bags were recorded by: standard '
                              'errors expected and reached')
@@ -168,7 +171,8 @@ def run(args: argparse.Namespace) -> int:
     plan = None if args.plan is None else read_plan(args.plan)
     training, test = found_choices(args.bags), found_choices(args.test)
     settings = FitSettings(
-        kinds=tuple(args.models), estimator=args.estimator, strain_form=args.strain_form,
+        kinds=tuple(kind for kind in args.models if kind != VIBRATION) or DEFAULT_KINDS,
+        tool=VIBRATION in args.models, estimator=args.estimator, strain_form=args.strain_form,
         elm_hidden=args.elm_hidden, elm_ridge=args.elm_ridge, elm_seed=args.elm_seed,
         random_split=args.random_split, shared=CURRENTS.get(args.currents))
     payloads = parse_payloads(args.payload_of, training + test)
@@ -199,6 +203,7 @@ def run(args: argparse.Namespace) -> int:
                     **assessment.as_dict(), **figures(result), 'beside_robot': figures(live)})
     else:
         _print(result, assessment, report, verbose=args.verbose)
+        say(*[f'tool: {fit.bundle.tool}'] * (fit.bundle.tool is not None))
         if fit.plan is not None:
             print_comparison(fit.plan)
     if any(level is not Grade.DO_NOT_USE for level in levels) or args.force:

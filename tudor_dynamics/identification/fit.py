@@ -375,6 +375,8 @@ class FitSettings(ModelSettings):
         Also report a random 50/50 split of the samples.
     payloads : (float, float) or None
         Least and largest payload of the training bags, for models of all payloads [kg].
+    tool : bool
+        Learn also how a flexible tool at the flange rings after motion.
     elastic_start : mapping of str to float, optional
         Physical parameters of an arm that is nearly this one, where the search for an elastic
         model begins: ``{p.name: p.value for p in model.physical}`` of its model.
@@ -383,6 +385,7 @@ class FitSettings(ModelSettings):
 
     kinds: tuple[str, ...] = DEFAULT_KINDS
     random_split: bool = False
+    tool: bool = False
     elastic_start: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:

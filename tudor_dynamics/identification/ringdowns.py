@@ -32,6 +32,7 @@ from tudor_dynamics.identification.dataset import BagData, model_for
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import follow_motion
+from tudor_dynamics.models.settings import RING_AFTER
 from tudor_dynamics.signals.filters import ring_modes, RingMode, Vibration, zero_phase
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
@@ -333,7 +334,7 @@ def standing(t: FloatArray, dq: FloatArray) -> list[slice]:
     found = []
     for stop in (int(k) for k in edges if moving[k]):
         after = min((int(k) for k in edges if k > stop), default=len(t) - 1)
-        first = int(np.searchsorted(t, t[stop] + settings.RING_AFTER))
+        first = int(np.searchsorted(t, t[stop] + RING_AFTER))
         last = int(np.searchsorted(t, min(t[stop] + settings.RING_UNTIL, t[after])))
         if last - first >= 12 and t[last - 1] - t[first] >= settings.RING_LEAST:
             found.append(slice(first, last))
@@ -403,7 +404,7 @@ def loudest_ring(recording: Recording) -> Ring | None:
     found, rests = [], 0
     for part in recording.segments:
         t = recording.t[part]
-        if recording.effort is None or t[-1] - t[0] < settings.RING_AFTER + settings.RING_LEAST:
+        if recording.effort is None or t[-1] - t[0] < RING_AFTER + settings.RING_LEAST:
             continue
         states = zero_phase(t, recording.q[part], min(settings.CUTOFF, 0.2 / recording.dt))
         for rest in standing(t, states.dq):

@@ -291,15 +291,29 @@ SAME_SHARE = 0.9  # part of the samples that a copy has in common with its origi
 
 # Speed below which a joint stands [rad/s or m/s], and its share of the largest speed.
 RING_STILL, RING_SPEED = 0.02, 0.05
-# From when to when after a stop efforts are looked at, and for how long at least [s]. Before, the
-# modes of an arm in its own drives lie over those of the tool.
-RING_AFTER, RING_UNTIL, RING_LEAST = 1.2, 6.0, 1.0
+# Until when after a stop efforts are looked at, and for how long at least [s].
+RING_UNTIL, RING_LEAST = 6.0, 1.0
 RING_LOWEST, RING_HIGHEST = 0.7, 15.0  # frequencies [Hz]
 RING_CLEAR = 0.5  # least share of the variance that one oscillation explains
 RING_LOUD = 4.0  # amplitude over what is left, of the clearest joint
 RING_DAMPED = 0.08  # damping ratio from which on it is no tool's
 RING_OFTEN = 0.4  # share of rests that show it
 RING_RATE = 80.0  # samples a second that are looked at [Hz]
+
+# -- A flexible tool by its rings (tool.py); chosen on translations of a beam held up, down and
+# level, judged on transfers of it (bench/flexible_tool.py)
+
+# What gravity does to the squared frequency of a mass on a beam of 0.5 m [Hz^2 per m/s^2], and the
+# part of it along the bending, where a tool sags.
+TOOL_GRAVITY, TOOL_ALONG = 0.08, 0.25
+# Expected difference of what drives a tool and what it shows; of its delay [s]; and participation
+# over that of drives which show the rings seen.
+TOOL_RECIPROCAL, TOOL_DELAY, TOOL_LARGE = 0.1, 0.03, 5.0
+TOOL_LEVER = 0.3  # translation that counts as much as a rotation of 1 rad: half a long tool [m]
+# Error of a ring relative to it, which weighs rings, and least variance relative to that.
+TOOL_RELATIVE, TOOL_SURE = 0.1, 0.1
+TOOL_HIDDEN = 0.1  # singular value of a direction, over the largest, below which it is hidden
+TOOL_LEAST, TOOL_STARTS = 3, 4  # rings that a fit needs, and starts of its search
 
 # -- Causes of alarms (causes.py); chosen on the simulated arm of config/tudor.yaml, SHARED_TOUCH
 # and the order of causes also on recordings of the two-blade arm; judged on an arm with stiffer

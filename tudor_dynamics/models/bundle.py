@@ -26,6 +26,7 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model, SAME
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.elm import ExtremeLearningMachine
+from tudor_dynamics.models.flexible_tool import FlexibleTool
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,8 @@ class ModelBundle:
         The models for the robot, where ``models`` were fitted with filters that look ahead.
     digest : str
         Checksum of the file that they were read from; empty for others.
+    tool : FlexibleTool or None
+        What rings at the flange, where that was fitted.
 
     """
 
@@ -81,6 +84,7 @@ class ModelBundle:
     facts: dict[str, Any] = field(default_factory=dict)
     causal: CausalModels | None = None
     digest: str = ''
+    tool: FlexibleTool | None = None
 
     def __repr__(self) -> str:
         """Write the models with their verdict and their fit on unseen bags, one line each."""
@@ -99,6 +103,7 @@ class ModelBundle:
                 except (KeyError, TypeError, ValueError):
                     pass  # of a bundle made by hand, of which nothing is known
                 lines.append(line)
+        lines += [] if self.tool is None else [f'  tool: {self.tool}']
         return '\n'.join(lines)
 
     def beside_robot(self) -> ModelBundle:
@@ -161,3 +166,12 @@ def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
     """Find the elastic model of an output; None where there is no such model in the bundle."""
     model = bundle.models.get(output, {}).get('elastic')
     return model if isinstance(model, ElasticModel) else None
+
+
+def tool_of(bundle: ModelBundle) -> FlexibleTool:
+    """Give the flexible tool of a bundle, or say how to learn it."""
+    if bundle.tool is None:
+        raise ModelError('the model knows no flexible tool', remedy='fit it again with '
+                         '`--models analytical vibration`, from motion with rests of three '
+                         'seconds')
+    return bundle.tool

@@ -35,6 +35,7 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import AGAIN, BundlePart, Model, read
 from tudor_dynamics.models.bundle import CausalModels, KINDS, ModelBundle
 from tudor_dynamics.models.estimation import Products
+from tudor_dynamics.models.flexible_tool import FlexibleTool
 from tudor_dynamics.typing import FloatArray
 import yaml
 
@@ -139,6 +140,7 @@ class HeadPart(ModelsPart):
     causal: ModelsPart | None = None
     data: dict[str, tuple[str, ...]] = {}
     facts: dict[str, Any] = {}
+    tool: FlexibleTool | None = None
 
 
 def _read_head(path: Path) -> HeadPart:
@@ -267,6 +269,8 @@ def save_bundle(
         parts['causal'] = {
             'preprocessing': bundle.causal.preprocessing.model_dump(mode='json'),
             'outputs': _contents(bundle.causal.models, bundle.arm, arrays, CAUSAL)}
+    if bundle.tool is not None:
+        parts['tool'] = bundle.tool.model_dump()
     if arrays:
         content['elm.npz'] = dump_npz(arrays)
     kept = {name: model for name, model in _analytical(bundle).items() if model.data_}
@@ -383,7 +387,8 @@ def load_bundle(
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as err:
         msg = f'not a valid model ({type(err).__name__}: {err})'
         raise ModelError(msg, place=path / 'model.yaml', remedy=AGAIN) from None
-    bundle = ModelBundle(own, head.preprocessing, models, head.facts, causal, head.digest)
+    bundle = ModelBundle(own, head.preprocessing, models, head.facts, causal, head.digest,
+                         head.tool)
     if with_data and FILE in content:
         unpack({name: model for name, model in _analytical(bundle).items() if name in head.data},
                content[FILE], path / FILE)

@@ -132,3 +132,27 @@ EVERY = 3
 AFTER_MOVE = 0.02
 # An oscillation that gauges hardly show [m/m].
 NOTHING = 2e-6
+
+# -- A flexible tool (flexible_tool.py, still_timing.py); judged by bench/flexible_tool.py
+# Time after a stop from which on the modes of an arm in its own drives have decayed [s].
+RING_AFTER = 1.2
+TOOL_CUTOFF = 25.0  # corner of the zero-phase filter of motion [Hz]
+# Samples of a trajectory, and how much of it a tool remembers, from its end [s].
+TOOL_STEP, TOOL_MEMORY = 0.004, 60.0
+TOOL_DRAWS = 400  # random tools within the uncertainty, for an interval
+
+# -- Another timing of a path (still_timing.py); measured by bench/still_timing.py
+# Of a period that a motion may be longer, tried in turn: as much as ZV takes, and a fifth more.
+TIMING_LONGER = (0.5, 0.55, 0.6)
+# Between knots of the rate [s], and least number of them.
+TIMING_KNOT, TIMING_FEWEST = 0.06, 16
+TIMING_SPREAD = 0.05  # part by which the frequency may be another
+# Ring over that of the given trajectory: which is good enough, the same where the frequency is
+# off, and from which on a timing is refused.
+TIMING_GOOD, TIMING_OFF, TIMING_MOST = 0.01, 0.05, 0.2
+TIMING_LEAST = 0.02  # of what a motion drives in all, a ring that is not worth less
+TIMING_ROUNDS = 12  # most linear programmes in turn
+TIMING_NUDGE = 1e-4  # of the rate, for differences
+TIMING_RADII = (0.3, 0.12, 0.05, 0.02, 0.008)  # largest change of the rate in a step
+TIMING_SLOWEST = 0.05  # least rate
+TIMING_EVERY = 4  # samples between those at which a step keeps to limits; all are checked after it

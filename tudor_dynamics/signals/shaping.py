@@ -296,7 +296,7 @@ def _solve(
               for side in (1.0, -1.0)]
     right += [np.zeros(len(off))] * 2
     rows = np.vstack(equal)
-    found = _solved(
+    found = solved(
         np.concatenate([np.zeros(count), [1.0, settings.ROBUST]]), bound, right,
         A_eq=csr_matrix(np.hstack([rows, np.zeros((len(rows), 2))])), b_eq=np.concatenate(wanted),
         bounds=[(-1.0, 1.0)] * count + [(0.0, None)] * 2)
@@ -307,7 +307,7 @@ def _solve(
     return integrate(start, target, ddq, step)
 
 
-def _solved(
+def solved(
     cost: FloatArray, bound: list[FloatArray], right: list[FloatArray], **more: Any,
 ) -> FloatArray | None:
     """Solve a linear programme with blocks of rows below their right sides; None without one."""
@@ -431,5 +431,5 @@ class _Room:
                 right += [np.maximum(high - now, 0.0), np.maximum(now - low, 0.0)]
         cost = np.zeros(self.size + channels + 1)
         cost[-1] = 1.0
-        found = _solved(cost, bound, right, bounds=(None, None))
+        found = solved(cost, bound, right, bounds=(None, None))
         return None if found is None else found[:self.size]

@@ -1,0 +1,143 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Another timing of a path leaves a flexible tool still, as a simulation of its own shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from tool_making import (
+    ARM, DAMPING, FREQUENCY, GRAVITY, moves, PARTICIPATION, RATE, recording, tool_efforts)
+
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.errors import SignalError
+from tudor_dynamics.identification.tool import fit_tool, heard
+from tudor_dynamics.models.flexible_tool import FlexibleTool
+from tudor_dynamics.models.still_timing import shaped_for, still_timing
+from tudor_dynamics.signals.motion_profile import spline
+from tudor_dynamics.typing import FloatArray
+
+KNOWN = FlexibleTool.model_validate({
+    'motion': 'planned', 'rings': 9, 'squares': [FREQUENCY**2, *GRAVITY.tolist()],
+    'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': DAMPING,
+    'damping_error': 0.001, 'participation': [*PARTICIPATION, *PARTICIPATION, 0.0],
+    'participation_covariance': np.diag([1e-6] * 13).tolist(), 'scatter': 0.01, 'hidden': []})
+
+
+def curved(seed: int, seconds: float = 0.9, points: int = 46) -> Trajectory:
+    """Give a trajectory from rest to rest along a curve, past a third pose."""
+    first, last, between = np.random.default_rng(seed).uniform(-0.6, 0.6, (3, 5))
+    s = np.linspace(0.0, 1.0, points)[:, None]
+    place, speed, change = (
+        s**3 * (10.0 - s * (15.0 - 6.0 * s)), 30.0 * (s * (1.0 - s))**2 / seconds,
+        (60.0 * s - 180.0 * s**2 + 120.0 * s**3) / seconds**2)
+    way, aside = last - first, between - 0.5 * (first + last)
+    wave, turn = np.sin(np.pi * place), np.pi * np.cos(np.pi * place)
+    return Trajectory(
+        ARM.active_joints, s[:, 0] * seconds, first + place * way + wave * aside,
+        speed * way + turn * speed * aside,
+        change * way + (turn * change - np.pi**2 * wave * speed**2) * aside)
+
+
+def ring_after(trajectory: Trajectory) -> float:
+    """Simulate what a tool shows in all joints for a second after a trajectory [N m]."""
+    end = float(trajectory.t[-1])
+    t = np.arange(-0.2, end + 1.0, 1.0 / RATE)
+    q = np.asarray(spline(trajectory)(np.clip(t, 0.0, end)))
+    efforts: FloatArray = tool_efforts(ARM, q)
+    return float(np.abs(efforts[t > end + 0.02]).max())
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_the_tool_is_still(seed: int) -> None:
+    """By simulation less than 5 % of the ring is left, at most 0.6 periods later."""
+    wanted = curved(seed)
+    found = still_timing(ARM, KNOWN, wanted)
+    assert ring_after(found.trajectory) < 0.05 * ring_after(wanted)
+    assert found.left < 0.02 and found.left_off < 0.1
+    assert found.trajectory.t[-1] - wanted.t[-1] < 0.62 / FREQUENCY + 0.01
+
+
+@pytest.mark.parametrize('factor', [0.95, 1.05])
+def test_a_frequency_that_is_off(factor: float) -> None:
+    """Of a tool that is 5 % slower or faster than was thought, less than a fifth is left."""
+    off = KNOWN.model_copy(update={'squares': [
+        (factor * FREQUENCY)**2, *(factor**2 * GRAVITY).tolist()]})
+    for seed in range(4):
+        wanted = curved(seed)
+        found = still_timing(ARM, off, wanted).trajectory
+        assert ring_after(found) < 0.2 * ring_after(wanted)
+
+
+def test_a_tool_by_its_recordings() -> None:
+    """One that was fitted to noisy recordings does as well, and says what is left."""
+    motions = [moves(seed, count=3) for seed in (1, 2, 3, 4)]
+    tool = fit_tool(ARM, [rest for q in motions for rest in heard(
+        ARM, recording(q, tool_efforts(ARM, q)))], 'measured')
+    for seed in range(6, 9):
+        wanted = curved(seed)
+        found = shaped_for(ARM, tool, wanted, 'timing')
+        before, after = (tool.ring_after(ARM, item).torque for item in (wanted, found))
+        assert after.value < 0.05 * before.value and after.low <= after.value <= after.high
+        assert ring_after(found) < 0.1 * ring_after(wanted)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10**6), seconds=st.floats(0.5, 3.0), points=st.integers(8, 60))
+def test_limits_and_path(seed: int, seconds: float, points: int) -> None:
+    """Joints keep within the speeds and accelerations given, and pass the same path."""
+    wanted = curved(seed, seconds, points)
+    try:
+        found = still_timing(ARM, KNOWN, wanted).trajectory
+    except SignalError as err:
+        assert 'of the ring remain' in str(err)
+        return
+    given, made = spline(wanted), spline(found)
+    dense = np.linspace(0.0, seconds, 4000)
+    t = np.linspace(0.0, float(found.t[-1]), 4000)
+    for order in (1, 2):
+        most = np.abs(np.asarray(given(dense, order))).max(axis=0)
+        assert (np.abs(np.asarray(made(t, order))).max(axis=0) <= 1.01 * most + 1e-6).all()
+    off = np.linalg.norm(np.asarray(made(t))[::40, None] - np.asarray(given(dense))[None], axis=2)
+    assert off.min(axis=1).max() < 2e-3
+    assert np.array_equal(found.q[[0, -1]], wanted.q[[0, -1]]) and not found.dq[[0, -1]].any()
+
+
+def test_other_joints_and_impulses() -> None:
+    """A gripper moves along; impulses have the frequency of the tool at the end."""
+    wanted = curved(1)
+    both = Trajectory((*wanted.joints, 'gripper'), wanted.t, *(
+        np.column_stack([values, 0.1 * values[:, 0]])
+        for values in (wanted.q, wanted.dq, wanted.ddq)))
+    found = still_timing(ARM, KNOWN, both).trajectory
+    assert found.joints == both.joints
+    assert np.allclose(found.q[:, 5] - found.q[0, 5], 0.1 * (found.q[:, 0] - found.q[0, 0]))
+    shaped = shaped_for(ARM, KNOWN, wanted, 'zv')
+    frequency = KNOWN.frequency_at(ARM, wanted.q[-1]).value
+    assert shaped.t[-1] - wanted.t[-1] == pytest.approx(0.5 / frequency, rel=1e-3)
+
+
+def test_what_cannot_be_shaped() -> None:
+    """Positions alone, motion at an end, and a joint that is missing are refused."""
+    wanted = curved(1)
+    with pytest.raises(SignalError, match='no velocities; give them, or shape it by zv'):
+        still_timing(ARM, KNOWN, replace(wanted, dq=None, ddq=None))
+    with pytest.raises(SignalError, match='begin and end at rest'):
+        still_timing(ARM, KNOWN, replace(wanted, dq=wanted.dq + 0.1))
+    with pytest.raises(SignalError, match='needs each of'):
+        still_timing(ARM, KNOWN, replace(wanted, joints=('a', *wanted.joints[1:])))
