@@ -23,6 +23,8 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm, arm_from_dict
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.typing import FloatArray
 
 ARM = arm_from_dict({
@@ -90,3 +92,27 @@ def recording(q: FloatArray, effort: FloatArray, noise: float = 0.02, seed: int 
     stamp = np.round(np.arange(n) * 1e9 / RATE).astype(np.int64)
     effort = effort + np.random.default_rng(seed).normal(0.0, noise, effort.shape)
     return Recording('bag', stamp, q, None, effort, None, (slice(0, n),), 1.0 / RATE)
+
+
+def curved(seed: int, seconds: float = 0.9, points: int = 46) -> Trajectory:
+    """Give a trajectory from rest to rest along a curve, past a third pose."""
+    first, last, between = np.random.default_rng(seed).uniform(-0.6, 0.6, (3, 5))
+    s = np.linspace(0.0, 1.0, points)[:, None]
+    place, speed, change = (
+        s**3 * (10.0 - s * (15.0 - 6.0 * s)), 30.0 * (s * (1.0 - s))**2 / seconds,
+        (60.0 * s - 180.0 * s**2 + 120.0 * s**3) / seconds**2)
+    way, aside = last - first, between - 0.5 * (first + last)
+    wave, turn = np.sin(np.pi * place), np.pi * np.cos(np.pi * place)
+    return Trajectory(
+        ARM.active_joints, s[:, 0] * seconds, first + place * way + wave * aside,
+        speed * way + turn * speed * aside,
+        change * way + (turn * change - np.pi**2 * wave * speed**2) * aside)
+
+
+def ring_after(trajectory: Trajectory) -> float:
+    """Simulate what a tool shows in all joints for a second after a trajectory [N m]."""
+    end = float(trajectory.t[-1])
+    t = np.arange(-0.2, end + 1.0, 1.0 / RATE)
+    q = np.asarray(spline(trajectory)(np.clip(t, 0.0, end)))
+    efforts: FloatArray = tool_efforts(ARM, q)
+    return float(np.abs(efforts[t > end + 0.02]).max())

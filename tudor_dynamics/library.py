@@ -50,7 +50,7 @@ from tudor_dynamics.identification.loads import bare_bundle_of, bundle_of, paylo
 from tudor_dynamics.identification.many_bags import ManyBags, Streaming, streams
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, compare_with_plan, Comparison)
-from tudor_dynamics.identification.tool import tool_of_bags
+from tudor_dynamics.identification.tool import check_efforts, tool_of_bags
 from tudor_dynamics.identification.validation import cases_of, validated, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.bundle import ModelBundle
@@ -290,6 +290,8 @@ def _source(
 ) -> HeldBags | ManyBags:
     """Read the bags, or, of many, look at them and be ready to go through them."""
     check_kinds(settings.kinds, arm)
+    if settings.tool:
+        check_efforts(arm)
     if streams(len(training), settings, asked=streaming is not None):
         return ManyBags(arm, training, test, spec, payloads, streaming or Streaming(), progress)
     return HeldBags(arm, training, test, spec, payloads, progress)

@@ -26,8 +26,11 @@ import numpy as np
 from papers.merit import main as import_merit
 import pytest
 
+from tudor_dynamics import library
 from tudor_dynamics.cli import fit as command
 from tudor_dynamics.cli.main import main
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.flexible_tool import FlexibleTool
 import yaml
 
 
@@ -363,3 +366,26 @@ def test_a_gauge_that_no_bag_has_is_left_out(
     assert 'no bag has the gauges link3_mid' in said.err
     found = run_json(capsys, 'evaluate', '--model', out, bag, '--json')
     assert set(found['strain']['analytical']['channels']) == {'link2_hub', 'link3_hub'}
+
+
+def test_a_flexible_tool_with_the_models(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Currents do not show its size, which is said before the fit; torques do."""
+    words = ['fit', f'{root}/bags/two_blade_train_1@0-50%', '--models', 'vibration', '--arm',
+             f'{root}/config/two_blade_arm.yaml', '--out', str(tmp_path / 'm'), '--force']
+    assert main(words) == 2
+    assert 'a flexible tool needs efforts in N m or N; those of' in capsys.readouterr().err
+    tool = FlexibleTool.model_validate({
+        'motion': 'measured', 'rings': 4, 'squares': [9.0, 0.0, 0.0, 0.0],
+        'squares_covariance': np.eye(4).tolist(), 'damping': 0.02, 'damping_error': 0.01,
+        'participation': [1.0] * 13, 'participation_covariance': np.eye(13).tolist(),
+        'scatter': 0.1, 'hidden': ['rotation']})
+    monkeypatch.setattr(library, 'check_efforts', lambda arm: None)
+    monkeypatch.setattr(library, 'tool_of_bags', lambda arm, bags: tool)
+    assert main(words) == 0
+    said = ' '.join(capsys.readouterr().out.split())
+    assert ('tool: rings at 3 Hz without gravity, damping ratio 0.02, by 4 rests after measured '
+            'motion; these moves do not show rotation') in said
+    assert load_bundle(tmp_path / 'm').tool == tool

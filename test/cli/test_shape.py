@@ -20,11 +20,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tool_making import ARM, curved, moves, recording, ring_after, tool_efforts
 
 from tudor_dynamics.bags.trajectory import (
     read_trajectories, Sent, Trajectory, write_trajectories)
+from tudor_dynamics.bags.writer import joint_signals, recording_series, write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.identification.tool import tool_of_bags
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.signals.shaping import convolved, impulses, remains
 from tudor_dynamics.typing import FloatArray
@@ -105,3 +111,61 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sent.trajectory.t[-1] == pytest.approx(1.072, abs=1e-3)
     assert main(command) == 2 and 'exists already' in capsys.readouterr().err
     assert main([*command[:3], '-1', *command[4:], '--overwrite']) == 2
+
+
+@pytest.fixture(scope='module')
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Learn a tool from bags with planned motion, and save a bundle that has nothing else."""
+    folder, bags = tmp_path_factory.mktemp('tool'), []
+    for seed in (1, 2, 3, 4):
+        q = moves(seed, count=3)
+        own = recording(q, tool_efforts(ARM, q), seed=seed)
+        path = folder / f'bag{seed}'
+        write_bag(path, [*recording_series(own, ARM), joint_signals(
+            '/joint_reference', own.stamp, ARM.active_joints, q, None, None)])
+        bags.append(load(parse_choice(str(path)), ARM, ARM.spec.preprocessing))
+    save_bundle(ModelBundle(ARM, ARM.spec.preprocessing, {}, tool=tool_of_bags(ARM, bags)),
+                folder / 'model')
+    return folder / 'model'
+
+
+def test_by_a_model_that_knows_the_tool(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The trajectories of a bag are shaped for it; what each costs and brings is said."""
+    tool = load_bundle(model).tool
+    assert tool is not None and tool.motion == 'planned' and tool.rings > 6
+    assert 'tool: rings at 3 Hz' in repr(load_bundle(model))
+    wanted, plan = [curved(seed) for seed in (1, 2)], tmp_path / 'plan'
+    write_trajectories(plan, [Sent(one) for one in wanted])
+    for kind in ('timing', 'zv'):
+        out = tmp_path / kind
+        assert main(['shape', str(plan), '--model', str(model), '--by', kind,
+                     '--out', str(out)]) == 0
+        said = capsys.readouterr().out
+        assert f'{kind}: the ring after each trajectory' in said and said.count(') N m') == 4
+        for sent, given in zip(read_trajectories(out), wanted, strict=True):
+            assert 0.4 < (sent.trajectory.t[-1] - given.t[-1]) * 3.0 < 0.7
+            assert kind == 'zv' or ring_after(sent.trajectory) < 0.1 * ring_after(given)
+
+
+def test_a_model_without_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is said how to learn one."""
+    save_bundle(ModelBundle(ARM, ARM.spec.preprocessing, {}), tmp_path / 'm')
+    write_trajectories(tmp_path / 'path.csv', [Sent(curved(1))])
+    assert main(['shape', str(tmp_path / 'path.csv'), '--model', str(tmp_path / 'm'),
+                 '--out', str(tmp_path / 'still.csv')]) == 2
+    assert 'the model knows no flexible tool; fit it again with' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('options', 'says'), [
+    (['--frequency', '2', '--by', 'timing'], '--by timing needs a model of the tool; give'),
+    (['--model', 'm', '--damping', '0.1'], '--damping belongs to --frequency')])
+def test_options_that_do_not_fit(
+    options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """They are refused in one line before anything is read."""
+    write_trajectories(tmp_path / 'path.csv', [Sent(_move())])
+    assert main(['shape', str(tmp_path / 'path.csv'), *options,
+                 '--out', str(tmp_path / 'still.csv')]) == 2
+    assert says in ' '.join(capsys.readouterr().err.split())

@@ -22,7 +22,8 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from tool_making import (
-    ARM, DAMPING, FREQUENCY, GRAVITY, moves, PARTICIPATION, RATE, recording, tool_efforts)
+    ARM, curved, DAMPING, FREQUENCY, GRAVITY, moves, PARTICIPATION, recording, ring_after,
+    tool_efforts)
 
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
@@ -30,37 +31,12 @@ from tudor_dynamics.identification.tool import fit_tool, heard
 from tudor_dynamics.models.flexible_tool import FlexibleTool
 from tudor_dynamics.models.still_timing import shaped_for, still_timing
 from tudor_dynamics.signals.motion_profile import spline
-from tudor_dynamics.typing import FloatArray
 
 KNOWN = FlexibleTool.model_validate({
     'motion': 'planned', 'rings': 9, 'squares': [FREQUENCY**2, *GRAVITY.tolist()],
     'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': DAMPING,
     'damping_error': 0.001, 'participation': [*PARTICIPATION, *PARTICIPATION, 0.0],
     'participation_covariance': np.diag([1e-6] * 13).tolist(), 'scatter': 0.01, 'hidden': []})
-
-
-def curved(seed: int, seconds: float = 0.9, points: int = 46) -> Trajectory:
-    """Give a trajectory from rest to rest along a curve, past a third pose."""
-    first, last, between = np.random.default_rng(seed).uniform(-0.6, 0.6, (3, 5))
-    s = np.linspace(0.0, 1.0, points)[:, None]
-    place, speed, change = (
-        s**3 * (10.0 - s * (15.0 - 6.0 * s)), 30.0 * (s * (1.0 - s))**2 / seconds,
-        (60.0 * s - 180.0 * s**2 + 120.0 * s**3) / seconds**2)
-    way, aside = last - first, between - 0.5 * (first + last)
-    wave, turn = np.sin(np.pi * place), np.pi * np.cos(np.pi * place)
-    return Trajectory(
-        ARM.active_joints, s[:, 0] * seconds, first + place * way + wave * aside,
-        speed * way + turn * speed * aside,
-        change * way + (turn * change - np.pi**2 * wave * speed**2) * aside)
-
-
-def ring_after(trajectory: Trajectory) -> float:
-    """Simulate what a tool shows in all joints for a second after a trajectory [N m]."""
-    end = float(trajectory.t[-1])
-    t = np.arange(-0.2, end + 1.0, 1.0 / RATE)
-    q = np.asarray(spline(trajectory)(np.clip(t, 0.0, end)))
-    efforts: FloatArray = tool_efforts(ARM, q)
-    return float(np.abs(efforts[t > end + 0.02]).max())
 
 
 @pytest.mark.parametrize('seed', range(6))

@@ -38,6 +38,7 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.flexible_tool import FlexibleTool
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.common.messages import trajectory_of
@@ -47,6 +48,7 @@ from tudor_dynamics.signals.motion_profile import spline
 
 POSE = np.array([0.8, 0.1])
 MOVEIT = point(0.0, 0.8, 0.1), point(0.3, 0.85, 0.1), point(0.6, 0.9, 0.15)
+SMOOTH = point(0.0, 0.8, 0.1), point(1.0, 0.95, 0.15)
 LONG = point(0.0, 0.8, 0.1), point(2.0, 1.8, 0.1), point(4.0, 2.4, 0.1)
 
 
@@ -201,13 +203,14 @@ def test_it_adds_efforts(world: World, root: Path, tmp_path: Path) -> None:
 SHAPED = {'shaping': 'zv', 'shaping_frequency': 2.0, 'shaping_damping': 0.05}
 
 
-def rings(sent: JointTrajectory) -> float:
-    """Give what an oscillator on the first joint keeps after a motion [rad]."""
+def rings(sent: JointTrajectory, *joints: int) -> float:
+    """Give what an oscillator on the first joint, or on some, keeps after a motion [rad]."""
     curve = spline(trajectory_of(sent))
     t = np.arange(curve.x[0], curve.x[-1], 1e-4)
     omega, damping = 2.0 * np.pi * 2.0, 0.05
     pole = omega * complex(-damping, np.sqrt(1.0 - damping**2))
-    speed = np.diff(curve(t)[:, 0], prepend=curve(t[0])[0])  # a line jumps in speed, not in place
+    q = curve(t)[:, joints or (0,)].sum(axis=1)
+    speed = np.diff(q, prepend=q[0])  # a line jumps in speed, not in place
     return float(abs(speed @ np.exp(pole * (t[-1] - t))))
 
 
@@ -244,6 +247,41 @@ def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said:
     assert chain.relay.refused.startswith('the trajectory cannot be shaped: ')
     assert said in chain.relay.refused
     assert len(chain.controller.taken) == 2
+
+
+@pytest.fixture(scope='module')
+def tool_bundle(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a bundle with a tool that both joints, which turn about one axis, drive alike."""
+    path = tmp_path_factory.mktemp('bundle') / 'model'
+    arm = load_arm(root / 'config/tudor.yaml')
+    turns = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    save_bundle(ModelBundle(arm, arm.spec.preprocessing, {}, tool=FlexibleTool.model_validate({
+        'motion': 'planned', 'rings': 9, 'squares': [4.0, 0.0, 0.0, 0.0],
+        'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': 0.05,
+        'damping_error': 0.001, 'participation': [*turns, *turns, 0.0],
+        'participation_covariance': np.diag([1e-6] * 13).tolist(), 'scatter': 0.01,
+        'hidden': []})), path)
+    return path
+
+
+@pytest.mark.parametrize('kind', ['timing', 'zv'])
+def test_it_shapes_for_a_tool(world: World, root: Path, kind: str, tool_bundle: Path) -> None:
+    """The tool of a bundle says how: by timing, or at which frequency impulses follow."""
+    chain = Chain(world, root, shaping=kind, tool=str(tool_bundle))
+    chain.send(*SMOOTH)
+    assert world.spin(lambda: bool(chain.controller.taken)) and not chain.relay.not_shaped
+    sent = chain.controller.taken[0]
+    assert trajectory_of(sent).t[-1] == pytest.approx(1.25, abs=0.06)
+    assert list(sent.points[-1].positions) == [0.95, 0.15]
+    assert rings(sent, 0, 1) < 0.05 * rings(trajectory(*SMOOTH), 0, 1)
+
+
+def test_timing_without_a_tool(world: World, root: Path) -> None:
+    """It is passed on, and said what is missing."""
+    chain = Chain(world, root, shaping='timing')
+    chain.send(*SMOOTH)
+    assert world.spin(lambda: bool(chain.controller.taken))
+    assert chain.relay.not_shaped.startswith('shaping is timing, but tool names no model; set it')
 
 
 class Client:

@@ -78,6 +78,15 @@ def heard(arm: Arm, recording: Recording, planned: Recording | None = None) -> l
     return found
 
 
+def check_efforts(arm: Arm) -> None:
+    """Refuse an arm whose rings have no size, before hours of work and not after."""
+    unknown = [joint.name for joint in arm.joints if joint.effort.unit == 'A']
+    if unknown:
+        raise FitError(f'{arm.source}: a flexible tool needs efforts in N m or N; those of '
+                       f'{", ".join(unknown)} are in A', remedy='remove vibration from --models, '
+                       'or give torques')
+
+
 def tool_of_bags(arm: Arm, bags: Sequence[BagData]) -> FlexibleTool:
     """Fit a tool to bags, by the planned motion where all of them have recorded it."""
     plans: list[Recording | None] = [None] * len(bags)
@@ -93,9 +102,9 @@ def tool_of_bags(arm: Arm, bags: Sequence[BagData]) -> FlexibleTool:
 def fit_tool(arm: Arm, rests: Sequence[Heard], motion: str) -> FlexibleTool:
     """Fit a tool to rests of recordings, their motion `planned` or `measured`."""
     pairs = [(rest.flange, rest.ring) for rest in rests if rest.ring is not None]
-    if len(pairs) < settings.TOOL_LEAST or any(joint.effort.unit == 'A' for joint in arm.joints):
-        msg = (f'{len(pairs)} rests with a clear ring, efforts in {arm.joints[0].effort.unit}; '
-               f'expected {settings.TOOL_LEAST} rests or more, efforts in N m or N')
+    if len(pairs) < settings.TOOL_LEAST:
+        msg = (f'{len(pairs)} rests have a clear ring; a flexible tool needs '
+               f'{settings.TOOL_LEAST} or more')
         raise FitError(msg, remedy='let the arm rest for three seconds or more after each motion')
     ratios = np.array([ring.damping for _, ring in pairs])
     weights = np.array([ring.damping_error ** -2 for _, ring in pairs])

@@ -155,8 +155,10 @@ class _Path:
     def rings(self, t: FloatArray, rows: FloatArray, rate: FloatArray, slope: FloatArray,
               ) -> FloatArray:
         """Give the rings at the end, complex (3,), of rows passed at a rate (samples, 1)."""
-        flange = Flange(t, rows[:, :6] * rate**2 + rows[:, 6:12] * slope, rows[:, 6:12],
-                        rows[:, 12:15], np.empty(0))
+        moving = rows[:, :6] * rate**2 + rows[:, 6:12] * slope
+        # the arm rests until it begins, maybe with a jump of the acceleration
+        flange = Flange(np.append(t[0], t), np.vstack([0.0 * moving[:1], moving]), np.empty(0),
+                        np.vstack([rows[:1, 12:15], rows[:, 12:15]]), np.empty(0))
         return np.array([np.array(self.tool.participation[:6]) @ free_ring(
             flange, np.array(self.tool.squares) + [off, 0.0, 0.0, 0.0], self.tool.damping)
             for off in self.off])

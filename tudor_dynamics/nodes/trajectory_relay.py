@@ -31,7 +31,10 @@ from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.trajectory import braking, Follower, from_state, of_all, Path
 from tudor_dynamics.errors import SignalError, TudorError, UsageError
+from tudor_dynamics.models.bundle import tool_of
 from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.flexible_tool import FlexibleTool
+from tudor_dynamics.models.still_timing import shaped_for, TIMING
 from tudor_dynamics.nodes.common.base import Figure, latched, OK, strong, TudorNode, WARN
 from tudor_dynamics.nodes.common.following import follow_action, FollowServer, since_start
 from tudor_dynamics.nodes.common.interfaces import COLLISION, JOINT_TRAJECTORY, RESET
@@ -70,6 +73,7 @@ class TrajectoryRelayNode(TudorNode):
         self.forwarded, self.refused, self.not_shaped = 0, '', ''
         self.collision = self.held = False
         self._q: FloatArray | None = None
+        self._tool: FlexibleTool | None = None
         self._at, self._stepped = -math.inf, self.steady()
         self._payload = float(self.value('payload'))
         self._goal: Any = None  # what the controller drives of ours: its handle, once it has one
@@ -78,6 +82,8 @@ class TrajectoryRelayNode(TudorNode):
         self.serve(RESET, self._reset)
         try:
             arm = self.described_arm('limits')
+            if self.value('tool'):
+                self._tool = tool_of(load_bundle(self.value('tool'), arm=arm))
             if self.value('model'):
                 bundle = load_bundle(self.value('model'), arm=arm)
                 self.ahead = Feedforward(
@@ -88,6 +94,7 @@ class TrajectoryRelayNode(TudorNode):
         except TudorError as err:
             self.fail(err)
             return
+        self._arm = arm
         self.robot, self._names, self._own = arm.name, arm.active_joints, arm.spec.joint_topic
         self._units = arm.position_units
         self.follower = Follower(hard_limits(arm))
@@ -237,13 +244,18 @@ class TrajectoryRelayNode(TudorNode):
         if self.value('shaping') == 'none':
             return whole
         try:
-            shaper = impulses(self.value('shaping'), self.value('shaping_frequency'),
-                              self.value('shaping_damping'))
+            kind, frequency = self.value('shaping'), self.value('shaping_frequency')
+            tool = self._tool if kind == TIMING or not frequency else None
+            if kind == TIMING and tool is None:
+                raise SignalError('shaping is timing, but tool names no model', remedy='set it to '
+                                  'a bundle of `tudor fit --models analytical vibration`')
+            shape = partial(shaped_for, self._arm, tool, kind=kind) if tool is not None else (
+                partial(convolved, shaper=impulses(
+                    kind, frequency, self.value('shaping_damping'))))
             if np.abs(state.dq).max() > AT_REST:
                 raise SignalError('the arm still moves', remedy='send motions one by one')
             begin = max(since, 0.0)
-            return convolved(
-                from_state(whole, state, begin) if whole.t[0] > begin else whole, shaper)
+            return shape(from_state(whole, state, begin) if whole.t[0] > begin else whole)
         except SignalError as err:
             if self.value('not_shaped') == 'refuse':
                 raise SignalError(f'the trajectory cannot be shaped: {err}') from None

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 from tudor_dynamics.control.shaped_motion import SHAPINGS
 from tudor_dynamics.models.bundle import KINDS
+from tudor_dynamics.models.still_timing import TIMING
 from tudor_dynamics.online.feedforward import AT_REST, POSITIONS, UNITS
 from tudor_dynamics.signals.shaping import KINDS as SHAPERS
 
@@ -225,10 +226,13 @@ RELAY = (
           'name of the controller that trajectories go to'),
     Param('start_tolerance', 0.05, 'a first point at the start may be so far from where the arm '
           'is; controllers jump to it', 'rad', 0.0, 10.0, dynamic=True),
-    Param('shaping', 'none', 'shapes motion from rest to rest by ZV or ZVD, so that a tool does '
-          'not ring', choices=('none', *SHAPERS), dynamic=True),
-    Param('shaping_frequency', 0.0, 'frequency at which the tool rings', 'Hz', 0.0, 1e3,
+    Param('shaping', 'none', 'shapes motion from rest to rest so that a tool does not ring: by ZV '
+          'or ZVD, or by another timing of the same path', choices=('none', *SHAPERS, TIMING),
           dynamic=True),
+    Param('tool', '', 'model bundle with the tool (tudor fit --models vibration), which timing '
+          'needs'),
+    Param('shaping_frequency', 0.0, 'frequency at which the tool rings, for zv and zvd; 0: that '
+          'of tool where the motion ends', 'Hz', 0.0, 1e3, dynamic=True),
     Param('shaping_damping', 0.02, 'its damping ratio', '', 0.0, 0.9, dynamic=True),
     Param('not_shaped', 'pass', 'what cannot be shaped is passed on as it is, or refused',
           choices=('pass', 'refuse'), dynamic=True),
