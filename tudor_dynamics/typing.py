@@ -21,7 +21,9 @@ time and the time since the sample before [s], where 0 restarts a filter; ``stam
 a message [ns]. ``motion``, of one sample ``row``, is ``[q, dq, ddq]`` of the active joints in
 columns, shape (samples, 3 joints) [rad, rad/s, rad/s^2 or m, m/s, m/s^2]. ``measured``,
 ``predicted``, ``residual`` and ``output`` have the shape (samples, channels) and the units of the
-arm description, ``strain`` (samples, gauges), and ``moment`` the same [N m].
+arm description, ``strain`` (samples, gauges), and ``moment`` the same [N m]. Of a motion, ``q``,
+``dq``, ``ddq`` are its parts, and so are positions and speeds that joints are commanded or
+``held`` at, each (joints,) for one sample; ``now`` is the time by the clock of this machine [s].
 """
 
 from __future__ import annotations

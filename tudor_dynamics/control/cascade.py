@@ -70,11 +70,7 @@ def approach_speed(way: float, acceleration: float, time: float) -> float:
 
 @compiled
 def envelope_law(row: NDArray, state: NDArray, dt: float, wanted: float, q: float) -> float:
-    """
-    Give the speed nearest to the wanted one that keeps a joint within its limits.
-
-    row (ROW,), state (ENVELOPE_STATES,), dt [s], wanted [rad/s], q [rad]; returns speed [rad/s].
-    """
+    """Give the speed nearest to the wanted one that keeps a joint within its limits."""
     limit = settings.COMMANDED_SPEED * row[SPEED]
     speed = min(max(wanted, -limit), limit)
     cut = 0
@@ -95,11 +91,7 @@ def envelope_law(row: NDArray, state: NDArray, dt: float, wanted: float, q: floa
 
 
 class Envelope:
-    """
-    Envelope of several joints, step by step.
-
-    lag [s]: from a command to its motion.
-    """
+    """Envelope of several joints, step by step; lag [s]: from a command to its motion."""
 
     def __init__(self, limits: Limits, lag: float, stop: DriveStop | None = None) -> None:
         joints = len(limits.lower)
@@ -135,11 +127,7 @@ class Envelope:
         self.state[:, COMMAND] = command
 
     def step(self, dt: float, wanted: ArrayLike, q: ArrayLike) -> FloatArray:
-        """
-        Bound the wanted speeds.
-
-        dt [s], wanted (joints,) [rad/s], q (joints,) [rad]; returns (joints,) [rad/s].
-        """
+        """Bound the wanted speeds, (joints,)."""
         self._take_lag()
         wanted, q = np.asarray(wanted, dtype=float), np.asarray(q, dtype=float)
         return np.array([envelope_law(self.rows[j], self.state[j], dt, float(wanted[j]),
@@ -158,12 +146,7 @@ STATES = 2
 def position_law(
     row: NDArray, q_ref: float, dq_ref: float, q: float, yielding: float,
 ) -> float:
-    """
-    Give the speed that the position loop of one joint wants.
-
-    row (GAINS,), q_ref, dq_ref [rad, rad/s], q [rad], yielding [rad/s]; returns speed, to be
-    bounded by the envelope [rad/s].
-    """
+    """Give the speed that the position loop of a joint wants, for the envelope to bound."""
     return dq_ref + row[POSITION_GAIN] * (q_ref - q) + yielding
 
 
@@ -171,11 +154,7 @@ def position_law(
 def velocity_law(
     row: NDArray, state: NDArray, dt: float, speed: float, dq: float, ahead: float,
 ) -> float:
-    """
-    Give the current of one joint.
-
-    row (GAINS,), state (STATES,), dt [s], speed, dq [rad/s], ahead [A]; returns current [A].
-    """
+    """Give the current [A] of one joint; ahead [A]: what is fed forward."""
     error = speed - dq
     current = row[VELOCITY_GAIN] * error + state[INTEGRAL] + ahead
     limit = row[CURRENT_LIMIT]

@@ -65,11 +65,7 @@ def damper_law(
     row: NDArray, state: NDArray, past: NDArray, dt: float, strain: float, fresh: bool,
     saturated: bool, moving: float,
 ) -> float:
-    """
-    Give the yielding speed of one joint.
-
-    row (SETTINGS,), state (STATES,), past (window,), dt [s]; returns speed [rad/s].
-    """
+    """Give the yielding speed of one joint; past (window,): readings of the moving average."""
     state[AGE] += dt
     state[UNCHANGED] += dt
     fault = 0
@@ -253,11 +249,7 @@ class Damper:
     def adapt(
         self, gain: FloatArray, mean_frequency: float, weight: float, shift: FloatArray,
     ) -> None:
-        """
-        Take scheduled gains in use, and let the means go along with the load.
-
-        gain (joints,) [rad/s per m/m], mean_frequency [Hz], shift (joints,) [units of the gauges].
-        """
+        """Take scheduled gains [rad/s per m/m] in use, and shift the means along with the load."""
         wanted = np.full((len(gain), 3), 2.0 * math.pi * mean_frequency)
         wanted[:, 0] = -gain / self._scale
         columns = [GAIN, CORNER, MOVING_CORNER]
@@ -283,11 +275,7 @@ class Damper:
         self, strain: ArrayLike, fresh: ArrayLike = True, saturated: ArrayLike = False,
         moving: float = 0.0,
     ) -> FloatArray:
-        """
-        Give the yielding speeds for one step.
-
-        strain (joints,) [its unit], fresh, saturated (joints,); returns (joints,) [rad/s].
-        """
+        """Give the yielding speeds (joints,) for one step; fresh, saturated (joints,)."""
         count = len(self.joints)
         values, new, limited = (
             x if x.shape == (count,) else np.broadcast_to(x, count)  # which takes 5 us
@@ -346,11 +334,7 @@ def ringing(response: StepResponse) -> FloatArray:
 
 
 def decay_time(response: StepResponse, noise: float = 0.0) -> float:
-    """
-    Give the mean time of the energy of the ringing: short for a quick decay.
-
-    Returns [s].
-    """
+    """Give the mean time of the energy of the ringing [s]: short for a quick decay."""
     energy = ringing(response) ** 2 - noise
     t = np.arange(energy.size) * response.dt
     total = float(energy.sum())
@@ -358,11 +342,7 @@ def decay_time(response: StepResponse, noise: float = 0.0) -> float:
 
 
 def grows(strain: ArrayLike, dt: float) -> bool:
-    """
-    Say whether a running response grows: the reason to stop a test at once.
-
-    strain (samples,), dt [s]; returns False as long as less than a second has been seen.
-    """
+    """Say whether a running response grows, so that a test has to stop; not before a second."""
     values = np.asarray(strain, dtype=float)
     half = int(round(0.5 / dt))
     if values.size < 2 * half:

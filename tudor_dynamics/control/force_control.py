@@ -75,11 +75,7 @@ class TipSensing:
         self.fault = ''
 
     def look(self, q: FloatArray) -> FloatArray:
-        """
-        Give the speed of the tip along the direction by joint speed.
-
-        q (joints,) [rad]; returns (joints,).
-        """
+        """Give the speed of the tip along the direction by joint speed, (joints,)."""
         self._q[self._columns] = q
         jacobian = pin.computeFrameJacobian(
             self._model, self._data, self._q, self._tip,
@@ -100,11 +96,7 @@ class TipSensing:
     def step(
         self, dt: float, strain: FloatArray, share: FloatArray | None = None, *, free: bool,
     ) -> float:
-        """
-        Estimate the force where `look` was last.
-
-        dt [s], strain (gauges,) [its unit], share (gauges,) [1/N]; returns force [N].
-        """
+        """Estimate the force [N] where `look` was last; share (gauges,) [1/N], or its own."""
         values = strain[self._used]
         self._watch(dt, values)
         if self.fault:
@@ -198,26 +190,17 @@ class ForceController:
         self._names = arm.active_joints
         self.phase, self.cause = Phase.IDLE, 'waits for joint positions'
         self.force = self.wanted = self._target = 0.0
-        self._q: FloatArray | None = None
+        self.pose: FloatArray | None = None  # reference; None before the first positions [rad]
         self._dq = np.zeros(len(arm.active_joints))
         self._smooth = self._way = self._touched = self._alone = 0.0
         self._brake: MotionPlanner | None = None
 
-    @property
-    def pose(self) -> FloatArray | None:
-        """Give the reference positions; None before the first positions [rad]."""
-        return self._q
-
     def press(self, force: float) -> str:
-        """
-        Ask for a force; from rest, the surface is approached first.
-
-        force [N]; returns an empty string if it is taken.
-        """
+        """Ask for a force [N]; from rest, the surface comes first. Empty if it is taken."""
         if not (math.isfinite(force) and self.settings.touch < force <= self.settings.largest):
             return (f'the force is {force:g} N; expected more than {self.settings.touch:g} N '
                     f'(parameter touch), at most {self.settings.largest:g} N (parameter largest)')
-        if self._q is None:
+        if self.pose is None:
             return 'no joint positions arrive: start the driver of the arm'
         if self.phase in (Phase.HELD, Phase.RETREAT):
             return f'{self.phase.name.lower()}: {self.cause}'
@@ -241,33 +224,28 @@ class ForceController:
 
     def stop(self, cause: str) -> None:
         """Brake, and hold the pose where that ends."""
-        if self.phase is Phase.HELD or self._q is None:
+        if self.phase is Phase.HELD or self.pose is None:
             return
         self.phase, self.cause = Phase.HELD, cause
-        self._brake = MotionPlanner(self._planned, self._q)
-        self._brake.brake(self._q, self._dq)
+        self._brake = MotionPlanner(self._planned, self.pose)
+        self._brake.brake(self.pose, self._dq)
 
     def step(
         self, dt: float, q: FloatArray, strain: FloatArray, share: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """
-        Advance the reference by a sample.
-
-        q (joints,) [rad], strain (gauges,), share (gauges,) [1/N]; dt [s]: 0 to begin at the
-        measured pose; returns reference positions and speeds [rad, rad/s].
-        """
-        if self._q is None or dt <= 0.0:
-            if self._q is not None and self.phase not in (Phase.IDLE, Phase.HELD):
+        """Advance the reference by a sample; where dt is 0, begin at the measured pose."""
+        if self.pose is None or dt <= 0.0:
+            if self.pose is not None and self.phase not in (Phase.IDLE, Phase.HELD):
                 self.stop('the joint positions were interrupted; check their driver')
-            self._q = np.clip(q, self.limits.lower, self.limits.upper)
+            self.pose = np.clip(q, self.limits.lower, self.limits.upper)
             self._dq = np.zeros(len(q))
             self._brake = None
             if self.phase is Phase.IDLE:
                 self.cause = 'waits for a wanted force'
-        elif self.phase in (Phase.IDLE, Phase.HELD) or self._deviates(q, self._q) or (
-                not self._press(self._q, dt, strain, share)):
+        elif self.phase in (Phase.IDLE, Phase.HELD) or self._deviates(q, self.pose) or (
+                not self._press(self.pose, dt, strain, share)):
             self._rest(dt)
-        return self._q.copy(), self._dq.copy()
+        return self.pose.copy(), self._dq.copy()
 
     def _deviates(self, q: FloatArray, place: FloatArray) -> bool:
         """Stop where the arm does not follow its reference: its tip is elsewhere [rad]."""
@@ -300,7 +278,7 @@ class ForceController:
             why = 'singular pose' if size <= 1e-6 else f'limit of {self._names[outside.argmax()]}'
             self.stop(f'the tip cannot move on along the normal: {why}; begin in another pose')
             return False
-        self._q = new
+        self.pose = new
         return True
 
     def _speed(self, dt: float) -> float:
@@ -345,6 +323,6 @@ class ForceController:
         """Brake, or stand."""
         if self._brake is not None:
             self._brake.step(dt)
-            self._q, self._dq = self._brake.q.copy(), self._brake.dq.copy()
+            self.pose, self._dq = self._brake.q.copy(), self._brake.dq.copy()
         else:
             self._dq = np.zeros_like(self._dq)

@@ -100,10 +100,6 @@ class DelayMeter:
         self.delay: float | None = None
         self.commands = Commanded(len(speed))
 
-    def reset(self) -> None:
-        """Forget commands, but not the delay."""
-        self.commands.count = 0
-
     def add_motion(self, now: float, dt: float, dq: FloatArray) -> None:
         """Take measured speeds into account: now, dt [s], dq (joints,) [rad/s]."""
         dq = dq / self._scale
@@ -167,11 +163,7 @@ class RingingWatch:
         self._wild_windows = 0
 
     def step(self, dt: float, added: FloatArray, moving: bool, cut: bool) -> str:
-        """
-        Judge one command.
-
-        dt [s], added (joints,) [rad/s]; returns an empty string for nothing.
-        """
+        """Judge what was added in one command, (joints,); empty for nothing."""
         self._rest = 0.0 if moving else self._rest + dt
         self._elapsed += dt
         size = float(np.max(np.abs(added) / self._scale, initial=0.0))
@@ -205,11 +197,7 @@ class RingingWatch:
 
 
 def learned_period(period: float, dt: float) -> float:
-    """
-    Learn the time between samples; long ones lack some in between, so short ones count more.
-
-    period, dt [s]; returns [s].
-    """
+    """Learn the time between samples [s]; long ones lack some, so short ones count more."""
     share = period if dt > period else min(settings.PERIOD_QUICK * period, 1.0)
     return period + share * (min(dt, 2.0 * period) - period)
 
@@ -245,7 +233,7 @@ class LoopGains:
     def begin(self, speed: FloatArray | None = None) -> None:
         """Take the next sample for a first one, of an arm at a known speed [rad/s]."""
         self._ringing.reset()
-        self.delay.reset()
+        self.delay.commands.count = 0
         if speed is not None:
             self.delay.commands.add(self._clock - settings.DELAY_LONGEST, speed)
 
@@ -310,11 +298,7 @@ class LoopGains:
         return self._clock, self.assumed_delay
 
     def step(self, dt: float, dq: FloatArray) -> tuple[float, float]:
-        """
-        Measure the delay by the speeds of a sample: dt [s], dq (joints,) [rad/s].
-
-        Returns the part of the damper's gains and the position gain in force [1/s].
-        """
+        """Measure the delay; give part of the damper and position gain [1/s] that are in force."""
         self.delay.add_motion(self._clock, dt, dq)
         change = dt / settings.SHARE_RAMP_TIME
         share = min(self.share, settings.LARGEST_SHARE) * self.allowed_share
@@ -328,11 +312,7 @@ class LoopGains:
     def commanded(
         self, dt: float, command: FloatArray, added: FloatArray, moving: bool, cut: bool,
     ) -> float:
-        """
-        Judge what was added to the reference in a command, see `RingingWatch`.
-
-        dt [s], command, added (joints,) [rad/s]; returns the longest time to its motion [s].
-        """
+        """Judge what was added, see `RingingWatch`; give the longest time to the motion [s]."""
         self.excited = self._ringing.step(dt, added, moving, cut) or self.excited
         self.delay.commands.add(self._clock + self.late, command)
         return self.response_time

@@ -135,11 +135,7 @@ def _fit(t: FloatArray, x: FloatArray, way: FloatArray, *, back: bool) -> _Fit:
 
 
 class JointRecord:
-    """
-    Positions and commands while one joint is nudged, after it has stood for a while.
-
-    nudged: index of the joint; step: size of the nudge [rad or m].
-    """
+    """Positions and commands while a joint, by its index, is nudged by a step [rad or m]."""
 
     def __init__(self, arm: Arm, nudged: int, step: float) -> None:
         assert arm.spec.damper is not None

@@ -48,11 +48,7 @@ class State(IntEnum):
 
 
 class ReferenceGate:
-    """
-    Lets references pass that keep to the limits; says when an arm may follow, and why not.
-
-    planned (joints,) [rad/s or m/s], q, dq (joints,) [rad, rad/s]; refusal: empty if it was taken.
-    """
+    """Lets references pass that keep to the limits; says when an arm may follow, and why not."""
 
     def __init__(self, joints: tuple[str, ...], limits: Limits, planned: FloatArray) -> None:
         self._joints, self._limits, self._planned = joints, limits, planned
@@ -63,7 +59,7 @@ class ReferenceGate:
         """Forget the newest reference."""
         self.q, self.dq = np.zeros(len(self._joints)), np.zeros(len(self._joints))
         self._at: float | None = None
-        self.refusal = ''
+        self.refusal = ''  # of the last one; empty if it was taken
 
     @property
     def known(self) -> bool:
@@ -75,11 +71,7 @@ class ReferenceGate:
         return math.inf if self._at is None else now - self._at
 
     def place(self, now: float, longest: float) -> FloatArray:
-        """
-        Give where the newest reference is by now, extrapolated for a time at most.
-
-        now, longest [s]; returns (joints,) [rad].
-        """
+        """Give where the newest reference is by now, extrapolated for a time [s] at most."""
         longest = min(longest, settings.LONGEST_EXTRAPOLATED)
         return np.asarray(self.q + min(self.age(now), longest) * self.dq)
 
@@ -97,22 +89,14 @@ class ReferenceGate:
             self._at, self.q, self.dq = now, q.copy(), dq.copy()
 
     def stray(self, now: float, timeout: float, q: FloatArray) -> str:
-        """
-        Say why an arm that follows must not go on; empty if it may.
-
-        now, timeout [s], q (joints,) [rad or m].
-        """
+        """Say why an arm that follows must not go on; empty if it may: timeout [s]."""
         if self.age(now) > timeout:
             return f'no reference on joint_reference for {1e3 * timeout:.0f} ms; check its sender'
         found = self._deviation(now, timeout, q)
         return str(found) if found.seconds > settings.FOLLOWING_TIME else ''
 
     def obstacle(self, now: float, timeout: float, q: FloatArray, held: FloatArray) -> str:
-        """
-        Say why an arm that holds cannot begin to follow; empty if it can.
-
-        now, timeout [s], q (joints,) [rad or m], held (joints,) [rad/s or m/s].
-        """
+        """Say why an arm that holds, at its speeds, cannot begin to follow; empty if it can."""
         if self.age(now) > timeout:
             return self.refusal or 'no reference on joint_reference; start reference_generator'
         found = self._deviation(now, timeout, q)
@@ -147,8 +131,6 @@ class Takeover:
 
     A command at the speed that was measured is a step up for an arm that has begun to brake
     meanwhile; so one that brakes is left to stop.
-
-    acceleration (joints,) [rad/s^2].
     """
 
     def __init__(self, acceleration: FloatArray) -> None:
@@ -179,8 +161,6 @@ class MotionController:
     It begins by holding the arm where it is, and follows a reference once that rests near the arm.
     After any interruption it does so again: it brakes as planned motion does and holds where it
     stopped. Encoders that cannot be believed are a fault: it stands still until ``reset``.
-
-    timeout, period [s].
     """
 
     def __init__(self, arm: Arm, share: float = 1.0, timeout: float = 0.1) -> None:
@@ -308,11 +288,7 @@ class MotionController:
         return None if self._silent else command
 
     def watch(self, now: float) -> FloatArray | None:
-        """
-        Give commands where positions fail to come; to be called every `watch_period`.
-
-        now [s]; returns (joints,) [rad/s or m/s], None while positions come.
-        """
+        """Give commands while no positions come, each `watch_period`; None while some do."""
         waited = now - self._at
         if self._q is None or self._silent or waited <= settings.MISSED_PERIODS * max(
                 self.gains.period, self._arrival):

@@ -212,11 +212,7 @@ class MotionWatch:
         self.restart(None)
 
     def restart(self, q: FloatArray | None, free: float = 0.0) -> None:
-        """
-        Take a reading for the first one; what was confirmed stays.
-
-        q (joints,) [rad]; free [s]: for which drives may have braked by themselves meanwhile.
-        """
+        """Take a reading for the first; drives may have braked meanwhile, free for so long [s]."""
         self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH, AHEAD, BEYOND, UNHEARD]] = 0.0
         self.state[:, OFFSET] = math.nan
         self.state[:, [LOADED, PUSHED]] = -math.inf

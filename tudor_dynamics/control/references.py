@@ -44,21 +44,16 @@ REACTIONS = ('none', 'hold', 'retreat', 'comply')
 
 
 class ReactingReference:
-    """
-    Reference motion, step by step, that yields to collisions.
-
-    q (joints,) [rad], retreat_time [s]; shaping: not at all by default; hard: what trajectories
-    keep to, those of planned motion by default.
-    """
+    """Reference motion, step by step, that yields to collisions."""
 
     def __init__(
         self,
         limits: Limits,
         q: FloatArray,
         reaction: str = 'retreat',
-        retreat_time: float = 1.0,
-        shaping: Shaping | None = None,
-        hard: Limits | None = None,
+        retreat_time: float = 1.0,  # [s]
+        shaping: Shaping | None = None,  # none by default
+        hard: Limits | None = None,  # what trajectories keep to; the first by default
     ) -> None:
         if reaction not in REACTIONS:
             raise UsageError(f'reaction is {reaction!r}; expected one of {", ".join(REACTIONS)}')
@@ -217,11 +212,7 @@ class ReactingReference:
 
 
 def yielding_speed(strain: float, unit_scale: float, gain: float) -> float:
-    """
-    Give the speed with which a joint yields to the strain of a contact.
-
-    strain [its unit], gain [rad/s per m/m]; returns speed [rad/s].
-    """
+    """Give the speed [rad/s] of yielding to the strain of a contact; gain [rad/s per m/m]."""
     return -gain * strain / unit_scale if math.isfinite(strain) else 0.0
 
 
@@ -245,14 +236,7 @@ class Tolerances:
 
 
 class ReferenceSource:
-    """
-    Reference motion of an arm.
-
-    retreat_time, timeout [s]; shaping: not at all by default; motion: None before the first
-    positions and while none come; actual: where the joints are, as far as is known; halted: empty
-    where goals are taken; note: empty for nothing; outcome: how the last trajectory ended;
-    partial: joints that a trajectory does not name are held.
-    """
+    """Reference motion of an arm: retreat_time, timeout [s]."""
 
     def __init__(
         self, arm: Arm, reaction: str = 'retreat', retreat_time: float = 1.0,
@@ -264,17 +248,18 @@ class ReferenceSource:
         self.shaping = shaping or Shaping()
         self.names = arm.active_joints
         self._units = arm.position_units
-        self.tolerances, self.partial = Tolerances(), True
-        self.motion: ReactingReference | None = None
-        self.outcome = self.note = ''
+        self.tolerances = Tolerances()
+        self.partial = True  # joints that a trajectory does not name are held
+        self.motion: ReactingReference | None = None  # while positions come
+        self.outcome = self.note = ''  # how the last trajectory ended, and why motion began again
         self._asked = -math.inf
         self._ends: FloatArray | None = None
         self._own: Tolerances | None = None
         self._overdue = self._away = 0.0
-        self.actual: FloatArray | None = None
+        self.actual: FloatArray | None = None  # where the joints are, as far as is known
         self._at = -math.inf
         self.collision = False
-        self.halted = ''
+        self.halted = ''  # empty where goals are taken
         self._goals: list[tuple[float, FloatArray]] = []
         self._elapsed = 0.0
         self._seed: int | None = None
@@ -442,11 +427,7 @@ class ReferenceSource:
         self.halted = cause
 
     def step(self, now: float, dt: float) -> tuple[FloatArray, FloatArray] | None:
-        """
-        Advance the reference.
-
-        now, dt [s]; returns positions and speeds [rad, rad/s], None while there is none.
-        """
+        """Advance the reference; give its positions and speeds, None while there is none."""
         if self.actual is None:
             return None
         if now - self._at > self.timeout:

@@ -199,11 +199,7 @@ class Schedule:
                          f'{dict(given)}; {arm.name} has {list(arm.active_joints)}, {dict(own)}')
 
     def at(self, payload: float, q: FloatArray) -> Point:
-        """
-        Interpolate; beyond the grid its edge counts.
-
-        payload: mass at the tip [kg]; q (joints,): pose of the active joints [rad or m].
-        """
+        """Interpolate at a payload [kg] and a pose; beyond the grid its edge counts."""
         row = self._table
         for axis, value in zip(self._axes, (payload, *q.tolist()), strict=True):
             # an axis of one value says that nothing depends on it
@@ -270,16 +266,12 @@ def load_schedule(path: str | Path, arm: Arm | None = None) -> Schedule:
 # gains go back to the fixed ones then.
 
 class Adaptation:
-    """
-    Follows payload and pose through a schedule.
-
-    acceleration (joints,) [rad/s^2], timeout [s]; payload [kg]: None before any was reported.
-    """
+    """Follows payload and pose through a schedule: acceleration (joints,) [rad/s^2]."""
 
     def __init__(self, schedule: Schedule, acceleration: FloatArray) -> None:
         self.schedule = schedule
-        self.timeout = 0.0
-        self.payload: float | None = None
+        self.timeout = 0.0  # [s]
+        self.payload: float | None = None  # in use [kg]; None before any was reported
         self.weight = 0.0
         self.point: Point | None = None
         self._reported, self._at = math.nan, -math.inf
@@ -345,12 +337,7 @@ class Adaptation:
             self.timeout <= 0.0 or now - self._at <= self.timeout)
 
     def step(self, now: float, dt: float, q: FloatArray, dq_ref: FloatArray) -> FloatArray | None:
-        """
-        Follow for one sample.
-
-        now, dt [s], q (joints,) [rad], dq_ref (joints,) [rad/s]; returns (damped,)
-        [units of the gauges], None while the payload is unknown, and was.
-        """
+        """Follow for one sample; give what means shift by, None while no payload is in use."""
         known = self.known(now)
         change = dt / settings.SCHEDULE_BLEND_TIME
         self.weight = min(max(self.weight + (change if known else -change), 0.0), 1.0)
@@ -379,11 +366,7 @@ class Adaptation:
         self, now: float, dt: float, q: FloatArray, dq_ref: FloatArray, damper: Damper,
         gains: LoopGains,
     ) -> None:
-        """
-        Follow for one sample, and let damper and loop have what is in use then.
-
-        now, dt [s], q (joints,) [rad], dq_ref (joints,) [rad/s].
-        """
+        """Follow for one sample, and let damper and loop have what is in use then."""
         shift = self.step(now, dt, q, dq_ref)
         if shift is None or self.point is None:
             damper.release()

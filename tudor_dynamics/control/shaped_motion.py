@@ -130,11 +130,7 @@ class ShapedPlanner(MotionPlanner):
         self._clock, self._left = 0.0, 0.0
 
     def go(self, target: ArrayLike) -> None:
-        """
-        Take a new target, also in the middle of a motion.
-
-        target (joints,) [rad]: a joint whose target is not a number keeps the one it has.
-        """
+        """Take a new target, also in motion; a joint whose target is no number keeps its own."""
         if self._shaper is not None and self.remaining > 0.0:
             self._inner.go(target)  # what follows is shaped by the same impulses
             self._left = self._inner.remaining + self._shaper.length

@@ -147,18 +147,13 @@ class Path:
 
 
 class Follower:
-    """
-    Drives along trajectories, one after the other, each from its start on.
-
-    bounds: what a path may not leave; path: what is driven; coming: what begins later. None where
-    there is none.
-    """
+    """Drives along trajectories, one after the other, each from its start on."""
 
     def __init__(self, bounds: Limits) -> None:
-        self.bounds = bounds
-        self.path: Path | None = None
+        self.bounds = bounds  # what a path may not leave
+        self.path: Path | None = None  # what is driven
         self._time = 0.0
-        self.coming: Trajectory | None = None
+        self.coming: Trajectory | None = None  # what begins later
         self._since = 0.0
 
     @property

@@ -389,11 +389,7 @@ class ClosedLoop:
         self._plant.floor[:] = floor_row(floor, self.plant.mechanism)
 
     def set_force(self, force: ArrayLike) -> None:
-        """
-        Let a force (3,), or force and moment (6,), act at the tip until it is changed.
-
-        In the base frame [N, N m].
-        """
+        """Let a force (3,) [N], or it and a moment (6,) [N m], act at the tip; in base axes."""
         values = np.asarray(force, dtype=float)
         if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
             msg = f'a force has 3 or, with a moment, 6 finite components, found {values.tolist()}'
@@ -403,11 +399,7 @@ class ClosedLoop:
         self._loaded = bool(np.any(self._plant.external))
 
     def step(self, q_ref: ArrayLike, dq_ref: ArrayLike) -> LoopRecord:
-        """
-        Advance by one step of the reference ``q_ref``, ``dq_ref``, shape (n_joints,) [rad, rad/s].
-
-        Gives the readings at the start of the step, one row.
-        """
+        """Advance by one step of the reference; give the readings at its start, one row."""
         return self.run(np.atleast_2d(np.asarray(q_ref, dtype=float)),
                         np.atleast_2d(np.asarray(dq_ref, dtype=float)))
 
@@ -457,9 +449,8 @@ class ClosedLoop:
         self.plant.taken(self._done, status)
         first = -(-begun // every)
         t = (first + np.arange(rows)) * every * self.dt
-        ends = np.cumsum([joints, joints, joints, gauges, joints, joints, joints]).tolist()
-        return LoopRecord(np.asarray(t, dtype=np.float64), *(
-            out[:, a:b] for a, b in zip([0, *ends], ends, strict=False)))
+        ends = np.cumsum([joints, joints, joints, gauges, joints, joints])
+        return LoopRecord(np.asarray(t, dtype=np.float64), *np.split(out, ends, axis=1))
 
 
 def steps_per_message(dt: float, rate: float) -> int:
@@ -518,8 +509,7 @@ class ArmProcess:
 
     def _rest(self) -> None:
         self.loop.reset(self.loop.described)
-        count = len(self.loop.arm.active_joints)
-        self.speed = np.zeros(count)
+        self.speed = np.zeros(len(self.loop.arm.active_joints))
         self._age = np.inf
         self.force = np.zeros(3)
 
@@ -557,9 +547,8 @@ class ArmProcess:
         if self._age >= self.command_timeout:  # as good drives do: braked, not cut off
             self.speed = self.speed - np.clip(
                 self.speed, -period * self._braking, period * self._braking)
-        speed = self.speed
         self._age += period
-        q_ref = np.zeros((self.steps, len(speed)))  # no position loop: not used
-        signals = self.loop.run(q_ref, np.full(q_ref.shape, speed), every=self.steps)
+        q_ref = np.zeros((self.steps, len(self.speed)))  # no position loop: not used
+        signals = self.loop.run(q_ref, np.full(q_ref.shape, self.speed), every=self.steps)
         return Sample(t, signals.q[0], signals.dq[0], signals.current[0], signals.strain[0],
                       total)

@@ -350,7 +350,7 @@ class Mechanism:
     def rotations(self) -> IntArray:
         """Coordinates of the rotations of all nodes of beams, shape (n_nodes, 3)."""
         rows = [row[at.FIRST] + 6 * node + np.arange(3, 6) for row in self.body_int
-                if row[at.FLEXIBLE] for node in range(int(row[at.ELEMENTS]))]
+                for node in range(int(row[at.ELEMENTS]))]
         return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
     def chain(self) -> Chain:
@@ -369,8 +369,7 @@ class Mechanism:
     def coordinate_names(self) -> list[str]:
         """Name of each coordinate, for messages and tables."""
         names = [''] * self.size
-        bodies = {body: joint for joint, body in self.body_of.items()}
-        for body, joint in bodies.items():
+        for joint, body in self.body_of.items():
             row = self.body_int[body]
             names[row[at.Q]] = joint
             if row[at.SPRING] >= 0:
@@ -383,8 +382,6 @@ class Mechanism:
     def length(self, joint: str) -> float:
         """Give the length of the beam after a joint, 0 for a rigid link [m]."""
         body = self.body_of[joint]
-        if not self.body_int[body, at.FLEXIBLE]:
-            return 0.0
         return float(self.body_int[body, at.ELEMENTS] * self.body_float[body, at.LENGTH])
 
     def body_at(self, point: int) -> int:
@@ -394,8 +391,7 @@ class Mechanism:
     def point(self, joint: str, node: int = -1) -> int:
         """Give the number of a node after a joint."""
         row = self.body_int[self.body_of[joint]]
-        count = int(row[at.ELEMENTS]) + 1 if row[at.FLEXIBLE] else 1
-        return int(row[at.POINT]) + (node + count if node < 0 else node)
+        return int(row[at.POINT] + (node + row[at.ELEMENTS] + 1 if node < 0 else node))
 
 
 def build_mechanism(arm: Arm) -> Mechanism:

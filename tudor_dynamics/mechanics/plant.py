@@ -298,12 +298,7 @@ class Plant:
         return self.state
 
     def taken(self, steps: int, status: int) -> None:
-        """
-        Take over what a compiled loop has done with the tables.
-
-        ``status`` is that of the last of the steps since ``reset``, see ``integrator.step``; a
-        SimulationError if it failed.
-        """
+        """Take over what a compiled loop did since ``reset``: its steps, and its last status."""
         self._time_steps = steps
         if status != gen.OK:
             self._fail(status)

@@ -42,9 +42,8 @@ class RigLog:
     # Positions and speeds of the joints as honest encoders have them, before ``Loop.alter``.
     q: list[FloatArray] = field(default_factory=list)
     dq: list[FloatArray] = field(default_factory=list)
-    # The same of the links, after the gears with their play, as the plant has them.
+    # Positions of the links, after the gears with their play, as the plant has them.
     true_q: list[FloatArray] = field(default_factory=list)
-    true_dq: list[FloatArray] = field(default_factory=list)
     # Speeds that the drives were commanded last, or brake to by themselves [rad/s].
     command: list[FloatArray] = field(default_factory=list)
     # Commands that left a controller: time [s], a number that changes where it took over an arm
@@ -159,9 +158,7 @@ class Loop:
 
     def step(self) -> None:
         """Advance by one sample."""
-        plant = self.process.loop.plant
-        self.trace.true_q.append(plant.coordinates[self._joints])
-        self.trace.true_dq.append(plant.rates[self._joints])
+        self.trace.true_q.append(self.process.loop.plant.coordinates[self._joints])
         measured = self.process.step()
         self.note(measured)
         sample = measured if self.alter is None else self.alter(measured)

@@ -221,28 +221,18 @@ class Modes:
                 zip(self.frequency, self.damping, strict=True), start=1))])
 
 
-def _differences(
-    plant: Plant, step: float, force: Callable[[FloatArray], FloatArray],
-) -> FloatArray:
-    """Give the derivatives of a force by each coordinate, or its rate, (n, n)."""
-    return np.array([(force(step * unit) - force(-step * unit)) / (2.0 * step)
-                     for unit in np.eye(plant.mechanism.size)])
-
-
-def stiffness_about_state(plant: Plant) -> FloatArray:
-    """Give the tangent stiffness (n, n) over all coordinates, gravity and stretch included."""
+def _tangents(plant: Plant) -> tuple[FloatArray, FloatArray]:
+    """Give tangent stiffness, gravity and stretch included, and damping over all coordinates."""
     z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
+
+    def slopes(step: float, force: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        return np.array([(force(step * unit) - force(-step * unit)) / (2.0 * step)
+                         for unit in np.eye(len(z))])
     # Differences for gravity alone: those of the stiffness would drown in its large numbers.
-    weight = _differences(
-        plant, 1e-6, lambda change: plant.imbalance(z + change, zero, zero, elastic=False))
-    return plant.bent_stiffness() + 0.5 * (weight + weight.T)
-
-
-def damping_about_state(plant: Plant) -> FloatArray:
-    """Give the tangent damping (n, n) over all coordinates: Rayleigh's and that of the joints."""
-    z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
-    # what is quadratic in the rates cancels
-    return _differences(plant, 1.0, lambda rate: plant.imbalance(z, rate, zero)).T
+    weight = slopes(1e-6, lambda change: plant.imbalance(z + change, zero, zero, elastic=False))
+    # Of the damping, what is quadratic in the rates cancels.
+    damping = slopes(1.0, lambda rate: plant.imbalance(z, rate, zero)).T
+    return plant.bent_stiffness() + 0.5 * (weight + weight.T), damping
 
 
 def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -> Modes:
@@ -280,9 +270,9 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
         msg = f'{mechanism.name}: nothing can vibrate, all links are rigid and all joints held'
         raise SimulationError(msg)
     pick = np.ix_(index, index)
-    mass, stiffness = plant.mass_matrix()[pick], stiffness_about_state(plant)[pick]
+    stiffness, damping = _tangents(plant)
     try:
-        values, vectors = eigh(stiffness, mass)
+        values, vectors = eigh(stiffness[pick], plant.mass_matrix()[pick])
     except np.linalg.LinAlgError:
         msg = (f'{mechanism.name}: the mass matrix is singular with the joints '
                f'{list(free_joints)} free; give their links a mass, or a hub_inertia')
@@ -290,8 +280,7 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
     count = min(count, index.size)
     values, vectors = values[:count], vectors[:, :count]
     omega = np.sign(values) * np.sqrt(np.abs(values))
-    damping = damping_about_state(plant)[pick]
-    modal = np.einsum('im,ij,jm->m', vectors, damping, vectors)
+    modal = np.einsum('im,ij,jm->m', vectors, damping[pick], vectors)
     # Below a millionth of a hertz a mode is a rigid motion.
     omega[np.abs(omega) < 1e-3] = 0.0
     ratio = np.divide(modal, 2.0 * omega, out=np.zeros(count), where=omega > 0.0)

@@ -455,11 +455,7 @@ class SimulatedRun:
         return figure
 
     def animate(self, path: str | Path) -> None:
-        """
-        Draw the run in real time to a ``.gif``, or a ``.mp4`` where ffmpeg is installed.
-
-        It gets 25 frames a second at most.
-        """
+        """Draw the run in real time to ``.gif``, or with ffmpeg ``.mp4``, at up to 25 frames/s."""
         path, run = Path(path), self.run
         check_target(path)
         rate = min(25.0, MAX_FRAMES / max(float(run.t[-1] - run.t[0]), 1e-6))

@@ -84,11 +84,7 @@ class Regressor(ABC):
 
     @abstractmethod
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
-        """
-        Evaluate rows times the parameters of each channel, shape (n_samples, n_channels).
-
-        ``motion`` as for ``rows``; ``parameters`` (n_channels, n_columns).
-        """
+        """Evaluate rows times parameters (n_channels, n_columns) of each channel; see ``rows``."""
 
 
 class EffortRegressor(Regressor):
