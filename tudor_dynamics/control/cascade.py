@@ -54,12 +54,7 @@ SATURATING = BY_SPEED + BY_POSITION  # a command that only takes longer is none 
 
 @compiled
 def approach_speed(way: float, acceleration: float, time: float) -> float:
-    """
-    Give the fastest speed towards a position limit from which the joint still stops before it.
-
-    acceleration [rad/s^2], time [s]; way [rad]: below 0 beyond it; returns [rad/s], 0 beyond the
-    limit.
-    """
+    """Give the fastest speed towards a limit, a way [rad] ahead, from which a joint stops."""
     if way <= 0.0:
         return 0.0
     if math.isinf(way) or math.isinf(acceleration):

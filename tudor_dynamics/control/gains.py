@@ -42,18 +42,13 @@ def way_at(at: NDArray, way: NDArray, commands: NDArray, count: int, j: int, tim
 
 
 class Commanded:
-    """
-    Commands by a clock [s], each held until the next.
-
-    at (kept,) [s], commands, way (kept, joints) [rad/s, rad]: way made by the commands before;
-    count: how many of them are in use.
-    """
+    """Commands by a clock, each held until the next."""
 
     def __init__(self, joints: int) -> None:
-        self.at = np.zeros(512)
+        self.at = np.zeros(512)  # since when each is in force [s]
         self.commands = np.zeros((512, joints))
-        self.way = np.zeros((512, joints))
-        self.count = 0
+        self.way = np.zeros((512, joints))  # made by the commands before [rad]
+        self.count = 0  # how many of them are in use
 
     def add(self, now: float, command: FloatArray) -> None:
         """Take a command in force from now on: command (joints,) [rad/s]."""
@@ -203,22 +198,17 @@ def learned_period(period: float, dt: float) -> float:
 
 
 class LoopGains:
-    """
-    Gains of damper and position loop in use, by what was measured of the loop.
-
-    speed (joints,) [rad/s], share, full_delay [s], period [s]: between samples; excited: why the
-    damper is off, empty if it is not.
-    """
+    """Gains of damper and position loop in use, by what was measured of the loop."""
 
     def __init__(self, spec: DamperSpec, speed: FloatArray, share: float = 1.0) -> None:
         self.described = self._basis = spec.position_gain
         self.asked = 0.0  # speed per position error, 0 for that of description or schedule [1/s]
-        self.described_delay = self.full_delay = spec.full_delay
+        self.described_delay = self.full_delay = spec.full_delay  # [s]
         self.share = self.weight = share
         self.delay = DelayMeter(speed)
         self.adapts = True
-        self.excited = ''
-        self.period = self._clock = 0.0
+        self.excited = ''  # why the damper is off; empty if it is not
+        self.period = self._clock = 0.0  # between samples, and by their stamps [s]
         self.late = 0.0  # by which samples come later than usual [s]
         self._ringing = RingingWatch(speed)
         self._lag = velocity_lag(spec)

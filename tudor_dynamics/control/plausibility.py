@@ -189,17 +189,13 @@ class Doubt:
 
 
 class MotionWatch:
-    """
-    Judges readings against the commands that the joints were given.
-
-    effort (joints,): largest of each, in the unit that it is measured in, infinite where unknown;
-    owed (joints,) [rad or m]: what readings lack of where commands have led.
-    """
+    """Judges readings against the commands that the joints were given."""
 
     def __init__(self, joints: tuple[str, ...], limits: Limits, effort: FloatArray) -> None:
         self._joints, self._limits = joints, limits
         self.speed = np.where(np.isfinite(limits.velocity), limits.velocity, math.pi)
         self._bounds = np.array([limits.lower, limits.upper, self.speed], dtype=float)
+        # Largest of each, in the unit that it is measured in, infinite where unknown.
         self._effort = settings.OVERLOADED * np.where(effort > 0.0, effort, np.inf)
         far = self.speed * settings.RANGE_TIME
         self._lowest, self._highest = limits.lower - far, limits.upper + far
@@ -212,11 +208,11 @@ class MotionWatch:
         self.restart(None)
 
     def restart(self, q: FloatArray | None, free: float = 0.0) -> None:
-        """Take a reading for the first; drives may have braked meanwhile, free for so long [s]."""
+        """Take a reading for the first, the confirmed stays; drives were free to brake [s]."""
         self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH, AHEAD, BEYOND, UNHEARD]] = 0.0
         self.state[:, OFFSET] = math.nan
         self.state[:, [LOADED, PUSHED]] = -math.inf
-        self.owed = np.zeros(len(self._joints))
+        self.owed = np.zeros(len(self._joints))  # readings lack it of where commands have led
         self._seen: deque[tuple[float, FloatArray, FloatArray | None]] = deque()
         self._onset = np.full(len(self._joints), -math.inf)
         if q is not None:
@@ -420,18 +416,15 @@ class MotionWatch:
 
 
 class AgeWatch:
-    """
-    Says how much later samples come than the quickest of the last while: late [s].
-
-    recent [s]: the same of the samples just before, too, whose answers still move the joints.
-    """
+    """Says how much later samples come than the quickest of the last while."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
         """Forget which age is usual."""
-        self.late = self.recent = 0.0
+        self.late = 0.0  # [s]
+        self.recent = 0.0  # of the samples just before, too, whose answers still move the joints
         self._last = math.inf
         self._usual = False  # whether stamps go as fast as the clock: only then ages can be judged
         self._begun = -math.inf
