@@ -54,7 +54,7 @@ SATURATING = BY_SPEED + BY_POSITION  # a command that only takes longer is none 
 
 @compiled
 def approach_speed(way: float, acceleration: float, time: float) -> float:
-    """Give the fastest speed towards a limit, a way [rad] ahead, from which a joint stops."""
+    """Give the fastest speed from which a joint stops in a way [rad], after a time [s] of it."""
     if way <= 0.0:
         return 0.0
     if math.isinf(way) or math.isinf(acceleration):

@@ -288,7 +288,7 @@ class LoopGains:
         return self._clock, self.assumed_delay
 
     def step(self, dt: float, dq: FloatArray) -> tuple[float, float]:
-        """Measure the delay; give part of the damper and position gain [1/s] that are in force."""
+        """Measure the delay; give the damper's share and the position gain [1/s] in force."""
         self.delay.add_motion(self._clock, dt, dq)
         change = dt / settings.SHARE_RAMP_TIME
         share = min(self.share, settings.LARGEST_SHARE) * self.allowed_share

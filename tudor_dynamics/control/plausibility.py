@@ -208,11 +208,15 @@ class MotionWatch:
         self.restart(None)
 
     def restart(self, q: FloatArray | None, free: float = 0.0) -> None:
-        """Take a reading for the first, the confirmed stays; drives were free to brake [s]."""
+        """
+        Take a reading for the first one; what was confirmed stays.
+
+        free [s]: for which drives may have braked by themselves meanwhile.
+        """
         self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH, AHEAD, BEYOND, UNHEARD]] = 0.0
         self.state[:, OFFSET] = math.nan
         self.state[:, [LOADED, PUSHED]] = -math.inf
-        self.owed = np.zeros(len(self._joints))  # readings lack it of where commands have led
+        self.owed = np.zeros(len(self._joints))  # what readings lack of where commands have led
         self._seen: deque[tuple[float, FloatArray, FloatArray | None]] = deque()
         self._onset = np.full(len(self._joints), -math.inf)
         if q is not None:

@@ -53,7 +53,7 @@ class ReactingReference:
         reaction: str = 'retreat',
         retreat_time: float = 1.0,  # [s]
         shaping: Shaping | None = None,  # none by default
-        hard: Limits | None = None,  # what trajectories keep to; the first by default
+        hard: Limits | None = None,  # what trajectories keep to; limits by default
     ) -> None:
         if reaction not in REACTIONS:
             raise UsageError(f'reaction is {reaction!r}; expected one of {", ".join(REACTIONS)}')
