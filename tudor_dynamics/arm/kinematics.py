@@ -109,13 +109,11 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
                            'another count as fixed)')
     for joint in spec.joints:
         prismatic = is_prismatic(model, joint.name)
+        kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
         if joint.type is not None and prismatic != (joint.type == 'prismatic'):
-            found = 'prismatic' if prismatic else 'revolute'
-            raise ArmError(f'{source}: joint {joint.name!r} is {found} in the URDF, but '
+            raise ArmError(f'{source}: joint {joint.name!r} is {kind} in the URDF, but '
                            f'its type here is {joint.type}; correct joints[].type')
-        wrong = {'N m': prismatic, 'N': not prismatic}.get(joint.effort.unit, False)
-        if wrong:
-            kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
+        if joint.effort.unit not in ('A', unit):
             raise ArmError(f'{source}: joint {joint.name!r} is {kind}, but its effort.unit '
                            f'is {joint.effort.unit!r}; give {unit!r} or A')
         for gauge in spec.gauges:

@@ -209,13 +209,12 @@ class Bag:
         data: dict[str, list[bytes]] = {name: [] for name in topics}
         for path in self.files:
             with self._opened(path) as (file, unpacker):
-                for name, (found, messages) in file.read(
-                        tuple(topics), with_data=with_data).items():
-                    times[name] += found
-                    data[name] += messages if unpacker is None else [
+                for name, scan in file.read(tuple(topics), with_data=with_data).items():
+                    times[name] += scan.log_time
+                    data[name] += scan.data if unpacker is None else [
                         unpacker.unpack(message, 'zstd')  # no CDR begins like a compressed message
                         if self.compression == 'message' or message[:4] == ZSTD_MAGIC else message
-                        for message in messages]
+                        for message in scan.data]
         return {name: self._ordered(name, times[name], data[name]) for name in topics}
 
     @contextmanager
