@@ -43,9 +43,8 @@ def guess_plan(topics: Mapping[str, DecodedTopic]) -> Sources | None:
     def with_field(what: str) -> dict[str, list[str]]:
         found = {}
         for name, states in topics.items():
-            blocks = [block for block in states.blocks if block.layout.size(what)]
-            if blocks:
-                largest = max(blocks, key=lambda block: len(block.index))
+            largest = max(states.having(what), key=lambda block: len(block.index), default=None)
+            if largest is not None:
                 found[name] = list(largest.layout.names)
         return found
 
@@ -159,10 +158,8 @@ def _channels(
     for block in states.blocks:
         for what in block.layout.fields:
             # an array may be shorter or longer than the names; the first of equal names counts
-            first: dict[str, FloatArray] = {}
-            for name, column in zip(block.layout.names, block.values(what).T, strict=False):
-                first.setdefault(name, column)
-            for name, column in first.items():
+            columns = [*zip(block.layout.names, block.values(what).T, strict=False)]
+            for name, column in dict(reversed(columns)).items():
                 found.setdefault((name, what), []).append(column)
     reports = []
     for name, what in ((name, what) for name in names for what in fields if (name, what) in found):
