@@ -233,8 +233,8 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
             edges += [int(log_time[0]), int(log_time[-1])]
     plan = guess_plan(topics) if arm is None else plan_from_arm(arm)
     return BagReport(
-        str(path), bag.storage, [file.name for file in bag.files],
-        sum(file.stat().st_size for file in bag.files), bag.checksum(),
+        str(path), bag.storage, [file.name for file in bag.metadata.files],
+        sum(file.stat().st_size for file in bag.metadata.files), bag.checksum(),
         min(edges) * 1e-9 if edges else None, (max(edges) - min(edges)) * 1e-9 if edges else 0.0,
         reports, **_verdict(bag, topics, plan), odd=bag.notes.texts,
         payload=bag.payload(), plan=plan)
