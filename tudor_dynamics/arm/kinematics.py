@@ -206,9 +206,16 @@ def model_from_dh(
     Modified: joint i follows joint i - 1 by ``Rx(alpha) Tx(a) Rz(theta + q) Tz(d)`` (Craig,
     Introduction to Robotics, 2005, Eq. 3.6), and its frame is that of the table.
 
-    A row is a [m], alpha [rad], d [m], theta_offset [rad] of a joint, base first; modified ones
-    may have one more, for a flange. The end of the last row is the frame ``tip``. Types are
-    ``revolute`` or ``prismatic``.
+    Parameters
+    ----------
+    rows : sequence
+        a [m], alpha [rad], d [m], theta_offset [rad] of each joint, base first; modified ones may
+        have one more, for a flange. The end of the last row is the frame ``tip``.
+    names, types : sequence of str
+        Of the joints; types are ``revolute`` or ``prismatic``.
+    convention : str
+        ``standard`` or ``modified``.
+
     """
     model = pin.Model()
     placement = pin.SE3.Identity()
