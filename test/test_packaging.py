@@ -22,7 +22,7 @@ import shutil
 import subprocess
 import sys
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 
 
 def run(*words: str | Path, cwd: Path, **environment: str) -> str:

@@ -25,7 +25,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 
 ROOT = Path(__file__).resolve().parents[1]
 FILES = ['package.xml',

@@ -23,6 +23,8 @@ is imported where it is first used, so that the import itself takes no time.
 import importlib
 from typing import TYPE_CHECKING
 
+from tudor_dynamics._version import __version__ as __version__  # noqa: F401
+
 if TYPE_CHECKING:
     from tudor_dynamics.arm.description import Arm, arm_from_dict, load_arm
     from tudor_dynamics.arm.limits import planned_limits
@@ -54,8 +56,6 @@ if TYPE_CHECKING:
     from tudor_dynamics.parallel import on_cluster
     from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
     from tudor_dynamics.signals.preprocessing import prepare
-
-__version__ = '0.2.0'
 
 __all__ = [
     'Arm', 'ClosedLoop', 'ContactEstimator', 'ElasticModel', 'Feedforward', 'FitSettings',

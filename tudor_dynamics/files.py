@@ -30,7 +30,7 @@ import stat
 import tempfile
 from typing import Any, BinaryIO
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 from tudor_dynamics.errors import TudorError
 import yaml
 

@@ -23,7 +23,7 @@ from pathlib import Path
 import platform
 import subprocess
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 
 LIBRARIES = ('numpy', 'scipy', 'pin', 'numba', 'pydantic', 'rosbags')
 """Those that numbers come from."""

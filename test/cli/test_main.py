@@ -27,7 +27,7 @@ import warnings
 
 import pytest
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 from tudor_dynamics.cli import main as entry
 from tudor_dynamics.errors import BagError, TudorError, TudorWarning
 

@@ -43,7 +43,7 @@ import warnings
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
 
-from tudor_dynamics import __version__  # noqa: E402
+from tudor_dynamics._version import __version__  # noqa: E402
 from tudor_dynamics.errors import meant, printable, TudorError, TudorWarning  # noqa: E402
 
 GROUPS = {

@@ -26,7 +26,8 @@ import zlib
 
 import numpy as np
 
-from tudor_dynamics import __version__, files
+from tudor_dynamics import files
+from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm, arm_from_dict
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError

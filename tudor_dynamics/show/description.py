@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import (
     ArmSpec, InertiaPart, MotorSpec, SensorSpec, STATE_KEYS, validation_message)

@@ -28,7 +28,7 @@ import jinja2
 from markupsafe import Markup
 import numpy as np
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.detection import MethodResult
 from tudor_dynamics.identification.doctor.between import Evaluated
