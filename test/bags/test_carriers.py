@@ -155,10 +155,9 @@ def test_arrays_as_rosbags_writes_them(values: list[float], labels: list[str]) -
     """Whatever the dimensions are called, the values are found."""
     buffer = array(np.array(values), tuple(labels))
     layout = array_layout(buffer)
-    record = np.frombuffer(buffer, layout.dtype)[0]
+    rows = np.frombuffer(buffer, np.uint8)[None]
     assert layout.names == tuple(str(number) for number in range(len(values)))
-    if values:
-        assert record['data'].tolist() == values
+    assert layout.numbers(rows, *layout.fields['data']).tolist() == [values]
 
 
 @settings(deadline=None)
@@ -174,7 +173,7 @@ def test_damaged_messages_are_refused(tail: bytes, place: int, value: int) -> No
                 layout = parse(buffer)
             except CdrError:
                 continue
-            assert layout.dtype.itemsize == len(buffer)
+            assert layout.significant.size == len(buffer)
 
 
 def test_a_message_may_not_announce_more_than_it_has() -> None:

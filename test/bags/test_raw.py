@@ -121,7 +121,7 @@ def test_zstd_chunks_are_scanned(tmp_path):
     """The scan unpacks chunks itself."""
     write_packed(tmp_path / 'b', StoragePlugin.MCAP, CompressionMode.STORAGE, joint_states())
     file = McapFile(storage_file(tmp_path / 'b'))
-    _, data = file.read(['/joint_states'], with_data=True)['/joint_states']
+    data = file.read(['/joint_states'], with_data=True)['/joint_states'].data
     assert data == encode(joint_states()).data
 
 
@@ -142,7 +142,7 @@ def test_checksums_of_chunks_are_checked(tmp_path):
             with pytest.raises(BagError, match='checksum'):
                 read_recording(file, plain_arm())
         else:
-            _, data = McapFile(file).read(['/joint_states'], with_data=True)['/joint_states']
+            data = McapFile(file).read(['/joint_states'], with_data=True)['/joint_states'].data
             assert len(data) == 300
 
 

@@ -67,7 +67,7 @@ def test_replayed_to_the_last_bit(
     """Lost readings included, the event comes again: onset, method, link and all ratios."""
     records = played(world, model, pushes, tmp_path)
     (bag,) = tmp_path.iterdir()
-    kept = json.loads(open_bag(bag).custom[EVENTS])
+    kept = json.loads(open_bag(bag).metadata.custom[EVENTS])
     assert [{key: item[key] for key in records[0]} for item in kept] == records
     assert kept[0]['settings']['model'] == str(model) and kept[0]['state']['arm']
     bundle = load_bundle(model)

@@ -74,7 +74,7 @@ def test_round_trip(tmp_path: Path) -> None:
     """The bag has the messages, and the records."""
     bag = open_bag(write_events(tmp_path / 'new', ring().series(), [RECORD, RECORD]))
     assert {name: info.count for name, info in bag.topics.items()} == {'/a': 1, '/b': 2}
-    assert json.loads(bag.custom[EVENTS]) == [RECORD, RECORD]
+    assert json.loads(bag.metadata.custom[EVENTS]) == [RECORD, RECORD]
 
 
 def test_a_record_has_what_was_known() -> None:

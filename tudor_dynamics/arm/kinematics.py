@@ -109,13 +109,11 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
                            'another count as fixed)')
     for joint in spec.joints:
         prismatic = is_prismatic(model, joint.name)
+        kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
         if joint.type is not None and prismatic != (joint.type == 'prismatic'):
-            found = 'prismatic' if prismatic else 'revolute'
-            raise ArmError(f'{source}: joint {joint.name!r} is {found} in the URDF, but '
+            raise ArmError(f'{source}: joint {joint.name!r} is {kind} in the URDF, but '
                            f'its type here is {joint.type}; correct joints[].type')
-        wrong = {'N m': prismatic, 'N': not prismatic}.get(joint.effort.unit, False)
-        if wrong:
-            kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
+        if joint.effort.unit not in ('A', unit):
             raise ArmError(f'{source}: joint {joint.name!r} is {kind}, but its effort.unit '
                            f'is {joint.effort.unit!r}; give {unit!r} or A')
         for gauge in spec.gauges:
@@ -191,14 +189,6 @@ def gauge_point(gauge: GaugeSpec) -> NDArray[np.float64]:
     return gauge.distance * unit_vector(gauge.direction)
 
 
-def _translation(x: float, y: float, z: float) -> pin.SE3:
-    return pin.SE3(np.eye(3), np.array([x, y, z]))
-
-
-def _rotation(axis: str, angle: float) -> pin.SE3:
-    return pin.SE3(pin.utils.rotate(axis, angle), np.zeros(3))
-
-
 def model_from_dh(
     rows: Sequence[Sequence[float]],
     names: Sequence[str],
@@ -232,8 +222,9 @@ def model_from_dh(
     parent = 0
     for number, (a, alpha, d, theta) in enumerate(rows):
         # along the joint's axis and across it: where the joint stands between them differs
-        turn, rise = _rotation('z', theta), _translation(0.0, 0.0, d)
-        across = _translation(a, 0.0, 0.0) * _rotation('x', alpha)
+        turn = pin.SE3(pin.utils.rotate('z', theta), np.zeros(3))
+        rise = pin.SE3(np.eye(3), np.array([0.0, 0.0, d]))
+        across = pin.SE3(pin.utils.rotate('x', alpha), np.array([a, 0.0, 0.0]))
         standard = convention == 'standard'
         placement = placement * (turn if standard else across * turn * rise)
         if number < len(names):

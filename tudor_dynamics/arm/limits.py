@@ -79,15 +79,12 @@ def unlimited(joints: int) -> Limits:
     return Limits(-without, without, without, without)
 
 
-def _known(value: float | None) -> float:
-    return math.inf if value is None else value
-
-
 def _of_joint(arm: Arm, joint: JointSpec) -> tuple[float, float, float, float]:
     """Give lower, upper, velocity and acceleration of one joint; infinite where unknown."""
     given = joint.limits or LimitSpec()
     lower = -math.inf if given.lower is None else given.lower
-    upper, speed = _known(given.upper), _known(given.velocity)
+    upper, speed, acceleration = (math.inf if value is None else value for value in (
+        given.upper, given.velocity, given.acceleration))
     if arm.urdf is not None:
         inner = arm.full_model.joints[arm.full_model.getJointId(joint.name)]
         described = (float(arm.full_model.lowerPositionLimit[inner.idx_q]),
@@ -97,7 +94,6 @@ def _of_joint(arm: Arm, joint: JointSpec) -> tuple[float, float, float, float]:
         fastest = float(arm.full_model.velocityLimit[inner.idx_v])
         if 0.0 < fastest < UNLIMITED:
             speed = min(speed, fastest)
-    acceleration = _known(given.acceleration)
     motor = next((motor for motor in arm.spec.motors if motor.joint == joint.name), None)
     if motor is not None and motor.current_limit and motor.reflected_inertia > 0.0:
         acceleration = min(acceleration, motor.current_limit * motor.joint_torque_constant

@@ -22,7 +22,7 @@ default, and the string after it, of which ``docs/reference/arm_yaml.md`` is mad
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import math
 from typing import Annotated, Any, get_args, Literal
 
@@ -63,6 +63,16 @@ class Spec(BaseModel):
     """
 
     model_config = ConfigDict(extra='forbid', frozen=True, use_attribute_docstrings=True)
+
+    def mistakes(self) -> Iterator[str]:
+        """Say what is wrong with keys that are right by themselves; the first one counts."""
+        yield from ()
+
+    @model_validator(mode='after')
+    def _without_mistakes(self) -> Spec:
+        for text in self.mistakes():
+            raise ValueError(text)
+        return self
 
 
 NEWTON_METRE = ('N m', 'Nm', 'N*m', 'N·m', 'N⋅m', 'N.m')
@@ -119,13 +129,11 @@ class KinematicsSpec(Spec):
     A modified table may have a row more, for a flange that is fixed to the last link.
     """
 
-    @model_validator(mode='after')
-    def _one_source(self) -> KinematicsSpec:
+    def mistakes(self) -> Iterator[str]:
         if (self.urdf is None) == (self.dh is None):
-            raise ValueError('give either urdf: FILE or dh: [[a, alpha, d, theta_offset], ...]')
+            yield 'give either urdf: FILE or dh: [[a, alpha, d, theta_offset], ...]'
         if self.urdf is not None and self.convention != 'standard':
-            raise ValueError('convention is for D-H rows only; remove it, or give dh, not urdf')
-        return self
+            yield 'convention is for D-H rows only; remove it, or give dh, not urdf'
 
 
 class SourceSpec(Spec):
@@ -139,12 +147,10 @@ class SourceSpec(Spec):
     """Interface in a control_msgs/DynamicJointState, such as current; for bags alone, nodes
     refuse it."""
 
-    @model_validator(mode='after')
-    def _one_kind(self) -> SourceSpec:
+    def mistakes(self) -> Iterator[str]:
         if self.index is not None and self.interface is not None:
-            raise ValueError('give either index (of a Float64MultiArray) or interface (of a '
-                             'DynamicJointState), not both')
-        return self
+            yield ('give either index (of a Float64MultiArray) or interface (of a '
+                   'DynamicJointState), not both')
 
     def for_digest(self) -> dict[str, Any]:
         """Give all keys with their values, without those that older versions did not have."""
@@ -163,11 +169,10 @@ class EffortSpec(SourceSpec):
     torque_constant: Annotated[Positive | None, read_by('ME')] = None
     """Joint torque per ampere, gear and efficiency included; unknown by default [N m/A or N/A]."""
 
-    @model_validator(mode='after')
-    def _constant_needs_current(self) -> EffortSpec:
+    def mistakes(self) -> Iterator[str]:
+        yield from super().mistakes()
         if self.torque_constant is not None and self.unit != 'A':
-            raise ValueError(f'torque_constant needs unit: A, but unit is {self.unit}; correct it')
-        return self
+            yield f'torque_constant needs unit: A, but unit is {self.unit}; correct it'
 
 
 class LimitSpec(Spec):
@@ -183,11 +188,9 @@ class LimitSpec(Spec):
     """Largest acceleration of the drive; by default what its motor can do without load
     [rad/s^2 or m/s^2]."""
 
-    @model_validator(mode='after')
-    def _ordered(self) -> LimitSpec:
+    def mistakes(self) -> Iterator[str]:
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
-            raise ValueError(f'lower {self.lower} is not below upper {self.upper}; correct either')
-        return self
+            yield f'lower {self.lower} is not below upper {self.upper}; correct either'
 
 
 class PlannedSpec(LimitSpec):
@@ -229,16 +232,14 @@ class JointSpec(Spec):
     planned: Annotated[PlannedSpec | None, read_by('RDG')] = None
     """What motion is planned with."""
 
-    @model_validator(mode='after')
-    def _plans_within_limits(self) -> JointSpec:
+    def mistakes(self) -> Iterator[str]:
         planned, limits = self.planned or PlannedSpec(), self.limits or LimitSpec()
         for key, outwards in (('lower', -1.0), ('upper', 1.0), ('velocity', 1.0),
                               ('acceleration', 1.0)):
             inner, outer = getattr(planned, key), getattr(limits, key)
             if inner is not None and outer is not None and outwards * (inner - outer) > 0.0:
-                raise ValueError(f'planned.{key} {inner:g} is beyond limits.{key} {outer:g}: '
-                                 'plans must keep within the limits; correct either value')
-        return self
+                yield (f'planned.{key} {inner:g} is beyond limits.{key} {outer:g}: '
+                       'plans must keep within the limits; correct either value')
 
     _open = model_validator(mode='before')(without_auto('friction'))
 
@@ -307,11 +308,9 @@ class CouplingPair(Spec):
     """Turns of the motor for one turn of that joint, in turns of the motor for one of its own;
     -1 where it turns the other way [1, or rad/m or m/rad where one of both slides]."""
 
-    @model_validator(mode='after')
-    def _two_joints(self) -> CouplingPair:
+    def mistakes(self) -> Iterator[str]:
         if self.motor == self.joint:
-            raise ValueError(f'motor and joint are both {self.motor!r}; name two different joints')
-        return self
+            yield f'motor and joint are both {self.motor!r}; name two different joints'
 
 
 class CouplingsSpec(Spec):
@@ -328,11 +327,9 @@ class CouplingsSpec(Spec):
     efforts: Literal['joints', 'motors'] = 'joints'
     """What efforts in the messages are those of."""
 
-    @model_validator(mode='after')
-    def _one_form(self) -> CouplingsSpec:
+    def mistakes(self) -> Iterator[str]:
         if (self.matrix is None) == (not self.pairs):
-            raise ValueError('give either pairs: [{motor, joint, ratio}, ...] or matrix: [[...]]')
-        return self
+            yield 'give either pairs: [{motor, joint, ratio}, ...] or matrix: [[...]]'
 
     def speeds(self, joints: Sequence[str]) -> FloatArray:
         """Give the speeds of all motors by those of all joints; returns (joints, joints)."""
@@ -468,12 +465,10 @@ class SensorSpec(Spec):
     resolution: NonNegative = 0.0
     """Step of the reading, 0 for none [unit of the gauge]."""
 
-    @model_validator(mode='after')
-    def _sensitive(self) -> SensorSpec:
+    def mistakes(self) -> Iterator[str]:
         if self.gain == 0:
-            raise ValueError('with a gain of 0 the gauge would measure nothing; give its reading '
-                             'per N m, or remove this entry')
-        return self
+            yield ('with a gain of 0 the gauge would measure nothing; give its reading '
+                   'per N m, or remove this entry')
 
 
 class DamperJointSpec(Spec):
@@ -511,16 +506,14 @@ class DamperSpec(Spec):
     joints: tuple[DamperJointSpec, ...] = Field(min_length=1, max_length=100)
     """Joints with strain feedback, each with its gauge and gain."""
 
-    @model_validator(mode='after')
-    def _separate_bands(self) -> DamperSpec:
+    def mistakes(self) -> Iterator[str]:
         if self.mean_frequency >= self.velocity_bandwidth:
-            raise ValueError(
-                f'mean_frequency {self.mean_frequency} Hz is not below velocity_bandwidth '
-                f'{self.velocity_bandwidth} Hz; the damper acts in between: lower mean_frequency')
+            yield (f'mean_frequency {self.mean_frequency} Hz is not below velocity_bandwidth '
+                   f'{self.velocity_bandwidth} Hz; the damper acts in between: lower '
+                   'mean_frequency')
         if self.rate <= 2 * self.velocity_bandwidth:
-            raise ValueError(f'rate {self.rate} Hz is not above twice the velocity_bandwidth of '
-                             f'{self.velocity_bandwidth} Hz; increase rate')
-        return self
+            yield (f'rate {self.rate} Hz is not above twice the velocity_bandwidth of '
+                   f'{self.velocity_bandwidth} Hz; increase rate')
 
 
 Axis = Literal['x', 'y', 'z'] | Vector3
@@ -550,23 +543,20 @@ class SectionSpec(Spec):
     surface: Positive | None = None
     """Distance of the gauges from the neutral line, along the height axis [m]."""
 
-    @model_validator(mode='after')
-    def _complete(self) -> SectionSpec:
+    def mistakes(self) -> Iterator[str]:
         needed = {'rectangle': ('height', 'width'), 'tube': ('outer', 'inner'),
                   'general': ('area', 'Iz', 'Iy', 'J')}[self.shape]
         allowed = {*needed, 'J', 'surface'}
         for key in needed:
             if getattr(self, key) is None:
-                raise ValueError(f'a {self.shape} section needs {", ".join(needed)}; '
-                                 f'{key} is missing: add it')
+                yield f'a {self.shape} section needs {", ".join(needed)}; {key} is missing: add it'
         for key in ('height', 'width', 'outer', 'inner', 'area', 'Iz', 'Iy'):
             if getattr(self, key) is not None and key not in allowed:
-                raise ValueError(f'a {self.shape} section has no {key}, but {", ".join(needed)}; '
-                                 f'remove {key}, or correct shape')
+                yield (f'a {self.shape} section has no {key}, but {", ".join(needed)}; '
+                       f'remove {key}, or correct shape')
         if self.outer is not None and self.inner is not None and self.inner >= self.outer:
-            raise ValueError(f'the inner diameter {self.inner:g} m of the tube is not below the '
-                             f'outer diameter {self.outer:g} m; correct inner or outer')
-        return self
+            yield (f'the inner diameter {self.inner:g} m of the tube is not below the '
+                   f'outer diameter {self.outer:g} m; correct inner or outer')
 
 
 class MaterialSpec(Spec):
@@ -581,12 +571,10 @@ class MaterialSpec(Spec):
     nu: Annotated[float, Field(gt=-1, le=0.5)] | None = None
     """Poisson's ratio, in the place of G."""
 
-    @model_validator(mode='after')
-    def _one_of(self) -> MaterialSpec:
+    def mistakes(self) -> Iterator[str]:
         if (self.G is None) == (self.nu is None):
-            raise ValueError(f'{"neither" if self.G is None else "both"} the shear modulus G and '
-                             'the Poisson ratio nu: give one of them')
-        return self
+            yield (f'{"neither" if self.G is None else "both"} the shear modulus G and '
+                   'the Poisson ratio nu: give one of them')
 
 
 class InertiaPart(Spec):
@@ -599,17 +587,15 @@ class InertiaPart(Spec):
     inertia: tuple[Finite, Finite, Finite, Finite, Finite, Finite] | NonNegative = 0.0
     """Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, or one number for a cube [kg m^2]."""
 
-    @model_validator(mode='after')
-    def _physical(self) -> InertiaPart:
+    def mistakes(self) -> Iterator[str]:
         if isinstance(self.inertia, tuple):
             xx, yy, zz, xy, xz, yz = self.inertia
             moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             scale = 1e-9 * float(np.abs(moments).sum()) + 1e-300
             if moments[0] < -scale or moments[2] - moments[0] - moments[1] > scale:
-                raise ValueError('no body has this inertia (Ixx, Iyy, Izz, Ixy, Ixz, Iyz): '
-                                 'principal moments must be positive and none larger than the '
-                                 'sum of the other two; correct the values')
-        return self
+                yield ('no body has this inertia (Ixx, Iyy, Izz, Ixy, Ixz, Iyz): principal '
+                       'moments must be positive and none larger than the sum of the other two; '
+                       'correct the values')
 
     @property
     def components(self) -> tuple[float, ...]:
@@ -650,17 +636,15 @@ class BeamSpec(Spec):
     lumped: tuple[LumpedSpec, ...] = ()
     """Rigid parts fixed to nodes."""
 
-    @model_validator(mode='after')
-    def _geometry(self) -> BeamSpec:
+    def mistakes(self) -> Iterator[str]:
         if self.length is not None and self.length <= 0:
-            raise ValueError(f'the length of a beam must be positive, found {self.length} m')
+            yield f'the length of a beam must be positive, found {self.length} m'
         if self.length is not None and self.end is not None:
-            raise ValueError('give either the end of the beam or its length, not both')
+            yield 'give either the end of the beam or its length, not both'
         for part in self.lumped:
             if isinstance(part.node, int) and part.node > self.elements:
-                raise ValueError(f'an entry of lumped has node {part.node}, but the last is '
-                                 f'{self.elements}; correct node, or raise elements')
-        return self
+                yield (f'an entry of lumped has node {part.node}, but the last is '
+                       f'{self.elements}; correct node, or raise elements')
 
 
 class LinkSpec(Spec):
@@ -681,12 +665,10 @@ class LinkSpec(Spec):
     viscous_friction: Annotated[NonNegative, read_by('SR')] = 0.0
     """Friction of the joint [N m s/rad or N s/m]."""
 
-    @model_validator(mode='after')
-    def _damping_needs_spring(self) -> LinkSpec:
+    def mistakes(self) -> Iterator[str]:
         if self.joint_damping > 0 and self.joint_stiffness is None:
-            raise ValueError('joint_damping damps the spring of an elastic joint: give its '
-                             'joint_stiffness too; for a rigid joint, use viscous_friction')
-        return self
+            yield ('joint_damping damps the spring of an elastic joint: give its '
+                   'joint_stiffness too; for a rigid joint, use viscous_friction')
 
 
 class RayleighSpec(Spec):
@@ -745,38 +727,35 @@ class ArmSpec(Spec):
     simulation: Annotated[SimulationSpec, read_by('ESR')] = SimulationSpec()
     """Structural damping, and how a run starts."""
 
-    @model_validator(mode='after')
-    def _consistent(self) -> ArmSpec:
+    def mistakes(self) -> Iterator[str]:
         names = [joint.name for joint in self.joints]
         gauges = [gauge.name for gauge in self.gauges]
         for what, listed in (('joint', names), ('gauge', gauges),
                              ('active joint', list(self.active_joints or ()))):
             for name in listed:
                 if listed.count(name) > 1:
-                    raise ValueError(f'{what} {name!r} has two entries; rename or remove one')
+                    yield f'{what} {name!r} has two entries; rename or remove one'
         for name in self.active_joints or ():
             if name not in names:
-                raise ValueError(f'active joint {name!r} is not a joint; use one of {names}')
+                yield f'active joint {name!r} is not a joint; use one of {names}'
         if self.active_joints is not None and not self.active_joints:
-            raise ValueError('active_joints is empty: name at least one joint, or leave it out')
-        self._check_couplings(names)
+            yield 'active_joints is empty: name at least one joint, or leave it out'
+        yield from self._wrong_couplings(names)
         for gauge in self.gauges:
             if gauge.joint not in names:
-                raise ValueError(f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '
-                                 f'which is not among the joints {names}; correct joint')
-        self._check_types()
-        self._check_links(names)
+                yield (f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '
+                       f'which is not among the joints {names}; correct joint')
+        yield from self._wrong_types()
+        yield from self._wrong_links(names)
         rows = self.kinematics.dh
         flange = self.kinematics.convention == 'modified'
         if rows is not None and len(rows) - len(names) not in (0, flange):
-            raise ValueError(f'{len(rows)} D-H rows for {len(names)} joints: '
-                             'give one row for each joint, base first'
-                             + (', and at most one more, for a flange' if flange else ''))
-        self._check_drives(names, gauges)
-        return self
+            yield (f'{len(rows)} D-H rows for {len(names)} joints: give one row for each joint, '
+                   'base first' + (', and at most one more, for a flange' if flange else ''))
+        yield from self._wrong_drives(names, gauges)
 
-    def _check_couplings(self, joints: list[str]) -> None:
-        """Refuse couplings that cannot be."""
+    def _wrong_couplings(self, joints: list[str]) -> Iterator[str]:
+        """Find couplings that cannot be."""
         if self.couplings is None:
             return
         matrix, active = self.couplings.speeds(joints), self.active_joints or joints
@@ -785,40 +764,38 @@ class ArmSpec(Spec):
             for j, joint in enumerate(joints):
                 if (at_motors and i != j and matrix[i, j]
                         and (motor in active) != (joint in active)):
-                    raise ValueError(f'couplings: {joint!r} also turns the motor of {motor!r}; '
-                                     'list both in active_joints, or neither')
+                    yield (f'couplings: {joint!r} also turns the motor of {motor!r}; '
+                           'list both in active_joints, or neither')
 
-    def _check_types(self) -> None:
-        """Refuse a topic that is described as if it carried messages of two types."""
+    def _wrong_types(self) -> Iterator[str]:
+        """Find a topic that is described as if it carried messages of two types."""
         kinds = {self.joint_topic.lstrip('/'): 'positions'}
         sources: tuple[SourceSpec, ...] = (*(joint.effort for joint in self.joints), *self.gauges)
         for source in sources:
             kind = ('index' if source.index is not None else
                     'interface' if source.interface is not None else 'positions')
             if kinds.setdefault(source.topic.lstrip('/'), kind) != kind:
-                raise ValueError(f'values on topic {source.topic} are described with different '
-                                 'message types; give all of them index, all interface, or (for '
-                                 'JointState) neither')
+                yield (f'values on topic {source.topic} are described with different message '
+                       'types; give all of them index, all interface, or (for JointState) neither')
 
-    def _check_links(self, joints: list[str]) -> None:
-        """Check that links and initial positions name joints of the arm."""
+    def _wrong_links(self, joints: list[str]) -> Iterator[str]:
+        """Find links and initial positions that name no joint of the arm."""
         seen: list[str] = []
         for link in self.links:
             if link.joint not in joints:
-                raise ValueError(f'links: {link.joint!r} is not a joint; use one of {joints}')
+                yield f'links: {link.joint!r} is not a joint; use one of {joints}'
             if link.joint in seen:
-                raise ValueError(f'links: joint {link.joint!r} has two entries; merge them')
+                yield f'links: joint {link.joint!r} has two entries; merge them'
             if link.rigid is not None and link.flexible is not None:
-                raise ValueError(f'links: joint {link.joint!r} has both rigid and flexible; '
-                                 'remove one of them')
+                yield (f'links: joint {link.joint!r} has both rigid and flexible; '
+                       'remove one of them')
             seen.append(link.joint)
         for name in self.simulation.initial:
             if name not in joints:
-                raise ValueError(
-                    f'simulation.initial: {name!r} is not a joint; use one of {joints}')
+                yield f'simulation.initial: {name!r} is not a joint; use one of {joints}'
 
-    def _check_drives(self, joints: list[str], gauges: list[str]) -> None:
-        """Check that drives name parts of the arm, and that none is described twice."""
+    def _wrong_drives(self, joints: list[str], gauges: list[str]) -> Iterator[str]:
+        """Find drives that name no part of the arm, or are described twice."""
         damped = () if self.damper is None else self.damper.joints
         for key, what, named, known, once in (
                 ('motors', 'joint', [motor.joint for motor in self.motors], joints, True),
@@ -827,18 +804,17 @@ class ArmSpec(Spec):
                 ('damper', 'gauge', [item.gauge for item in damped], gauges, False)):
             for name in named:
                 if name not in known:
-                    raise ValueError(f'{key} names the {what} {name!r}, which is not among the '
-                                     f'{what}s {known}; correct the name')
+                    yield (f'{key} names the {what} {name!r}, which is not among the '
+                           f'{what}s {known}; correct the name')
                 if once and named.count(name) > 1:
-                    raise ValueError(f'{key}: {what} {name!r} has two entries; merge them')
+                    yield f'{key}: {what} {name!r} has two entries; merge them'
         motors = {motor.joint for motor in self.motors}
         for link in self.links:
             for key, other in (('hub_inertia', 'rotor_inertia'), ('joint_stiffness', 'stiffness'),
                                ('viscous_friction', 'viscous')):
                 if link.joint in motors and getattr(link, key):
-                    raise ValueError(
-                        f'links: joint {link.joint!r} has {key}, though motors describes its '
-                        f'drive; remove {key} here, and give {other} in motors')
+                    yield (f'links: joint {link.joint!r} has {key}, though motors describes its '
+                           f'drive; remove {key} here, and give {other} in motors')
 
 
 MAX_PARTS = 8  # mistakes that one message names

@@ -43,9 +43,8 @@ def guess_plan(topics: Mapping[str, DecodedTopic]) -> Sources | None:
     def with_field(what: str) -> dict[str, list[str]]:
         found = {}
         for name, states in topics.items():
-            blocks = [block for block in states.blocks if block.layout.size(what)]
-            if blocks:
-                largest = max(blocks, key=lambda block: len(block.index))
+            largest = max(states.having(what), key=lambda block: len(block.index), default=None)
+            if largest is not None:
                 found[name] = list(largest.layout.names)
         return found
 
@@ -159,10 +158,8 @@ def _channels(
     for block in states.blocks:
         for what in block.layout.fields:
             # an array may be shorter or longer than the names; the first of equal names counts
-            first: dict[str, FloatArray] = {}
-            for name, column in zip(block.layout.names, block.values(what).T, strict=False):
-                first.setdefault(name, column)
-            for name, column in first.items():
+            columns = [*zip(block.layout.names, block.values(what).T, strict=False)]
+            for name, column in dict(reversed(columns)).items():
                 found.setdefault((name, what), []).append(column)
     reports = []
     for name, what in ((name, what) for name in names for what in fields if (name, what) in found):
@@ -236,8 +233,8 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
             edges += [int(log_time[0]), int(log_time[-1])]
     plan = guess_plan(topics) if arm is None else plan_from_arm(arm)
     return BagReport(
-        str(path), bag.storage, [file.name for file in bag.files],
-        sum(file.stat().st_size for file in bag.files), bag.checksum(),
+        str(path), bag.storage, [file.name for file in bag.metadata.files],
+        sum(file.stat().st_size for file in bag.metadata.files), bag.checksum(),
         min(edges) * 1e-9 if edges else None, (max(edges) - min(edges)) * 1e-9 if edges else 0.0,
         reports, **_verdict(bag, topics, plan), odd=bag.notes.texts,
         payload=bag.payload(), plan=plan)

@@ -100,21 +100,14 @@ class McapFile:
             return [(topic, msgtype, self._counts.get(number, 0))
                     for number, (topic, msgtype) in self._channels.items()]
         return [(topic, msgtype, len(scan.log_time) if number == 0 else 0)
-                for topic, scan in self._scan(None, with_data=False).items()
+                for topic, scan in self.read(None, with_data=False).items()
                 for number, msgtype in enumerate(scan.msgtypes)]
 
     def definitions(self) -> dict[str, str]:
         """Give the definitions of messages that the file carries."""
         if not self._definitions:
-            self._scan((), with_data=False)
+            self.read((), with_data=False)
         return self._definitions
-
-    def read(
-        self, topics: Collection[str], *, with_data: bool,
-    ) -> dict[str, tuple[list[int], list[bytes]]]:
-        """Read log times [ns] and raw messages of some topics."""
-        return {name: (scan.log_time, scan.data)
-                for name, scan in self._scan(topics, with_data=with_data).items()}
 
     def _summary(self) -> bytes | None:
         """Read the bytes of the summary; None where it is none that can be used."""
@@ -186,7 +179,7 @@ class McapFile:
             raise Damaged('a channel changes its topic or type')
         return int(number)
 
-    def _scan(self, topics: Collection[str] | None, *, with_data: bool) -> dict[str, Scan]:
+    def read(self, topics: Collection[str] | None, *, with_data: bool) -> dict[str, Scan]:
         """Go through the data section for some topics, or for all."""
         found = {} if topics is None else {name: Scan() for name in topics}
         sinks: dict[int, Scan | None] = {}

@@ -19,8 +19,8 @@ The format is plain CDR (XCDR1) as in the OMG DDS-RTPS specification: alignment 
 of the encapsulation header of four bytes. Messages of one topic nearly always share one layout:
 the same names, the same fields, the same frame, hence every number at the same place. The layout
 is parsed once, all messages that agree with it in every structural byte are laid over each other,
-and their numbers are read as columns of a structured array. A bag with several layouts is decoded
-group by group. rosbags, message by message, takes five to ten times as long (bench/read_bags.py).
+and their numbers are viewed as columns. A bag with several layouts is decoded group by group.
+rosbags, message by message, takes five to ten times as long (bench/read_bags.py).
 """
 
 from __future__ import annotations
@@ -64,17 +64,22 @@ class Layout:
     frame_id: str  # of the header
     names: tuple[str, ...]  # of a JointState; empty for other types
     fields: dict[str, tuple[int, int]]  # offset and number of float64 values of each array
-    dtype: np.dtype[Any]  # structured type: `sec`, `nanosec` and the fields that are not empty
     significant: NDArray[np.uint8]  # (bytes,): 255 where a byte is structure, 0 for numbers
     stamped: bool = True  # whether the messages have a header with a stamp
-    # Of fields whose values stand apart: for each name the part of the structured type and the
-    # place in it; None where the name lacks the field.
-    scattered: Mapping[str, tuple[tuple[str, int] | None, ...]] = dataclass_field(
-        default_factory=dict)
+    # Of fields whose values stand apart: offset of that of each name; None where it lacks one.
+    scattered: Mapping[str, Sequence[int | None]] = dataclass_field(default_factory=dict)
 
     def size(self, name: str) -> int:
         """Give the number of values in a field; none of a field that such messages lack."""
         return self.fields.get(name, (0, 0))[1]
+
+    def numbers(self, rows: NDArray[np.uint8], start: int, count: int) -> FloatArray:
+        """View float64 values of messages of this shape: rows (n, bytes)."""
+        return rows[:, start:start + 8 * count].view(self.order + 'f8')
+
+    def times(self, rows: NDArray[np.uint8]) -> NDArray[np.int32]:
+        """View the stamps of messages of this shape (n, 2) [s, ns]: rows (n, bytes)."""
+        return rows[:, HEADER:HEADER + 8].view(self.order + 'i4')
 
 
 class Cursor:
@@ -140,23 +145,13 @@ class Cursor:
     def finish(
         self, frame_id: str, names: tuple[str, ...], fields: dict[str, tuple[int, int]],
         spare: int = MAX_PADDING, *, stamped: bool = True,
-        scattered: Mapping[str, tuple[tuple[str, int] | None, ...]] | None = None,
+        scattered: Mapping[str, Sequence[int | None]] | None = None,
     ) -> Layout:
         """Check that nothing is left, and make the layout."""
         left = len(self.buffer) - self.position
         if left > spare:
             raise CdrError(f'has {left} bytes after its end, expected at most {spare}')
-        present = {name: place for name, place in fields.items() if place[1]}
-        parts: list[tuple[str, Any, int]] = [] if not stamped else [
-            ('sec', self.order + 'i4', HEADER), ('nanosec', self.order + 'u4', HEADER + 4)]
-        parts += [(name, (self.order + 'f8', (size,)), start)
-                  for name, (start, size) in present.items()]
-        dtype = np.dtype({
-            'names': [name for name, _, _ in parts], 'formats': [kind for _, kind, _ in parts],
-            'offsets': [start for _, _, start in parts], 'itemsize': len(self.buffer)})
-        if scattered is not None:
-            fields = {name: (HEADER, len(names)) for name in scattered}
-        return Layout(self.order, frame_id, names, fields, dtype, self.significant, stamped,
+        return Layout(self.order, frame_id, names, fields, self.significant, stamped,
                       scattered or {})
 
 
@@ -227,24 +222,21 @@ def dynamic_layout(buffer: bytes) -> Layout:
     count = cursor.count()
     if count != len(joints):
         raise CdrError(f'has {count} interface_values for {len(joints)} joint_names')
-    parts: dict[str, tuple[int, int]] = {}
-    scattered: dict[str, list[tuple[str, int] | None]] = {}
+    scattered: dict[str, list[int | None]] = {}
     for number, joint in enumerate(joints):
         interfaces = cursor.names()
-        place = cursor.doubles()
-        if place[1] != len(interfaces):
-            raise CdrError(f'{joint!r} has {place[1]} values, but {len(interfaces)} interfaces')
-        key = f'joint {number}'
-        parts[key] = place
+        start, size = cursor.doubles()
+        if size != len(interfaces):
+            raise CdrError(f'{joint!r} has {size} values, but {len(interfaces)} interfaces')
         for column, interface in enumerate(interfaces):
             where = scattered.setdefault(interface, [None] * len(joints))
             if where[number] is not None:
                 raise CdrError(f'joint {joint!r} has the interface {interface!r} twice')
-            where[number] = (key, column)
+            where[number] = start + 8 * column
         if len(scattered) > MAX_NAMES:
             raise CdrError(f'has more than {MAX_NAMES} different interfaces')
-    return cursor.finish(frame_id, joints, parts,
-                         scattered={name: tuple(of) for name, of in scattered.items()})
+    fields = {interface: (HEADER, len(joints)) for interface in scattered}
+    return cursor.finish(frame_id, joints, fields, scattered=scattered)
 
 
 MAX_LAYOUTS = 256
@@ -257,27 +249,27 @@ class MessageBatch:
 
     index: NDArray[np.intp]  # their places among the messages of the topic, increasing, (n,)
     layout: Layout  # what they share
-    records: NDArray[np.void]  # their numbers, one record a message, (n,)
+    rows: NDArray[np.uint8]  # their bytes, (n, bytes)
 
     @property
     def stamp(self) -> NDArray[np.int64]:
         """Header stamps, zero where the messages have none [ns]."""
         if not self.layout.stamped:
             return np.zeros(len(self.index), dtype=np.int64)
-        seconds = self.records['sec'].astype(np.int64)
-        return seconds * 1_000_000_000 + self.records['nanosec'].astype(np.int64)
+        seconds, rest = self.layout.times(self.rows).astype(np.int64).T
+        return seconds * 1_000_000_000 + rest % 2**32  # which has no sign in the message
 
     def values(self, field: str) -> FloatArray:
         """Give the values of a field; returns (n, length of the field)."""
-        if self.layout.size(field) == 0:
-            return np.empty((len(self.index), 0))
+        numbers = self.layout.numbers
         if field in self.layout.scattered:
             values = np.full((len(self.index), len(self.layout.names)), np.nan)
-            for column, place in enumerate(self.layout.scattered[field]):
-                if place is not None:
-                    values[:, column] = self.records[place[0]][:, place[1]]
+            for column, start in enumerate(self.layout.scattered[field]):
+                if start is not None:
+                    values[:, [column]] = numbers(self.rows, start, 1)
             return values
-        return np.ascontiguousarray(self.records[field], dtype=np.float64)
+        place = self.layout.fields.get(field, (0, 0))
+        return np.ascontiguousarray(numbers(self.rows, *place), dtype=np.float64)
 
 
 def _same_layout(rows: NDArray[np.uint8], layout: Layout) -> NDArray[np.bool_]:
@@ -311,7 +303,7 @@ def decode(
                                f'more than {MAX_LAYOUTS} ways; record one arm on one topic')
             same = _same_layout(rows, layout)
             group = rows if same.all() else rows[same]
-            blocks.append(MessageBatch(index[same], layout, group.view(layout.dtype).reshape(-1)))
+            blocks.append(MessageBatch(index[same], layout, group))
             index, rows = index[~same], rows[~same]
     return sorted(blocks, key=lambda block: int(block.index[0]))
 

@@ -341,9 +341,8 @@ class Assembly:
                 values, inside = output
                 found &= inside
                 finite &= np.isfinite(values).all(axis=1) | ~inside
-        for cause, number in (('no_neighbour', int(np.sum(~found & finite))),
-                              ('not_finite', int(np.sum(~finite)))):
-            self.dropped[cause] += number
+        self.dropped.update(no_neighbour=int(np.sum(~found & finite)),
+                            not_finite=int(np.sum(~finite)))
         if self.dropped['no_neighbour']:
             self.notes.add(f'{self.dropped["no_neighbour"]} of {len(found)} joint states have no '
                            'effort or strain close before and after; left out')

@@ -27,6 +27,7 @@ from pathlib import Path
 import sqlite3
 from urllib.parse import quote
 
+from tudor_dynamics.bags.mcap import Scan
 from tudor_dynamics.files import Damaged, MAX_PIECE, open_regular
 
 FREE_STEPS = 20_000_000
@@ -68,11 +69,9 @@ class SqliteFile:
                 (MAX_PIECE,))
             return {str(msgtype): str(text) for msgtype, text in rows}
 
-    def read(
-        self, topics: Collection[str], *, with_data: bool,
-    ) -> dict[str, tuple[list[int], list[bytes]]]:
-        """Read log times [ns] and raw messages of some topics, in the order of their log times."""
-        found: dict[str, tuple[list[int], list[bytes]]] = {name: ([], []) for name in topics}
+    def read(self, topics: Collection[str], *, with_data: bool) -> dict[str, Scan]:
+        """Read raw messages of some topics, in the order of their log times."""
+        found = {name: Scan() for name in topics}
         left = self.path.stat().st_size
         what = 'messages.data' if with_data else 'NULL'
         with _opened(self.path) as connection:
@@ -86,8 +85,8 @@ class SqliteFile:
             for number, time, message in rows:
                 if type(time) is not int:  # a column of integers can hold anything
                     raise Damaged(f'SQLite: a {type(time).__name__} in place of a log time')
-                times, data = found[names[number]]
-                times.append(time)
+                scan = found[names[number]]
+                scan.log_time.append(time)
                 if with_data:
                     if not isinstance(message, bytes):
                         raise Damaged(
@@ -95,7 +94,7 @@ class SqliteFile:
                     left -= len(message)
                     if left < 0:
                         raise Damaged('SQLite: its messages are larger than the file')
-                    data.append(message)
+                    scan.data.append(message)
         return found
 
 

@@ -50,7 +50,9 @@ class Metadata:
     """What the metadata say of a bag; where there are none, its files."""
 
     files: tuple[Path, ...]  # storage files in their order
-    compression: str | None = None  # by rosbag2, besides chunks; None without metadata
+    # What rosbag2 has compressed, chunks apart; None without metadata, so that each message has to
+    # be looked at.
+    compression: str | None = None
     counts: Mapping[str, int] = field(default_factory=dict)  # of the messages of each topic
     custom: Mapping[str, str] = field(default_factory=dict)  # what whoever recorded added
     doubled: bool = False  # whether a file was listed more than once
@@ -187,14 +189,16 @@ class Bag:
 
     path: Path  # what the user named
     notes: Notes  # what is implausible about it
-    storage: str  # `sqlite3`, `mcap` or both
-    files: tuple[Path, ...]  # storage files in their order
     topics: Mapping[str, TopicInfo]  # what the bag announces
-    # What rosbag2 has compressed, chunks apart; None without metadata, so that each message has to
-    # be looked at.
-    compression: str | None
-    custom: Mapping[str, str]  # what the recorder wrote into `custom_data` of the metadata
+    metadata: Metadata
     unfinished: frozenset[Path]  # files that break off, because their recorder was killed
+
+    @property
+    def storage(self) -> str:
+        """Name its formats: `mcap`, `sqlite3`, or both."""
+        suffixes = {Path(file.stem if file.suffix == '.zstd' else file.name).suffix
+                    for file in self.metadata.files}
+        return ', '.join(sorted(STORAGES.get(suffix, suffix) for suffix in suffixes))
 
     def read(
         self, topics: Collection[str], *, with_data: bool = True,
@@ -205,26 +209,27 @@ class Bag:
                 msg = (f'{self.path}: topic {name} carries messages of several types '
                        f'({self.topics[name].msgtype}); remap one of them and record again')
                 raise BagError(msg)
+        packed = self.metadata.compression == 'message'
         times: dict[str, list[int]] = {name: [] for name in topics}
         data: dict[str, list[bytes]] = {name: [] for name in topics}
-        for path in self.files:
+        for path in self.metadata.files:
             with self._opened(path) as (file, unpacker):
-                for name, (found, messages) in file.read(
-                        tuple(topics), with_data=with_data).items():
-                    times[name] += found
-                    data[name] += messages if unpacker is None else [
+                for name, scan in file.read(tuple(topics), with_data=with_data).items():
+                    times[name] += scan.log_time
+                    data[name] += scan.data if unpacker is None else [
                         unpacker.unpack(message, 'zstd')  # no CDR begins like a compressed message
-                        if self.compression == 'message' or message[:4] == ZSTD_MAGIC else message
-                        for message in messages]
+                        if packed or message[:4] == ZSTD_MAGIC else message
+                        for message in scan.data]
         return {name: self._ordered(name, times[name], data[name]) for name in topics}
 
     @contextmanager
     def _opened(self, path: Path) -> Iterator[tuple[McapFile | SqliteFile, Unpacker | None]]:
         """Open a storage file; with what unpacks its messages, where they may be compressed."""
-        with storage_file(path, self.compression) as file:
+        compression = self.metadata.compression
+        with storage_file(path, compression) as file:
             unpacker = Unpacker(file.stat().st_size)
             yield (_storage(file, unfinished=path in self.unfinished),
-                   unpacker if self.compression in ('message', None) else None)
+                   unpacker if compression in ('message', None) else None)
 
     def _ordered(self, name: str, times: list[int], data: list[bytes]) -> RawMessages:
         msgtype = self.topics[name].msgtype if name in self.topics else ''
@@ -238,7 +243,7 @@ class Bag:
     def definitions(self, msgtype: str) -> list[str]:
         """Give what the bag says that a type of message is made of, file by file."""
         found = []
-        for path in self.files:
+        for path in self.metadata.files:
             with self._opened(path) as (file, _):
                 found += [text for kind, text in file.definitions().items()
                           if kind == msgtype and text]
@@ -262,7 +267,7 @@ class Bag:
 
     def payload(self) -> float | None:
         """Give the mass at the tip as whoever recorded wrote it down [kg]."""
-        text = self.custom.get('payload')
+        text = self.metadata.custom.get('payload')
         if text is None:
             return None
         try:
@@ -279,7 +284,7 @@ class Bag:
         """Give the SHA-256 over the storage files, one after the other."""
         digest = hashlib.sha256()
         try:
-            for file in self.files:
+            for file in self.metadata.files:
                 with open_regular(file) as stream:
                     while block := stream.read(1 << 20):
                         digest.update(block)
@@ -359,11 +364,6 @@ def _merge(found: Collection[TopicInfo]) -> dict[str, TopicInfo]:
     return merged
 
 
-def _storage_name(files: Collection[Path]) -> str:
-    suffixes = {Path(file.stem if file.suffix == '.zstd' else file.name).suffix for file in files}
-    return ', '.join(sorted(STORAGES.get(suffix, suffix) for suffix in suffixes))
-
-
 def _open_files(path: Path, notes: Notes, metadata: Metadata) -> Bag:
     files, unfinished = metadata.files, set[Path]()
     for file in files:
@@ -374,8 +374,7 @@ def _open_files(path: Path, notes: Notes, metadata: Metadata) -> Bag:
         notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
     announced = {name: replace(info, count=metadata.counts.get(name, info.count))
                  for name, info in topics.items()}
-    return Bag(path, notes, _storage_name(files), files, announced, metadata.compression,
-               metadata.custom, frozenset(unfinished))
+    return Bag(path, notes, announced, metadata, frozenset(unfinished))
 
 
 def _check_leftovers(file: Path, notes: Notes) -> None:

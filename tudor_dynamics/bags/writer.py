@@ -144,15 +144,13 @@ def _encoded(signals: Signals, frame: str, rows: NDArray[np.intp]) -> list[bytes
     template = _template(signals, frame)
     layout = LAYOUTS[signals.msgtype](template)
     messages = np.tile(np.frombuffer(template, dtype=np.uint8), (len(rows), 1))
-    records: Any = messages.view(layout.dtype).reshape(len(rows))
-    records['sec'], records['nanosec'] = np.divmod(signals.stamp[rows], 1_000_000_000)
+    layout.times(messages)[:] = np.column_stack(np.divmod(signals.stamp[rows], 1_000_000_000))
     for field, values in signals.values.items():
         expected = (len(signals.stamp), layout.fields[field][1])
         if np.shape(values) != expected:
             msg = f'{signals.topic}: {field} has shape {np.shape(values)}, expected {expected}'
             raise BagError(msg)
-        if expected[1]:
-            records[field] = values[rows]
+        layout.numbers(messages, *layout.fields[field])[:] = values[rows]
     joined, size = messages.tobytes(), len(template)
     return [joined[start:start + size] for start in range(0, len(joined), size)]
 

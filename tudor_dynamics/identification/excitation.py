@@ -74,7 +74,8 @@ class Series:
 
     def reference(self, x: FloatArray) -> Reference:
         """Give the motion of coefficients as a reference: x (functions, joints)."""
-        return Reference(self.dt, *np.split(self.motion(x), 3, axis=1))
+        q, dq, ddq = np.split(self.motion(x), 3, axis=1)
+        return Reference(q, dq, ddq, self.dt)
 
 
 def series(

@@ -327,13 +327,12 @@ class _OutputLoad:
     """What an output says: at the tip, and as a body where its rows have a scale."""
 
     source: RecordedOutput
+    here: Readings
     scale: Scale
     point: LoadFit
     reference: float
     model_error: float  # standard deviation by the model's own error [kg]
-    size: float
-    channels: tuple[str, ...]
-    t: FloatArray
+    used: slice  # channels
     body: LoadFit | None = None
 
     @property
@@ -356,19 +355,17 @@ class _OutputLoad:
         return (1.0 / information if information > 0.0 else math.inf) + self.error ** 2
 
     def summary(self, unit: float = 1.0, *, at_tip: bool = True) -> OutputMass:
-        size = max(self.size, 1e-300)
+        spread = np.var(self.here.measured[:, self.used], axis=0)
+        size = max(float(np.sqrt(np.mean(spread))), LEAST)
+        channels = self.source.model.channels[self.used]
         taken = self.point if at_tip or self.body is None else self.body
-        shown = np.flatnonzero(self.scale.factor) if len(self.channels) > 1 else np.arange(1)
+        shown = np.flatnonzero(self.scale.factor) if len(channels) > 1 else np.arange(1)
         return OutputMass(
             self.source.output, unit * self.mass, unit * math.sqrt(self.variance),
             float(np.sqrt(np.mean(self.point.before ** 2))) / size,
             float(np.sqrt(np.mean(self.point.after ** 2))) / size, self.source.links is not None,
-            Leftover(tuple(self.channels[place] for place in shown), self.t,
+            Leftover(tuple(channels[place] for place in shown), self.here.t,
                      taken.before[:, shown], taken.after[:, shown]))
-
-
-def _size(measured: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.var(measured, axis=0))))
 
 
 def _by_model(source: RecordedOutput, known: float, error: float) -> _OutputLoad:
@@ -386,8 +383,7 @@ def _by_model(source: RecordedOutput, known: float, error: float) -> _OutputLoad
     reference = high - low if model.payload_range is not None else math.inf
     scale = Scale(np.ones(rows.shape[1]), 0.0,
                   Source.ELASTIC if model.has_memory else Source.PAYLOADS)
-    return _OutputLoad(source, scale, solution, reference, error, _size(here.measured),
-                       model.channels, here.t)
+    return _OutputLoad(source, here, scale, solution, reference, error, slice(None))
 
 
 def _by_rows(source: RecordedOutput, error: float, *, whole: bool) -> _OutputLoad:
@@ -413,8 +409,7 @@ def _by_rows(source: RecordedOutput, error: float, *, whole: bool) -> _OutputLoa
     else:  # each channel is in a unit of its own: that on which a load acts most
         used = slice(most, most + 1)
         solution = here.solve(point[:, :, None], used)
-    return _OutputLoad(source, scale, solution, reference, error, _size(here.measured[:, used]),
-                       model.channels[used], here.t, body)
+    return _OutputLoad(source, here, scale, solution, reference, error, used, body)
 
 
 def _relative(arm: Arm, loads: Sequence[_OutputLoad], known: float) -> PayloadEstimate:

@@ -232,8 +232,7 @@ def find_scale(
                       for joint in arm.joints])
     masses = described_masses(arm, motion, predicted)
     if known.any():
-        measured = all(joint.effort.unit != 'A' for joint in arm.joints if joint.effort.unit != 'A'
-                       or joint.effort.torque_constant is not None)
+        measured = all(joint.effort.torque_constant is None for joint in arm.joints)
         relative = TORQUE_STD if measured else CONSTANT_STD
         if masses is not None:
             # how much the weights of the arm by the two differ is how far either may be off

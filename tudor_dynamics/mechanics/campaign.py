@@ -207,7 +207,7 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
                  48.0 * len(arm.joints))
     curve = CubicHermiteSpline(t, q, dq)
     times = np.arange(int(t[-1] / dt + 1e-9) + 1) * dt
-    return Reference(dt, curve(times), curve(times, 1), curve(times, 2))
+    return Reference(curve(times), curve(times, 1), curve(times, 2), dt)
 
 
 # -- Recordings of the simulated arm: stimuli, pushes, and the bags that they become

@@ -65,7 +65,7 @@ def record_of(event: CollisionEvent, excess: Excess) -> dict[str, Any]:
 def records_of(bag: Bag) -> list[dict[str, Any]]:
     """Read the records of a bag; none where it has none."""
     try:
-        found = json.loads(bag.custom.get(EVENTS, '[]'))
+        found = json.loads(bag.metadata.custom.get(EVENTS, '[]'))
         for record in found:
             int(record['onset']), record['method'], dict(record['ratio']), dict(record['settings'])
     except (KeyError, RecursionError, TypeError, ValueError) as err:

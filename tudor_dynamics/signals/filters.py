@@ -100,6 +100,11 @@ class MotionState:
     dq: FloatArray  # velocities of the joints [rad/s or m/s]
     ddq: FloatArray  # accelerations of the joints [rad/s^2 or m/s^2]
 
+    @property
+    def motion(self) -> FloatArray:
+        """All of it side by side, as regressors take it."""
+        return np.hstack([self.q, self.dq, self.ddq])
+
 
 @compiled
 def low_pass_gain(cutoff: float, dt: float) -> float:

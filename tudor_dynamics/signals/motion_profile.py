@@ -29,6 +29,7 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import check_budget, SignalError
 from tudor_dynamics.signals import settings
+from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.typing import finite_array, FloatArray
 
 if TYPE_CHECKING:
@@ -152,8 +153,7 @@ def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v
         if ddq * dq > 0.0 and abs(ddq) * fade > 2.0 * (v_max - abs(dq)):
             fade = 2.0 * max(v_max - abs(dq), 0.0) / abs(ddq)
         fade = max(fade, 1e-9)
-    for i in range(PLAN):
-        plan[i] = 0.0
+    plan[:] = 0.0
     plan[TARGET], plan[Q] = target, q
     plan[FIRST], plan[FIRST + 1], plan[FIRST + 2], plan[FIRST + 3] = fade, dq, ddq, FADE
     moved, speed, _ = _segment(FADE, ddq, dq, fade, fade)
@@ -169,8 +169,7 @@ def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v
     _approach(plan, 1, target - q + moved - whole, speed, v_max, a_max)
     turns = push * dq < 0.0 and (target - q + moved - whole) * dq <= 0.0
     if _lasts(plan) > soonest and not turns:
-        for i in range(PLAN):
-            plan[i] = kept[i]
+        plan[:] = kept
 
 
 @compiled
@@ -219,19 +218,10 @@ def follow_all(
 # is sooner there.
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class Reference(MotionState):
     """A reference motion, sample by sample."""
 
     dt: float  # sample time [s]
-    # Positions, speeds and accelerations wanted, (samples, joints) [rad, rad/s, rad/s^2].
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
-
-    @property
-    def motion(self) -> FloatArray:
-        """All of it side by side, as regressors take it."""
-        return np.hstack([self.q, self.dq, self.ddq])
 
 
 @dataclass(frozen=True)
@@ -357,7 +347,7 @@ def follow_targets(
     q, dq, ddq = (np.zeros((samples, len(switches))) for _ in range(3))
     q[0] = start
     follow_all(padded[0], padded[1], limits.velocity, limits.acceleration, dt, q, dq, ddq)
-    return Reference(dt, q, dq, ddq)
+    return Reference(q, dq, ddq, dt)
 
 
 # -- Splines through the points of a trajectory, as joint_trajectory_controller lays them.
@@ -532,7 +522,7 @@ def fourier_motion(
         centre = 0.5 * (bounds.upper[j] + bounds.lower[j]) + rng.uniform(-left, left)
         q[:, j] = centre + scale * parts[0]
         dq[:, j], ddq[:, j] = scale * parts[1], scale * parts[2]
-    return Reference(dt, q, dq, ddq)
+    return Reference(q, dq, ddq, dt)
 
 
 def fade(t: FloatArray, duration: float, ramp: float) -> tuple[

@@ -187,7 +187,7 @@ class Stretch:
     @property
     def motion(self) -> FloatArray:
         """All states side by side, shape (n_samples, 3 n_joints)."""
-        return np.hstack([self.states.q, self.states.dq, self.states.ddq])
+        return self.states.motion
 
     @property
     def dt(self) -> FloatArray:
