@@ -34,7 +34,7 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.fit import (
     enough, FitResult, FitSettings, FittedOutput, result_of)
 from tudor_dynamics.identification.passes import (
-    Folder, go_through, Judged, Judging, Part, Pass, Place, Summing, survey, Task)
+    forget, go_through, Judged, Judging, Part, Pass, Place, Summing, survey, Task)
 from tudor_dynamics.identification.validation import (
     cases_of, method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -107,7 +107,7 @@ class Streaming:
 
     # Where what each bag came to is kept, to go on after an interruption; else in a folder that is
     # removed.
-    store: Folder | None = None
+    store: Path | None = None
     jobs: int = 1  # number of processes
     strict: bool = False  # refuse a bag that cannot be used, in place of leaving it out
 
@@ -176,7 +176,7 @@ class ManyBags:
         place = self.base if elsewhere() else None
         with TemporaryDirectory(prefix='tudor_', dir=place) as scratch:
             task = Task(chosen.arm, tuple(specs), self.outputs, chosen.settings, self.base,
-                        self.streaming.store or Folder(Path(scratch)))
+                        self.streaming.store or Path(scratch))
             gathered, learned = self._gathered(task)
             models = fold_models(gathered, self.progress)
             judged, errors = self._judged(gathered, models)
@@ -241,7 +241,7 @@ class ManyBags:
                 for which, tally in trial.kept(seen).errors.items():
                     sums[which] = sums[which] + tally if which in sums else tally
         passes: list[Pass[Any]] = [gathered, *trials]
-        gathered.task.store.forget({each.name(seen) for each in passes for seen in each.bags})
+        forget(gathered.task.store, {each.name(seen) for each in passes for seen in each.bags})
         return judged, sums
 
     def _refuse_few(self, used: Sequence[object], given: Sequence[object]) -> None:
