@@ -404,26 +404,21 @@ class Problem:
                 errors, (x[:len(self.names)] - self.center) / self.width]))
         return result
 
-    def slopes(self, x: FloatArray) -> FloatArray:
-        """Differentiate the moments by each unknown: (unknowns, samples, gauges)."""
-        here = self.moments(x)
-        if here is None:
-            return np.zeros((len(x), *self.strain.shape))
-
+    def slopes(self, x: FloatArray, here: FloatArray) -> FloatArray:
+        """Differentiate the moments, those here, by each unknown: (unknowns, samples, gauges)."""
         return np.array([
             np.zeros_like(here) if there is None else (there - here) / STEP
             for there in self.simulations.several(list(x + STEP * np.eye(len(x))))])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Differentiate ``residuals``; what a gain or an offset can take up is left out."""
-        slopes = self.slopes(x)
         moments = self.moments(x)
         size, n = self.strain.size, len(self.names)
         result = np.zeros((size + n, len(x)))
         result[size:, :n] = np.diag(1.0 / self.width)
         if moments is None:
             return result
-        gains = self.gauges(moments, x)
+        slopes, gains = self.slopes(x, moments), self.gauges(moments, x)
         shape = self.strain.shape
         for g in range(shape[1]):
             w = self.weights[:, g]
@@ -521,8 +516,8 @@ def _covariance(problem: Problem, x: FloatArray) -> FloatArray:
     The errors of neighbouring samples belong together, so each cluster of them counts as one
     observation (Liang and Zeger 1986); plain least squares would promise ten times too much.
     """
-    slopes = problem.slopes(x)
     moments, errors, gains = problem.compared(x)
+    slopes = problem.slopes(x, moments)
     n, gauges = len(problem.names), gains.shape[0]
     p = n + 2 * gauges
     # gains act on the moments as well while these are drawn

@@ -160,9 +160,8 @@ class RowTrainer:
     def fit(self, bags: Sequence[BagData], output: str) -> MemorylessModel:
         """Fit the model of one output to bags."""
         model = blank(self.kind, self.arm, output, self.settings)
-        with_payload = self.settings.payloads is not None
-        return model.fit_parts({str(bag.choice): training_blocks(
-            [bag], output, with_payload=with_payload, inputs=model.inputs) for bag in bags},
+        return model.fit_parts(
+            {str(bag.choice): training_blocks([bag], output, model) for bag in bags},
             self.sums.setdefault(output, {}))
 
 
@@ -184,16 +183,6 @@ def check_arm(arm: Arm) -> None:
     except TudorError as err:
         raise FitError(f'{err}; or remove elastic from --models, which needs links and '
                        'motors') from None
-
-
-def check_kinds(
-    kinds: Iterable[str], arm: Arm, bags: Sequence[BagData] | None = None,
-) -> None:
-    """Refuse an arm or bags that a kind cannot learn from, before hours of work and not after."""
-    if ELASTIC in kinds:
-        check_arm(arm)
-        if bags is not None:
-            records_of(bags)
 
 
 def _tell(arm: Arm, found: Identified) -> None:
@@ -272,22 +261,15 @@ class ElasticTrainer:
     def prepare(self, parts: Sequence[Sequence[BagData]]) -> None:
         """Search for all that is going to be asked, several searches at a time."""
         self._all = self._all or parts[0]
-        todo: dict[tuple[str, ...], Sequence[BagData]] = {}
-        for bags in parts:
-            if _names(bags) in self.searches:
-                continue
-            for some in (self._less(bags), bags):
-                if some and _names(some) not in self.searches:
-                    todo[_names(some)] = some
-        while todo:
-            ready = {key: bags for key, bags in todo.items()
-                     if _names(self._less(bags)) not in todo}
+        whole = _names(self._all)
+        wanted = [bags for bags in parts if _names(bags) not in self.searches]
+        # first what others begin from, and what begins from nothing
+        for some in ([self._less(bags) or bags for bags in wanted], wanted):
+            todo = {_names(bags): bags for bags in some if _names(bags) not in self.searches}
             searches = [partial(_searched, self.arm, records_of(bags), self._begin(bags),
-                                self._known.get(key)) for key, bags in ready.items()]
-            self.searches.update(zip(ready, shared_out(searches, self.progress), strict=True))
-            todo = {key: bags for key, bags in todo.items() if key not in ready}
-            whole = _names(self._all)
-            if whole in ready and whole not in self._known:  # otherwise it was reported
+                                self._known.get(key)) for key, bags in todo.items()]
+            self.searches.update(zip(todo, shared_out(searches, self.progress), strict=True))
+            if whole in todo and whole not in self._known:  # otherwise it was reported
                 _tell(self.arm, self.searches[whole])
 
     def _less(self, bags: Sequence[BagData]) -> Sequence[BagData]:
@@ -479,7 +461,6 @@ def fit_models(
 ) -> FitResult:
     """Fit every model to the training bags and validate it."""
     settings = settings.settled()
-    check_kinds(settings.kinds, arm, training)
     outputs = common_outputs([*training, *test])
     if not outputs:
         have = {str(bag.choice): [o for o in OUTPUTS if bag.has(o)] for bag in (*training, *test)}

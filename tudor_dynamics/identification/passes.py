@@ -239,9 +239,8 @@ class Summing(Pass[BagSums]):
         """Multiply a bag out."""
         data = self.by_each_filter(seen)
         return BagSums(facts_of(data[0]), {
-            (number, output): model.products(training_blocks(
-                [bag], output, with_payload=self.task.settings.payloads is not None,
-                inputs=model.inputs), triangular=True)
+            (number, output): model.products(training_blocks([bag], output, model),
+                                             triangular=True)
             for number, bag in enumerate(data) for output, model in self._models.items()})
 
     @cached_property
