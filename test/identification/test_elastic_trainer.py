@@ -285,7 +285,7 @@ def test_what_is_held_out_of_an_only_bag(search: Search) -> None:
             strain = whole_bag.recording.strain.copy()
             strain[-len(held.recording.strain):] *= 1.5
             whole_bag = bag(replace(whole_bag.recording, strain=strain), 0.2)
-        trainer = ElasticTrainer(lone_arm(), kept=kept)
+        trainer = ElasticTrainer(lone_arm(), kept=[kept])
         whole_model = trainer.fit([whole_bag], 'strain')
         part_model = trainer.fit([kept], 'strain')
         assert whole_model.values != part_model.values

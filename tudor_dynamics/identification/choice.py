@@ -128,7 +128,7 @@ class LeftOut:
         self.spread = np.maximum(np.var(np.concatenate(
             [part.output for part in self._rows]), axis=0), 1e-300) * np.mean(
                 [len(part.output) for part in self._rows])
-        self._multiply_out(None)
+        self.assume(None)
 
     def _parts_of(self, bag: BagData, bags: int, with_payload: bool) -> list[CandidateRows]:
         pieces = []
@@ -166,11 +166,8 @@ class LeftOut:
         return [CandidateRows(*(values[a:b] for values in whole))
                 for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
-    def assume(self, parameters: FloatArray) -> None:
+    def assume(self, parameters: FloatArray | None) -> None:
         """Take parameters (channels, columns) that give the loads which some terms grow with."""
-        self._multiply_out(parameters[:, :len(self.columns)])
-
-    def _multiply_out(self, parameters: FloatArray | None) -> None:
         self._parts = [self._products(part, parameters) for part in self._rows]
         self._total = [reduce(add, channel) for channel in zip(*self._parts, strict=True)]
 
@@ -179,7 +176,8 @@ class LeftOut:
         speed = part.speed
         if parameters is not None:
             speed = speed.copy()
-            loads = np.abs(np.einsum('kcp,cp->kc', part.bodies, parameters))
+            loads = np.abs(np.einsum('kcp,cp->kc', part.bodies,
+                                     parameters[:, :len(self.columns)]))
             for i, columns in enumerate(self.terms):
                 for k, column in enumerate(columns):
                     if TERMS[term_of(column.kind)].loaded:

@@ -97,12 +97,9 @@ class BagChoice:
         # times and fractions can be compared once one of the two was read; before, they are not
         # said to overlap
         duration = self.duration or other.duration
-        if self.seconds == other.seconds:
-            own, others = (self.begin, self.end), (other.begin, other.end)
-        elif duration is None:
+        if duration is None and self.seconds != other.seconds:
             return False
-        else:
-            own, others = self.span(duration), other.span(duration)
+        own, others = (one.span(duration or 1.0) for one in (self, other))
         return own[0] < others[1] and others[0] < own[1]
 
     def span(self, duration: float) -> tuple[float, float]:

@@ -321,14 +321,10 @@ class Problem:
         self._last: list[tuple[FloatArray, FloatArray | None]] = []
         self._gains: FloatArray | None = None
 
-    @property
-    def unknowns(self) -> int:
-        """Length of the vectors: parameters, and logarithms of gains where they draw."""
-        return len(self.names) + (0 if self._gains is None else self.strain.shape[1])
-
     def extended(self, x: FloatArray) -> FloatArray:
-        """Give the vector of these parameters (names,), with the gains as they were when drawn."""
-        return np.concatenate([x[:len(self.names)], np.zeros(self.unknowns - len(self.names))])
+        """Give these parameters, and where gains draw their logarithms: (unknowns,)."""
+        gains = 0 if self._gains is None else self.strain.shape[1]
+        return np.concatenate([x[:len(self.names)], np.zeros(gains)])
 
     def moments(self, x: FloatArray) -> FloatArray | None:
         """Simulate the moments at the gauges (samples, gauges) [N m]; None where impossible."""

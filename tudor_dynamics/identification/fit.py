@@ -39,7 +39,7 @@ from tudor_dynamics.identification.ringdowns import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
     Case, cases_of, judge, method_of, noise_floor, random_split, validated, Validation,
     Verdict)
-from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings
+from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings, Range
 from tudor_dynamics.models.bundle import KINDS
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import (
@@ -145,6 +145,7 @@ def blank(kind: str, arm: Arm, output: str, settings: ModelSettings) -> Memoryle
     return made.new(arm, output, settings)
 
 
+@dataclass(eq=False)
 class RowTrainer:
     """
     Fits models without a memory to what parts of the data, such as bags, come to.
@@ -153,9 +154,10 @@ class RowTrainer:
     triangular factors; those that are there already need no data.
     """
 
-    def __init__(self, kind: str, arm: Arm, settings: ModelSettings) -> None:
-        self.kind, self.arm, self.settings = kind, arm, settings
-        self.sums: dict[str, dict[tuple[str, bool], Any]] = {}
+    kind: str
+    arm: Arm
+    settings: ModelSettings
+    sums: dict[str, dict[tuple[str, bool], Any]] = field(default_factory=dict)
 
     def fit(self, bags: Sequence[BagData], output: str) -> MemorylessModel:
         """Fit the model of one output to bags."""
@@ -189,12 +191,10 @@ def _tell(arm: Arm, found: Identified) -> None:
     """Warn where strain does not separate a gear from the link after it."""
     values = {p.name: p for p in found.physical}
     for joint in arm.active_joints:
-        both = [values.get(f'{kind}({joint})') for kind in ('gear', 'bending')]
-        if None in both:
-            continue
-        if {f'gear({joint})', f'bending({joint})'} & {*found.untold} or any(
-                p is not None and not p.shown and p.standard_error > UNTOLD * p.value
-                for p in both):
+        both = {f'gear({joint})', f'bending({joint})'}
+        if both <= {*values} and (both & {*found.untold} or any(
+                not p.shown and p.standard_error > UNTOLD * p.value
+                for p in map(values.__getitem__, both))):
             single = sum(gauge.joint == joint for gauge in arm.gauges) < 2
             msg = (f'{arm.name}: the strain of these bags does not show how the gear of {joint} '
                    'and the link after it share their compliance; predictions hold on similar '
@@ -217,6 +217,7 @@ def _searched(
     return identify(arm, records, warm=warm, progress=progress)
 
 
+@dataclass(eq=False)
 class ElasticTrainer:
     """
     Fits elastic models to all bags, then to parts of them, each as if it had seen nothing else.
@@ -227,19 +228,14 @@ class ElasticTrainer:
     out to judge a model by has a hand in it.
     """
 
-    def __init__(
-        self, arm: Arm, payload_range: tuple[float, float] | None = None,
-        progress: Progress = lambda _: None, warm: Mapping[str, float] | None = None,
-        kept: BagData | None = None, known: Searches | None = None,
-    ) -> None:
-        self.arm = arm
-        self.payload_range = payload_range
-        self.progress = progress
-        self._warm = warm
-        self._kept = () if kept is None else (kept,)
-        self._all: Sequence[BagData] = ()
-        self._known = known or {}
-        self.searches: dict[tuple[str, ...], Identified] = {}
+    arm: Arm
+    payload_range: Range | None = None
+    progress: Progress = lambda _: None
+    warm: Mapping[str, float] | None = None  # where each search begins
+    kept: Sequence[BagData] = ()  # part of an only bag, whose rest is held out
+    known: Searches = field(default_factory=dict)  # searches of the same bags by other filters
+    searches: dict[tuple[str, ...], Identified] = field(default_factory=dict)
+    _all: Sequence[BagData] = ()
 
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
         """Fit the model of one output."""
@@ -267,19 +263,19 @@ class ElasticTrainer:
         for some in ([self._less(bags) or bags for bags in wanted], wanted):
             todo = {_names(bags): bags for bags in some if _names(bags) not in self.searches}
             searches = [partial(_searched, self.arm, records_of(bags), self._begin(bags),
-                                self._known.get(key)) for key, bags in todo.items()]
+                                self.known.get(key)) for key, bags in todo.items()]
             self.searches.update(zip(todo, shared_out(searches, self.progress), strict=True))
-            if whole in todo and whole not in self._known:  # otherwise it was reported
+            if whole in todo and whole not in self.known:  # otherwise it was reported
                 _tell(self.arm, self.searches[whole])
 
     def _less(self, bags: Sequence[BagData]) -> Sequence[BagData]:
         """Say which of the bags a search is done for before; none where it begins from nothing."""
-        if self._warm is not None or _names(bags) in self._known:
+        if self.warm is not None or _names(bags) in self.known:
             return ()
         middle = len(self._all) // 2
         less: Sequence[BagData] = ()
         if _names(bags) == _names(self._all):
-            less = self._kept
+            less = self.kept
         elif middle:
             less = next((half for half in (self._all[:middle], self._all[middle:])
                          if {*_names(half)} < {*_names(bags)}), ())
@@ -289,8 +285,8 @@ class ElasticTrainer:
 
     def _begin(self, bags: Sequence[BagData]) -> dict[str, float] | None:
         """Say where a search begins, by nothing but the bags it is given."""
-        if self._warm is not None:
-            return dict(self._warm)
+        if self.warm is not None:
+            return dict(self.warm)
         less = self._less(bags)
         return {p.name: p.value for p in self.searches[_names(less)].physical} if less else None
 
@@ -474,7 +470,7 @@ def fit_models(
             warnings.warn(notes[-1], TudorWarning, stacklevel=2)
     fitted = []
     elastic = ElasticTrainer(arm, settings.payloads, progress, settings.elastic_start,
-                             None if holdout is None else holdout.first, known)
+                             () if holdout is None else (holdout.first,), known or {})
     trainers = {kind: elastic if kind == ELASTIC else RowTrainer(kind, arm, settings)
                 for kind in settings.kinds}
     others = left_out(training, preprocessing)
