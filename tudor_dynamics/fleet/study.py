@@ -237,7 +237,6 @@ def _read(file: Path) -> Physical | None:
 
 When = tuple[str, datetime.date]  # arm and date
 
-SAMPLE = 8  # bags of all arms that filters and friction are chosen by
 PARTS = 6  # parts of the data of a date, at least: for standard errors
 
 
@@ -364,7 +363,7 @@ class _Study:
             return load(replace(choice, path=str(self.run.base / choice.path)), arm,
                         arm.spec.preprocessing, learn=True)
 
-        found = spread_sample(list(self.dates.items()), SAMPLE, read)
+        found = spread_sample(list(self.dates.items()), read)
         if not found or not common_outputs(found):
             raise FitError('the bags share neither efforts nor strains' if found else
                            'no bag tried can be used', remedy='check each with `tudor info BAG`')

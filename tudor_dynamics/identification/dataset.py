@@ -206,6 +206,9 @@ def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
 # -- Recordings made ready for models: which bags, which part of them, filtered how
 
 OUTPUTS = ('effort', 'strain')
+SAMPLE = 8
+"""Of many bags those that stay in memory, for choices, thresholds and figures; what they take is
+in bench/many_bags.py."""
 Item = TypeVar('Item')
 
 
@@ -290,14 +293,12 @@ def load(
     return filtered(bag, preprocessing)
 
 
-def spread_sample(
-    items: Sequence[Item], count: int, read: Callable[[Item], BagData],
-) -> list[BagData]:
+def spread_sample(items: Sequence[Item], read: Callable[[Item], BagData]) -> list[BagData]:
     """Read some, evenly among all; one that cannot be read is reported by a later pass."""
     found = []
     with quiet():
-        for i in range(count):
-            for item in items[i * len(items) // count:(i + 1) * len(items) // count]:
+        for i in range(SAMPLE):
+            for item in items[i * len(items) // SAMPLE:(i + 1) * len(items) // SAMPLE]:
                 try:
                     found.append(read(item))
                 except TudorError:

@@ -95,9 +95,6 @@ def light(model: AnalyticalModel) -> AnalyticalModel:
 
 
 FROM = 33  # bags from which a fit is streamed without being asked to
-SAMPLE = 8
-"""Bags that stay in memory, for choices, thresholds and figures; what they take is in
-bench/many_bags.py."""
 WARNED = 5  # bags left out that are warned of one by one
 
 
@@ -297,7 +294,7 @@ class ManyBags:
 
     def _sample(self, seen: Sequence[SurveyedBag]) -> list[BagData]:
         """Read some bags, evenly among all; those that cannot be read are named later."""
-        return spread_sample(seen, SAMPLE, lambda item: load(
+        return spread_sample(seen, lambda item: load(
             item.choice, self.arm, self.spec, learn=True, payload=item.payload))
 
     def _outputs(self, bags: Sequence[BagData]) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -317,7 +318,7 @@ class Trials:
         self._settings = None if chosen is None else chosen.settings
         self._sound = {name: np.all([case.sound[name] for case in cases], axis=0)
                        for name in cases[0].outputs if all(name in one.outputs for one in cases)}
-        self._before: dict[tuple[Alternative | None, str], FloatArray] = {}  # of remedy, filters
+        self._before = cache(self._shares)  # what several remedies are compared with
 
     def paying(
         self, usual: Sequence[Alternative], proposed: Sequence[Sequence[Alternative]],
@@ -382,10 +383,7 @@ class Trials:
         if bent:  # velocities are not those of a position that errs
             spec = spec.model_copy(update={'measured_velocity': False})
         try:
-            without = base, spec.model_dump_json()
-            if without not in self._before:
-                self._before[without] = self._shares(base, spec)
-            before = self._before[without][:, judged]
+            before = self._before(base, spec)[:, judged]
             after = self._shares(remedy, spec)[:, judged]
         except TudorError:
             return None  # too short for the filters, or nothing is left to be predicted
