@@ -107,6 +107,11 @@ class LeftOut:
                 own = self.terms[names.index(joint.name)]
                 own += [column for column in columns_of(joint) if column not in own]
         self._widest = max((len(terms) for terms in self.terms), default=0)
+        self._codes = np.zeros((self._widest, len(names)), dtype=np.intp)
+        self._values = np.zeros((self._widest, len(names)))
+        for i, columns in enumerate(self.terms):
+            for k, column in enumerate(columns):
+                self._codes[k, i], self._values[k, i] = column.code, column.value
         self.groupings = {}
         kept: set[int] = set()
         for shared in (False, True):
@@ -136,20 +141,14 @@ class LeftOut:
             motion = stretch.motion
             if with_payload:
                 motion = np.column_stack([motion, np.full(len(motion), bag.payload)])
-            keep, n = stretch.decimation, len(self.terms)
+            keep = stretch.decimation
             dq = self._coupling.drive_places(stretch.states.dq)
-            speed = np.zeros((len(motion), n, self._widest))
-            stateful = sorted({column for columns in self.terms for column in columns
-                               if column.kind in STATE_KEYS})
-            states = states_along(
-                stretch, self._coupling,
-                np.array([[column.code] * n for column in stateful],
-                         dtype=np.intp).reshape(-1, n),
-                np.array([[column.value] * n for column in stateful]).reshape(-1, n))
+            # columns without a state are 0 in what is followed
+            speed = np.swapaxes(states_along(
+                stretch, self._coupling, self._codes, self._values), 1, 2).copy()
             for i, columns in enumerate(self.terms):
                 for k, column in enumerate(columns):
-                    if column in stateful:
-                        speed[:, i, k] = states[:, stateful.index(column), i]
+                    if column.kind in STATE_KEYS:
                         continue
                     one = np.empty((len(dq), 1))
                     fill_columns(dq[:, i], np.array([column.code], dtype=np.intp), column.switch,

@@ -91,23 +91,11 @@ class Record:
     """A gapless stretch to compare with."""
 
     q: FloatArray  # measured positions, (samples, joints) [rad or m]
-    dt: FloatArray  # time since the sample before, (samples,) [s]
+    dt: FloatArray  # time since the sample before, (samples,) [s]; 0 where nothing was before
     strain: FloatArray  # readings in their units, (samples, gauges)
     skip: int = 0  # samples at the beginning that do not count
     payload: float | None = None  # mass at the tip [kg]; None where it is among the parameters
     before: FloatArray | None = None  # `[dt, q]` of the motion just before, (earlier, 1 + joints)
-
-    @property
-    def times(self) -> FloatArray:
-        """Time since the sample before; 0 at the first where nothing was before it [s]."""
-        dt = np.array(self.dt, dtype=float)
-        if self.before is None or not len(self.before):
-            dt[0] = 0.0
-        return dt
-
-    def with_payload(self, values: dict[str, float]) -> dict[str, float]:
-        """Give these parameters with the payload of this record where it is known."""
-        return values if self.payload is None else {**values, 'payload': self.payload}
 
     def head(self, seconds: float) -> Record:
         """Take the first seconds of the record."""
@@ -224,13 +212,13 @@ class Simulations:
         found, begin = [], 0
         with self._borrowed(1) as (driven,):
             for record in self._records:
-                driven.set_parameters(record.with_payload(self._values(x)))
+                driven.set_parameters(self._values(x, record))
                 end = begin + len(record.q) - record.skip
                 shown = np.vstack([record.strain[:record.skip], strain[begin:end]])
                 begin, measured = end, (shown - gauges[:, 1]) / gauges[:, 0]
                 try:
                     found.append((measured, driven.gains_along(
-                        record.q, record.times, measured, deviation, bandwidth, record.before)))
+                        record.q, record.dt, measured, deviation, bandwidth, record.before)))
                 except SimulationError:
                     return False
         self.towards = found
@@ -267,7 +255,7 @@ class Simulations:
         ready = []
         for i, x in enumerate(vectors):
             try:
-                arms[i].set_parameters(record.with_payload(self._values(x)))
+                arms[i].set_parameters(self._values(x, record))
                 arms[i].begin(record.before)
             except SimulationError:
                 continue
@@ -279,13 +267,15 @@ class Simulations:
             shown, gains = self.towards[k]
             measured = [shown / np.exp(vectors[i][n:]) for i in ready]
         found = follow_together(
-            [arms[i] for i in ready], record.q, record.times, measured, gains)
+            [arms[i] for i in ready], record.q, record.dt, measured, gains)
         for i, moment in zip(ready, found, strict=True):
             moments[i] = None if moment is None else moment[record.skip:]
         return moments
 
-    def _values(self, x: FloatArray) -> dict[str, float]:
-        return {**self._fixed, **dict(zip(self._names, np.exp(x).tolist(), strict=False))}
+    def _values(self, x: FloatArray, record: Record) -> dict[str, float]:
+        known = {} if record.payload is None else {'payload': record.payload}
+        searched = dict(zip(self._names, np.exp(x).tolist(), strict=False))
+        return {**self._fixed, **searched, **known}
 
 
 # -- The least-squares problem of the elastic model: simulated against measured strain.
