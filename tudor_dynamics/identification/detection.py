@@ -157,21 +157,13 @@ def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:
     return sorted(found)
 
 
-def truth_of_table(
-    rows: Sequence[tuple[float, float, float]], recording: Recording, source: str,
-    begun: float = 0.0,
-) -> Truth:
-    """Put rows of pushes [s] on the stamps of a recording, begun at a time of its bag [s]."""
-    first = int(recording.stamp[0]) - round(begun * 1e9)
-    return Truth(source, tuple(KnownPush(
-        first + round(begin * 1e9), first + round(end * 1e9), early=round(early * 1e9))
-        for begin, end, early in rows))
-
-
 def truth_of_file(path: str | Path, bag: BagData) -> Truth:
     """Read the pushes of a bag, or of a part of it, from a table."""
     begun, _ = bag.choice.span(bag.choice.duration or 0.0)
-    return truth_of_table(table_of_pushes(path), bag.recording, str(path), begun)
+    first = int(bag.recording.stamp[0]) - round(begun * 1e9)
+    return Truth(str(path), tuple(KnownPush(
+        first + round(begin * 1e9), first + round(end * 1e9), early=round(early * 1e9))
+        for begin, end, early in table_of_pushes(path)))
 
 
 # -- Figures of collisions: how alarms are judged by the pushes that are known.
