@@ -133,8 +133,6 @@ def as_plain(learned: Mapping[tuple[str, str], MethodThresholds]) -> dict[str, A
 
 def marks(model: Model, arm: Arm, bag: BagData) -> tuple[str, ...]:
     """Look in a model of efforts for what no arm can be: negative inertias, a weight far off."""
-    if model.has_memory:
-        return ()
     still = _at_rest(bag, settings.PHYSICS_POSES)
     rest = model.predict(still)
     return (*_inertias(model, still, rest), *_weights(model, arm, still, rest))
