@@ -479,17 +479,15 @@ class _Chooser:
                 f'zero-phase with {half:.3g} Hz (causal beside the robot)',
                 self.spec.model_copy(update={'filter': 'zero_phase', 'cutoff': half})))
         best = first = self._relative(self.spec)
-        name, spec = candidates[0]
+        name = usual = candidates[0][0]
         for label, candidate in candidates[1:]:
             try:
                 found = self._relative(candidate)
             except SignalError:
                 continue  # the recordings are too short or too slow for it
             if paid(best, found):
-                best, name, spec = found, label, candidate
-        self.spec = spec
-        self.made.append(Choice('filters', name, candidates[0][0], _percent(best),
-                                _percent(first)))
+                best, name, self.spec = found, label, candidate
+        self.made.append(Choice('filters', name, usual, _percent(best), _percent(first)))
 
     def _relative(self, spec: PreprocessingSpec) -> FloatArray:
         """Give relative squared errors of each part, the mean of all outputs, as they are used."""

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 import math
@@ -306,8 +305,7 @@ class ElasticTrainer:
                 efforts.append(stretch.decimation(stretch.effort))
         effort = np.vstack(efforts)
         values, errors, noises = [], [], []
-        for i in range(effort.shape[1]):
-            columns = np.vstack([part[i] for part in rows])
+        for i, columns in enumerate(map(np.vstack, zip(*rows, strict=True))):
             size = np.linalg.norm(columns, axis=0)
             size[size == 0.0] = 1.0
             scaled = columns / size
@@ -525,11 +523,9 @@ def _fit_one(
         first, last = holdout.first, holdout.last
         share = last.recording.t[-1] / (first.recording.t[-1] + last.recording.t[-1])
         method = f'the last {100 * share:.0f} % of the only bag, fitted to the rest'
-        blind: RowTrainer | ElasticTrainer = RowTrainer(
-            kind, holdout.arm, holdout.settings.settled())
-        if isinstance(trainer, ElasticTrainer):  # what strain shows does not depend on friction
-            blind = copy(trainer)
-            blind.arm = holdout.arm
+        # what strain shows does not depend on friction
+        blind = (replace(trainer, arm=holdout.arm) if isinstance(trainer, ElasticTrainer) else
+                 RowTrainer(kind, holdout.arm, holdout.settings.settled()))
         cases = cases_of(blind.fit([first], output), [last])
     else:
         raise FitError('the fit cannot be judged with one training bag and no test bag; give a '
