@@ -200,9 +200,7 @@ class Pass(ABC, Generic[Kept]):
     def found(self, seen: SurveyedBag) -> Kept | None:
         """Read what is kept of a bag; None where nothing whole is."""
         try:
-            content = read_bounded(self.task.store / self.name(seen), LARGEST)
-            whole: Kept = self.form.loaded(content)
-            return whole
+            return self.form.loaded(read_bounded(self.task.store / self.name(seen), LARGEST))
         except (OSError, TudorError, ValueError, KeyError, TypeError):
             return None
 
