@@ -315,8 +315,7 @@ def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, JointCha
                 term for term in joint.friction if not TERMS[term].constant)}
     if 'friction_velocity' not in joint.model_fields_set:
         for factor in SWITCHES:
-            found[f'switch {factor:g}'] = {
-                'friction_velocity': JointSpec.model_fields['friction_velocity'].default * factor}
+            found[f'switch {factor:g}'] = {'friction_velocity': USUAL_SWITCH * factor}
     return found
 
 
