@@ -84,10 +84,10 @@ class Scene:
         return [excess for excess in self.replay.excesses.get(method or self.seen.event.method, ())
                 if begin <= (excess.residual.motion.stamp - onset) * 1e-9 <= end]
 
-    def largest(self, begin: float, end: float, method: str) -> float:
-        """Give the largest ratio to the thresholds of a method between two such times."""
-        return max((float(excess.collision.max()) for excess in self.excesses(begin, end, method)),
-                   default=0.0)
+    def largest(self, end: float, method: str) -> float:
+        """Give the largest ratio to the thresholds of a method around the onset and until [s]."""
+        return max((float(excess.collision.max())
+                    for excess in self.excesses(-JUST_BEFORE, end, method)), default=0.0)
 
     def readings(self, output: str, channel: str, begin: float, end: float) -> FloatArray:
         """Give the readings of a channel between two times since the onset [s]."""
@@ -166,7 +166,7 @@ def _friction(scene: Scene) -> str:
     event, joint = scene.seen.event, scene.seen.channel
     if event.method == 'strain':
         return ''
-    strain = scene.largest(-JUST_BEFORE, scene.seen.seconds, 'strain')
+    strain = scene.largest(scene.seen.seconds, 'strain')
     place = list(event.ratios).index(joint)
     before = scene.excesses(-STARTED - STOOD_BEFORE, 0.0)
     n = len(event.ratios)
@@ -214,8 +214,7 @@ def _touch(scene: Scene) -> str:
             f', {1e3 * found["place"]:.0f} mm from its joint')
         return (f'{abs(found["largest_force"]):.2f} N on {found["link"]}{place}, for '
                 f'{found["seconds"]:.2f} s')
-    most = {method: scene.largest(-JUST_BEFORE, until, method)
-            for method in scene.replay.excesses}
+    most = {method: scene.largest(until, method) for method in scene.replay.excesses}
     other = max((ratio for method, ratio in most.items()
                  if SOURCE[method] != SOURCE[event.method]), default=0.0)
     return '' if other < SHARED_TOUCH else 'gauges and drives show it together: ' + ', '.join(
