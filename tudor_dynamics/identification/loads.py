@@ -86,13 +86,11 @@ def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str
     """Let models of a part of the training motion tell the known load of the rest."""
     # what their errors have beyond the standard deviations of their own residuals is the error of
     # the models, a little more than that of a model of all the motion
-    pieces = []
-    for i in range(PARTS):
-        try:
-            pieces.append([part(bag, i / PARTS, (i + 1) / PARTS, result.preprocessing)
-                           for bag in result.training])
-        except TudorError:
-            return {}  # too short to be cut
+    try:
+        pieces = [[part(bag, i / PARTS, (i + 1) / PARTS, result.preprocessing)
+                   for bag in result.training] for i in range(PARTS)]
+    except TudorError:
+        return {}  # too short to be cut
     found = {}
     for item in result.fitted:
         if item.kind != KIND:
