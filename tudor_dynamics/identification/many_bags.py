@@ -66,8 +66,7 @@ def fold_models(
         progress('add up')
         for place, part in gathered.kept(seen).parts.items():
             folds = parts.setdefault(place, {})
-            known = folds.get(seen.fold)
-            folds[seen.fold] = part if known is None else summed([known, part])
+            folds[seen.fold] = summed([folds[seen.fold], part]) if seen.fold in folds else part
     progress('fit')
     found = {}
     for (number, output), folds in parts.items():
