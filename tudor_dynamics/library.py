@@ -45,7 +45,7 @@ from tudor_dynamics.identification.excitation_plan import (
     bounds_of, default_highest, judged, make_plan, Order, Plan, PlanFolder, target_of_arm,
     target_of_model)
 from tudor_dynamics.identification.fit import (
-    check_kinds, fit_models, FitResult, FitSettings, HeldOut)
+    check_arm, ELASTIC, fit_models, FitResult, FitSettings, HeldOut)
 from tudor_dynamics.identification.loads import bare_bundle_of, bundle_of, payload_of
 from tudor_dynamics.identification.many_bags import ManyBags, Streaming, streams
 from tudor_dynamics.identification.next_steps import (
@@ -289,7 +289,8 @@ def _source(
     progress: Progress,
 ) -> HeldBags | ManyBags:
     """Read the bags, or, of many, look at them and be ready to go through them."""
-    check_kinds(settings.kinds, arm)
+    if ELASTIC in settings.kinds:
+        check_arm(arm)
     if settings.tool:
         check_efforts(arm)
     if streams(len(training), settings, asked=streaming is not None):

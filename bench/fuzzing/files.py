@@ -38,9 +38,9 @@ from tudor_dynamics.control.trajectory import Follower, of_all
 from tudor_dynamics.errors import quiet, TudorError
 from tudor_dynamics.files import load_yaml
 from tudor_dynamics.fleet.study import load_plan, study, StudySettings
-from tudor_dynamics.identification.dataset import parse_choice
+from tudor_dynamics.identification.dataset import BagChoice, BagData, parse_choice
 from tudor_dynamics.identification.detection import (
-    find_truth, roc_of, score, table_of_pushes, truth_of_table, WatchedBag)
+    find_truth, roc_of, score, truth_of_file, WatchedBag)
 from tudor_dynamics.identification.excitation_plan import read_motion, read_plan
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.next_steps import compare_with_plan
@@ -349,7 +349,8 @@ class Truths:
         """Read the pushes and judge alarms by them."""
         if path.suffix == '.csv':
             recording = SimpleNamespace(stamp=self._stamp)
-            truth = truth_of_table(table_of_pushes(path), recording, str(path), 0.5)
+            truth = truth_of_file(path, BagData(BagChoice('bag', 0.5, 9.0, seconds=True),
+                                                recording, ()))
         else:
             truth = find_truth(str(path), 'applied_wrench')
         watched = WatchedBag('bag', self._stamp, self._ratio, truth, ())

@@ -23,7 +23,7 @@ from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.fleet import study
 from tudor_dynamics.identification.dataset import BagChoice, SurveyedBag
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.identification.passes import Folder, Task
+from tudor_dynamics.identification.passes import Task
 
 DAYS = [datetime.date(2026, 1, day) for day in (1, 2, 3)]
 ALL = {('cell', DAYS[1]): [SurveyedBag(BagChoice('bag_4'), 'b' * 64, 0.2)],
@@ -38,7 +38,7 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
     for number in (3, 4):
         write_bag(base / f'bag_{number}', recording_series(lone_recording(number), arm))
     return Task(arm, (arm.spec.preprocessing,), ('strain',), FitSettings(), base,
-                Folder(base / 'sums'))
+                base / 'sums')
 
 
 def test_stiffness_over_time(task: Task) -> None:
@@ -71,7 +71,7 @@ def test_what_was_found_is_not_searched_for_again(
     monkeypatch.setattr(study, 'identify', counted)
     both = {when: bags for when, bags in ALL.items() if when[1] != DAYS[2]}
     found = study.stiffnesses({'cell': task}, both, 1, lambda _: None)
-    last, = task.store.path.glob('b' * 24 + '*')
+    last, = task.store.glob('b' * 24 + '*')
     searches.clear()
     assert study.stiffnesses({'cell': task}, both, 1, lambda _: None) == found
     assert not searches

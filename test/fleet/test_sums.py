@@ -17,31 +17,43 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from tudor_dynamics.identification import passes
-from tudor_dynamics.identification.passes import Folder
+from tudor_dynamics.identification.passes import forget, Summing
 
 OLD, NEW = ('-'.join((24 * letter, 16 * letter)) + '.npz' for letter in 'ab')
 
 
 def test_a_folder_keeps_what_is_used(tmp_path: Path) -> None:
-    """It is made where it is not; what is of before goes, files of others stay."""
-    folder = Folder(tmp_path / 'model.sums')
-    assert folder.read(OLD) is None
-    for content in (b'one', b'another'):
-        for name in (OLD, NEW, 'notes.txt'):
-            folder.write(name, content)
-        assert folder.read(NEW) == content
-    folder.forget({NEW})
-    assert sorted(file.name for file in folder.path.iterdir()) == [NEW, 'notes.txt']
+    """What is of before goes, files of others stay."""
+    for name in (OLD, NEW, 'notes.txt'):
+        (tmp_path / name).write_bytes(b'one')
+    forget(tmp_path, {NEW})
+    assert sorted(file.name for file in tmp_path.iterdir()) == [NEW, 'notes.txt']
+
+
+class _Bytes:
+    @staticmethod
+    def loaded(content: bytes) -> bytes:
+        return content
+
+
+class _Stored(Summing):
+    form = _Bytes
+
+    def name(self, seen: Any) -> str:
+        return str(seen)
 
 
 def test_what_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file that no bag can come to counts as none: it is made again."""
+    """A file that no bag can come to counts as none, as one that is not there: it is made."""
     monkeypatch.setattr(passes, 'LARGEST', 10)
-    folder = Folder(tmp_path)
-    folder.write(OLD, b'x' * 11)
-    folder.write(NEW, b'x' * 10)
-    assert folder.read(OLD) is None and folder.read(NEW) == b'x' * 10
+    stored = _Stored(SimpleNamespace(store=tmp_path), ())  # type: ignore[arg-type]
+    (tmp_path / OLD).write_bytes(b'x' * 11)
+    (tmp_path / NEW).write_bytes(b'x' * 10)
+    names: list[Any] = [OLD, NEW, 'none']
+    assert [stored.found(name) for name in names] == [None, b'x' * 10, None]

@@ -225,8 +225,8 @@ def test_left_out_errors_are_those_of_a_model() -> None:
     bags = [_bag(_recording(arm, seed, seconds=10.0)) for seed in range(6)]
     found = LeftOut(arm, 'effort', arm.joints, bags, 'exact').errors(arm.joints)
     assert found.shape == (6, 3)
-    model = AnalyticalModel(EffortRegressor(arm), 3).fit_blocks(
-        training_blocks(bags[1:], 'effort'))
+    model = AnalyticalModel(EffortRegressor(arm), 3)
+    model.fit_blocks(training_blocks(bags[1:], 'effort', model))
     stretch, = bags[0].stretches
     error = stretch.decimation(stretch.effort) - model.follow_kept(stretch)
     assert np.allclose(found[0], np.sum(error ** 2, axis=0), rtol=1e-3)

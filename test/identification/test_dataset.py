@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -128,7 +130,8 @@ def test_outputs_in_common() -> None:
 def test_blocks_of_several_bags() -> None:
     """Every kept sample of every stretch of every bag comes once, and comes again when asked."""
     bags = [_bag(True, True), _bag(True, False)]
-    blocks = training_blocks(bags, 'effort')
+    model: Any = SimpleNamespace(inputs=lambda stretch: stretch.motion, payload_range=None)
+    blocks = training_blocks(bags, 'effort', model)
     for _ in range(2):
         count = 0
         for block in blocks():

@@ -32,9 +32,10 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, filtered, part
-from tudor_dynamics.identification.elastic_problem import Identified, Record, record_of, RUN_IN
+from tudor_dynamics.identification.elastic_problem import (
+    Identified, Record, record_of, records_of, RUN_IN)
 from tudor_dynamics.identification.fit import (
-    check_kinds, ElasticTrainer, fit_models, FitResult, FitSettings, left_out)
+    check_arm, ElasticTrainer, fit_models, FitResult, FitSettings, left_out)
 from tudor_dynamics.identification.validation import Grade, trace
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.signals.preprocessing import prepare
@@ -284,7 +285,7 @@ def test_what_is_held_out_of_an_only_bag(search: Search) -> None:
             strain = whole_bag.recording.strain.copy()
             strain[-len(held.recording.strain):] *= 1.5
             whole_bag = bag(replace(whole_bag.recording, strain=strain), 0.2)
-        trainer = ElasticTrainer(lone_arm(), kept=kept)
+        trainer = ElasticTrainer(lone_arm(), kept=[kept])
         whole_model = trainer.fit([whole_bag], 'strain')
         part_model = trainer.fit([kept], 'strain')
         assert whole_model.values != part_model.values
@@ -318,7 +319,8 @@ def test_bags_that_do_not_allow_it(missing: str) -> None:
     else:
         arm = blade_arm(links=[], motors=[])
     with pytest.raises(FitError) as caught:
-        check_kinds(['elastic'], arm, [bag(recording)])
+        check_arm(arm)
+        records_of([bag(recording)])
     text = str(caught.value)
     assert '\n' not in text and 'remove elastic from --models' in text
     assert ('links' if missing == 'links' else 'runs/one') in text

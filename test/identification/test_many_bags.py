@@ -41,7 +41,6 @@ from tudor_dynamics.errors import FitError, TudorWarning, UsageError
 from tudor_dynamics.identification.dataset import BagChoice, cut
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
-from tudor_dynamics.identification.passes import Folder
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 
@@ -66,7 +65,7 @@ def quickly(parts: Sequence[str], root: Path, folder: Path, **more: Any) -> Mode
     arm = settled(root)
     spec = arm.spec.preprocessing.model_copy(update={'filter': 'causal'})
     return fit(list(parts), arm, preprocessing=spec, settings=FitSettings(estimator='wls'),
-               streaming=Streaming(Folder(folder)), **more)
+               streaming=Streaming(folder), **more)
 
 
 @pytest.fixture(scope='module')
@@ -81,7 +80,7 @@ def usual(
 def fitted(parts: Sequence[str], root: Path, folder: Path | None, **more: object) -> ModelBundle:
     """Fit bag by bag, or all at once."""
     streaming = None if folder is None else Streaming(
-        Folder(folder), **more)  # type: ignore[arg-type]
+        folder, **more)  # type: ignore[arg-type]
     return fit(list(parts), load_arm(root / 'config/two_blade_arm.yaml'), streaming=streaming)
 
 
@@ -124,7 +123,7 @@ def test_test_bags_judge(root: Path, tmp_path: Path) -> None:
     arm = settled(root)
     bags = [f'{root}/bags/two_blade_train_{number}' for number in (1, 2)]
     ways = [fit(bags, arm, test=root / 'bags/two_blade_test', streaming=streaming)
-            for streaming in (Streaming(Folder(tmp_path / 'sums')), None)]
+            for streaming in (Streaming(tmp_path / 'sums'), None)]
     one, other = (bundle.facts for bundle in ways)
     assert one['validation'] == other['validation'] and one['test'] == other['test']
     assert one['validation']['strain']['analytical']['validation']['fit'] > 91.0
@@ -226,7 +225,7 @@ def test_payloads(root: Path, tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', TudorWarning)
         ways = [fit(bags, arm, streaming=streaming)
-                for streaming in (Streaming(Folder(tmp_path / 'sums')), None)]
+                for streaming in (Streaming(tmp_path / 'sums'), None)]
     assert_same(*ways)
     assert ways[0].models['strain']['analytical'].payload_range == (0.0, 0.1)
 
@@ -251,7 +250,7 @@ def test_load_friction_is_refused(parts: list[str], root: Path, tmp_path: Path) 
         {name: {'friction': ('viscous', 'load'), 'asymmetric': False}
          for name in ('joint2', 'joint3')})
     with pytest.raises(UsageError, match='remove load from --friction'):
-        fit(parts, arm, streaming=Streaming(Folder(tmp_path / 'sums')))
+        fit(parts, arm, streaming=Streaming(tmp_path / 'sums'))
 
 
 def test_a_copy_is_no_test(root: Path, tmp_path: Path) -> None:
@@ -260,4 +259,4 @@ def test_a_copy_is_no_test(root: Path, tmp_path: Path) -> None:
     shutil.copytree(bags[0], tmp_path / 'copy')
     with pytest.raises(FitError, match='cannot test the model'):
         fit(bags, load_arm(root / 'config/two_blade_arm.yaml'), test=tmp_path / 'copy',
-            streaming=Streaming(Folder(tmp_path / 'sums')))
+            streaming=Streaming(tmp_path / 'sums'))

@@ -29,8 +29,9 @@ from tudor_dynamics.bags.messages import Signals, WRENCH_STAMPED
 from tudor_dynamics.bags.reader import BOOL
 from tudor_dynamics.bags.storage import RawMessages
 from tudor_dynamics.errors import BagError, UsageError
+from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.detection import (
-    find_truth, FREE, KnownPush, push_of, roc_of, score, table_of_pushes, Truth, truth_of_table,
+    find_truth, FREE, KnownPush, push_of, roc_of, score, table_of_pushes, Truth, truth_of_file,
     WatchedBag)
 
 
@@ -129,16 +130,16 @@ def test_a_table_of_pushes(tmp_path: Path) -> None:
     """Seconds since the beginning of the bag, in any order, with names of columns or without."""
     table = tmp_path / 'pushes.csv'
     table.write_text('begin,end,by\n4.5, 5,hand\n\n# the second one was soft\n2.0,2.95\n')
-    rows = table_of_pushes(table)
-    assert rows == [(2.0, 2.95, 0.0), (4.5, 5.0, 0.0)]
+    assert table_of_pushes(table) == [(2.0, 2.95, 0.0), (4.5, 5.0, 0.0)]
     table.write_text('begin,end,tolerance\n2.0,2.95,0.1\n4.5,5.0\n')
     assert table_of_pushes(table) == [(2.0, 2.95, 0.1), (4.5, 5.0, 0.0)]
     recording = recording_of(np.zeros((1000, 1)), 100.0)
-    whole = truth_of_table(rows, recording, 'pushes.csv')
+    whole = truth_of_file(table, BagData(BagChoice('bag'), recording, ()))
+    assert whole.source == str(table)
     first = int(recording.stamp[0])
     assert whole.pushes[0] == KnownPush(first + 2_000_000_000, first + 2_950_000_000,
-                                        whole.pushes[0].force)
-    part = truth_of_table(rows, recording, 'pushes.csv', begun=1.5)
+                                        whole.pushes[0].force, early=100_000_000)
+    part = truth_of_file(table, BagData(BagChoice('bag', 1.5, 9.0, seconds=True), recording, ()))
     assert part.pushes[0].begin == first + 500_000_000
 
 

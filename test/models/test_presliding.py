@@ -132,7 +132,7 @@ def test_rows_and_outputs() -> None:
     bag = recording_of(motion[:, :3], 200.0, effort=effort)
     stretches = tuple(prepare(bag, PreprocessingSpec(filter='zero_phase', rate=20.0)))
     blocks = list(training_blocks([BagData(BagChoice('bag'), bag, stretches)], 'effort',
-                                  with_payload=False, inputs=model.inputs)())
+                                  model)())
     assert all(block.motion.shape[1] == model.n_inputs for block in blocks)
 
 

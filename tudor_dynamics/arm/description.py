@@ -212,6 +212,12 @@ class Arm:
         """Give the same arm with other parts of its description, not checked again."""
         return replace(self, spec=self.spec.model_copy(update=parts))
 
+    def under(self, gravity: FloatArray) -> Arm:
+        """Give the same arm under another gravity (3,) [m/s^2]."""
+        model = self.full_model.copy()
+        model.gravity.linear = gravity
+        return replace(self.changed(gravity=tuple(gravity.tolist())), full_model=model)
+
     def with_joints(self, changes: Mapping[str, Mapping[str, Any]]) -> Arm:
         """Give the same arm with other values of some keys of its joints, not checked again."""
         return self.changed(joints=tuple(

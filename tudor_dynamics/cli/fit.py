@@ -37,7 +37,7 @@ from tudor_dynamics.identification.fit import (
 from tudor_dynamics.identification.loads import figures
 from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
 from tudor_dynamics.identification.next_steps import Assessment
-from tudor_dynamics.identification.passes import Folder, SUFFIX
+from tudor_dynamics.identification.passes import SUFFIX
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.library import fit_choices
 from tudor_dynamics.models.bundle import KINDS
@@ -179,7 +179,7 @@ def run(args: argparse.Namespace) -> int:
     streaming = None
     total = len(training) + len(test)
     if streams(len(training), settings, asked=args.stream):
-        sums = Folder(out.with_name(out.name + SUFFIX).absolute())
+        sums = out.with_name(out.name + SUFFIX).absolute()
         streaming = Streaming(sums, args.jobs, strict=args.strict)
         total = 4 * len(training) + 2 * len(test)
     with (steps(total + 4 * len(settings.kinds) + 5) as step,

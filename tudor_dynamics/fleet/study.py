@@ -32,7 +32,8 @@ from pydantic import Field, field_validator, ValidationError
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import Name, Spec, validation_message
 from tudor_dynamics.errors import FitError, quiet, TudorError, UsageError
-from tudor_dynamics.files import load_yaml, read_text, source_digest, write_whole
+from tudor_dynamics.files import (
+    load_yaml, read_bounded, read_text, source_digest, write_whole)
 from tudor_dynamics.fleet.comparison import (
     aged, Fleet, Measure, measures, Named, named_aged, named_outliers, Observation, parted,
     quantities, Quantity, ring_quantities, rings, stiffness_quantities)
@@ -45,7 +46,7 @@ from tudor_dynamics.identification.elastic_search import identify
 from tudor_dynamics.identification.fit import check_arm, FitSettings, RowTrainer
 from tudor_dynamics.identification.many_bags import fold_models, FoldModels
 from tudor_dynamics.identification.next_steps import ErrorChange
-from tudor_dynamics.identification.passes import Folder, go_through, Summing, survey, Task
+from tudor_dynamics.identification.passes import go_through, Summing, survey, Task
 from tudor_dynamics.library import fit
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -213,21 +214,22 @@ def _over_time(piece: Dates, count: Count) -> list[list[Quantity] | str]:
 
 def _known(task: Task, bags: Sequence[SurveyedBag], warm: dict[str, float] | None) -> Physical:
     """Take up what was found in the bags of a date, or search for it and keep it."""
-    name = task.name(bags[0], '.json', json.dumps(
+    file = task.store / task.name(bags[0], '.json', json.dumps(
         ['elastic', source_digest(SEARCHED_WITH), warm, [task.name(bag, '') for bag in bags[1:]]]))
-    known = _read(task.store.read(name))
+    known = _read(file)
     if known is None:
         known = identify(task.arm, records_of([task.read(bag) for bag in bags]),
                          warm=warm).physical
-        task.store.write(name, json.dumps([asdict(item) for item in known]).encode())
+        write_whole(file, json.dumps([asdict(item) for item in known]).encode())
     return known
 
 
-def _read(content: bytes | None) -> Physical | None:
+def _read(file: Path) -> Physical | None:
     """Read what a search has found; None where nothing whole is there."""
     try:
-        return tuple(PhysicalParameter(**item) for item in json.loads(content or b'')) or None
-    except (ValueError, TypeError):
+        content = json.loads(read_bounded(file, passes.LARGEST))
+        return tuple(PhysicalParameter(**item) for item in content) or None
+    except (OSError, ValueError, TypeError):
         return None
 
 
@@ -235,7 +237,6 @@ def _read(content: bytes | None) -> Physical | None:
 
 When = tuple[str, datetime.date]  # arm and date
 
-SAMPLE = 8  # bags of all arms that filters and friction are chosen by
 PARTS = 6  # parts of the data of a date, at least: for standard errors
 
 
@@ -362,7 +363,7 @@ class _Study:
             return load(replace(choice, path=str(self.run.base / choice.path)), arm,
                         arm.spec.preprocessing, learn=True)
 
-        found = spread_sample(list(self.dates.items()), SAMPLE, read)
+        found = spread_sample(list(self.dates.items()), read)
         if not found or not common_outputs(found):
             raise FitError('the bags share neither efforts nor strains' if found else
                            'no bag tried can be used', remedy='check each with `tudor info BAG`')
@@ -375,7 +376,7 @@ class _Study:
         return measures(arm, output, model, bags)
 
     def _tasks(self, outputs: tuple[str, ...]) -> dict[str, Task]:
-        sums = Folder((self.run.out / 'sums').absolute())
+        sums = (self.run.out / 'sums').absolute()
         return {name: Task(arm, (self.chosen.preprocessing,), outputs, self.chosen.settings,
                            self.run.base.absolute(), sums) for name, arm in self.arms.items()}
 

@@ -34,10 +34,9 @@ from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.black_box import Heard, messages_of, replayed
 from tudor_dynamics.online.contact import ContactEstimate
-from tudor_dynamics.online.detector import Excess
+from tudor_dynamics.online.detector import Excess, ExcessStage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, SOURCE
 from tudor_dynamics.online.settings import LOST_STEP, STANDING
-from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.typing import FloatArray
 
 
@@ -45,7 +44,7 @@ from tudor_dynamics.typing import FloatArray
 class Replay:
     """What a monitor made of messages."""
 
-    log: EventLog = field(default_factory=EventLog)
+    log: EventLog
     excesses: dict[str, list[Excess]] = field(default_factory=dict)  # by method
     loads: list[LoadFound] = field(default_factory=list)
     contacts: list[ContactEstimate] = field(default_factory=list)
@@ -54,7 +53,7 @@ class Replay:
 
 def replay(messages: list[Heard], monitor: Monitor) -> Replay:
     """Let a monitor take messages, and keep what it found."""
-    seen, watch = Replay(), monitor.watch
+    seen, watch = Replay(EventLog(messages[0].stamp, FREE)), monitor.watch
     for _, found in replayed(messages, watch.bundle.arm, monitor):
         for method, excess in found.excesses:
             seen.excesses.setdefault(method, []).append(excess)
@@ -76,8 +75,7 @@ class Scene:
     replay: Replay
     load: LoadFound | None  # what turned out to be carried
     unlike: str  # why the motion is unlike that of the training; empty where it is not
-    thresholds: MethodThresholds  # of the method
-    rate: float  # false alarms that they allow [1/h]
+    stage: ExcessStage  # thresholds of the method, and how many false alarms they allow
     topics: dict[str, dict[str, list[str]]]  # of each output, with their channels
 
     def excesses(self, begin: float, end: float, method: str = '') -> list[Excess]:
@@ -86,10 +84,10 @@ class Scene:
         return [excess for excess in self.replay.excesses.get(method or self.seen.event.method, ())
                 if begin <= (excess.residual.motion.stamp - onset) * 1e-9 <= end]
 
-    def largest(self, begin: float, end: float, method: str) -> float:
-        """Give the largest ratio to the thresholds of a method between two such times."""
-        return max((float(excess.collision.max()) for excess in self.excesses(begin, end, method)),
-                   default=0.0)
+    def largest(self, end: float, method: str) -> float:
+        """Give the largest ratio to the thresholds of a method around the onset and until [s]."""
+        return max((float(excess.collision.max())
+                    for excess in self.excesses(-JUST_BEFORE, end, method)), default=0.0)
 
     def readings(self, output: str, channel: str, begin: float, end: float) -> FloatArray:
         """Give the readings of a channel between two times since the onset [s]."""
@@ -168,7 +166,7 @@ def _friction(scene: Scene) -> str:
     event, joint = scene.seen.event, scene.seen.channel
     if event.method == 'strain':
         return ''
-    strain = scene.largest(-JUST_BEFORE, scene.seen.seconds, 'strain')
+    strain = scene.largest(scene.seen.seconds, 'strain')
     place = list(event.ratios).index(joint)
     before = scene.excesses(-STARTED - STOOD_BEFORE, 0.0)
     n = len(event.ratios)
@@ -182,9 +180,9 @@ def _friction(scene: Scene) -> str:
 
 def _faster(scene: Scene) -> str:
     rows = [excess.residual.motion.row for excess in scene.excesses(-LOST_BEFORE, 0.0)]
-    n = len(scene.thresholds.reach)
-    times = max((float(np.max(np.abs(row[n:2 * n]) / scene.thresholds.reach)) for row in rows),
-                default=0.0)
+    reach = scene.stage.thresholds.reach
+    n = len(reach)
+    times = max((float(np.max(np.abs(row[n:2 * n]) / reach)) for row in rows), default=0.0)
     return '' if times < FASTER else f'it moved {times:.2f} times as fast as in the training'
 
 
@@ -216,8 +214,7 @@ def _touch(scene: Scene) -> str:
             f', {1e3 * found["place"]:.0f} mm from its joint')
         return (f'{abs(found["largest_force"]):.2f} N on {found["link"]}{place}, for '
                 f'{found["seconds"]:.2f} s')
-    most = {method: scene.largest(-JUST_BEFORE, until, method)
-            for method in scene.replay.excesses}
+    most = {method: scene.largest(until, method) for method in scene.replay.excesses}
     other = max((ratio for method, ratio in most.items()
                  if SOURCE[method] != SOURCE[event.method]), default=0.0)
     return '' if other < SHARED_TOUCH else 'gauges and drives show it together: ' + ', '.join(
@@ -226,18 +223,18 @@ def _touch(scene: Scene) -> str:
 
 def _often(scene: Scene) -> float:
     """Say how often free motion of the training reaches such a ratio [1/h]."""
-    allowed = scene.rate
+    allowed, thresholds = scene.stage.rates.collision, scene.stage.thresholds
     parts = np.geomspace(1.0, 1e-4, 81)
-    ratios = [float(np.median(scene.thresholds.ratios(allowed * part)
-                              / scene.thresholds.ratios(allowed))) for part in parts]
+    ratios = [float(np.median(thresholds.ratios(allowed * part) / thresholds.ratios(allowed)))
+              for part in parts]
     return float(np.interp(scene.seen.ratio, ratios, allowed * parts))
 
 
 def _usual(scene: Scene) -> str:
     often = _often(scene)
     return '' if often < USUAL else (
-        f'{scene.seen.ratio:.2f} of a threshold that allows {scene.rate:.0f} false alarms an '
-        f'hour; free motion reaches as much {often:.0f} times an hour')
+        f'{scene.seen.ratio:.2f} of a threshold that allows {scene.stage.rates.collision:.0f} '
+        f'false alarms an hour; free motion reaches as much {often:.0f} times an hour')
 
 
 def _low(scene: Scene) -> str:
@@ -295,9 +292,8 @@ def explain(
     if source != 'estimate':
         with suppress(ModelError):  # not every model has kilograms
             loads = replay(messages, monitor('estimate')).loads
-    events = seen.log.sightings(messages[0].stamp, FREE)
     found = []
-    for place, item in enumerate(events):
+    for place, item in enumerate(seen.log.events):
         event = item.event
         record = next((one for one in records if one['method'] == event.method
                        and abs(one['onset'] - event.onset) < SAME_ONSET * 1e9), None)
@@ -305,9 +301,8 @@ def explain(
             continue
         load = next((one for one in loads if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9),
                     None)
-        scene = Scene(item, messages, seen, load, seen.unlike[place], own.watch.stages[
-            event.method].thresholds, own.watch.stages[event.method].rates.collision,
-            bundle.arm.topics)
+        scene = Scene(item, messages, seen, load, seen.unlike[place],
+                      own.watch.stages[event.method], bundle.arm.topics)
         name, text, remedy = next(((name, text, remedy) for look, name, remedy in CAUSES
                                    if (text := look(scene))), (UNEXPLAINED, '', ''))
         found.append(Cause(item, name, text, remedy, None if record is None else

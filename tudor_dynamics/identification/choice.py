@@ -107,6 +107,11 @@ class LeftOut:
                 own = self.terms[names.index(joint.name)]
                 own += [column for column in columns_of(joint) if column not in own]
         self._widest = max((len(terms) for terms in self.terms), default=0)
+        self._codes = np.zeros((self._widest, len(names)), dtype=np.intp)
+        self._values = np.zeros((self._widest, len(names)))
+        for i, columns in enumerate(self.terms):
+            for k, column in enumerate(columns):
+                self._codes[k, i], self._values[k, i] = column.code, column.value
         self.groupings = {}
         kept: set[int] = set()
         for shared in (False, True):
@@ -128,7 +133,7 @@ class LeftOut:
         self.spread = np.maximum(np.var(np.concatenate(
             [part.output for part in self._rows]), axis=0), 1e-300) * np.mean(
                 [len(part.output) for part in self._rows])
-        self._multiply_out(None)
+        self.assume(None)
 
     def _parts_of(self, bag: BagData, bags: int, with_payload: bool) -> list[CandidateRows]:
         pieces = []
@@ -136,20 +141,14 @@ class LeftOut:
             motion = stretch.motion
             if with_payload:
                 motion = np.column_stack([motion, np.full(len(motion), bag.payload)])
-            keep, n = stretch.decimation, len(self.terms)
+            keep = stretch.decimation
             dq = self._coupling.drive_places(stretch.states.dq)
-            speed = np.zeros((len(motion), n, self._widest))
-            stateful = sorted({column for columns in self.terms for column in columns
-                               if column.kind in STATE_KEYS})
-            states = states_along(
-                stretch, self._coupling,
-                np.array([[column.code] * n for column in stateful],
-                         dtype=np.intp).reshape(-1, n),
-                np.array([[column.value] * n for column in stateful]).reshape(-1, n))
+            # columns without a state are 0 in what is followed
+            speed = np.swapaxes(states_along(
+                stretch, self._coupling, self._codes, self._values), 1, 2).copy()
             for i, columns in enumerate(self.terms):
                 for k, column in enumerate(columns):
-                    if column in stateful:
-                        speed[:, i, k] = states[:, stateful.index(column), i]
+                    if column.kind in STATE_KEYS:
                         continue
                     one = np.empty((len(dq), 1))
                     fill_columns(dq[:, i], np.array([column.code], dtype=np.intp), column.switch,
@@ -166,11 +165,8 @@ class LeftOut:
         return [CandidateRows(*(values[a:b] for values in whole))
                 for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
-    def assume(self, parameters: FloatArray) -> None:
+    def assume(self, parameters: FloatArray | None) -> None:
         """Take parameters (channels, columns) that give the loads which some terms grow with."""
-        self._multiply_out(parameters[:, :len(self.columns)])
-
-    def _multiply_out(self, parameters: FloatArray | None) -> None:
         self._parts = [self._products(part, parameters) for part in self._rows]
         self._total = [reduce(add, channel) for channel in zip(*self._parts, strict=True)]
 
@@ -179,7 +175,8 @@ class LeftOut:
         speed = part.speed
         if parameters is not None:
             speed = speed.copy()
-            loads = np.abs(np.einsum('kcp,cp->kc', part.bodies, parameters))
+            loads = np.abs(np.einsum('kcp,cp->kc', part.bodies,
+                                     parameters[:, :len(self.columns)]))
             for i, columns in enumerate(self.terms):
                 for k, column in enumerate(columns):
                     if TERMS[term_of(column.kind)].loaded:
@@ -318,8 +315,7 @@ def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, JointCha
                 term for term in joint.friction if not TERMS[term].constant)}
     if 'friction_velocity' not in joint.model_fields_set:
         for factor in SWITCHES:
-            found[f'switch {factor:g}'] = {
-                'friction_velocity': JointSpec.model_fields['friction_velocity'].default * factor}
+            found[f'switch {factor:g}'] = {'friction_velocity': USUAL_SWITCH * factor}
     return found
 
 
@@ -482,17 +478,15 @@ class _Chooser:
                 f'zero-phase with {half:.3g} Hz (causal beside the robot)',
                 self.spec.model_copy(update={'filter': 'zero_phase', 'cutoff': half})))
         best = first = self._relative(self.spec)
-        name, spec = candidates[0]
+        name = usual = candidates[0][0]
         for label, candidate in candidates[1:]:
             try:
                 found = self._relative(candidate)
             except SignalError:
                 continue  # the recordings are too short or too slow for it
             if paid(best, found):
-                best, name, spec = found, label, candidate
-        self.spec = spec
-        self.made.append(Choice('filters', name, candidates[0][0], _percent(best),
-                                _percent(first)))
+                best, name, self.spec = found, label, candidate
+        self.made.append(Choice('filters', name, usual, _percent(best), _percent(first)))
 
     def _relative(self, spec: PreprocessingSpec) -> FloatArray:
         """Give relative squared errors of each part, the mean of all outputs, as they are used."""

@@ -35,7 +35,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import bags_below, natural
 from tudor_dynamics.errors import (
     check_type, FitError, quiet, TudorError, TudorWarning, UsageError)
-from tudor_dynamics.models.base import Blocks, Inputs, Model, Range, SAME
+from tudor_dynamics.models.base import Blocks, MemorylessModel, Model, Range, SAME
 from tudor_dynamics.signals.preprocessing import (
     prepare, retimed, Stretch, Timing, TrainingBlock)
 
@@ -97,12 +97,9 @@ class BagChoice:
         # times and fractions can be compared once one of the two was read; before, they are not
         # said to overlap
         duration = self.duration or other.duration
-        if self.seconds == other.seconds:
-            own, others = (self.begin, self.end), (other.begin, other.end)
-        elif duration is None:
+        if duration is None and self.seconds != other.seconds:
             return False
-        else:
-            own, others = self.span(duration), other.span(duration)
+        own, others = (one.span(duration or 1.0) for one in (self, other))
         return own[0] < others[1] and others[0] < own[1]
 
     def span(self, duration: float) -> tuple[float, float]:
@@ -126,22 +123,21 @@ class BagChoice:
 
 def parse_choice(text: str) -> BagChoice:
     """Read a bag argument: ``PATH``, ``PATH@BEGIN-END%`` or ``PATH@BEGINs-ENDs``."""
-    timed = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)s-(\d+(?:\.\d+)?)s', text)
-    if timed is not None:
-        begin, end = float(timed[2]), float(timed[3])
-        if not begin < end < float('inf'):
-            raise UsageError(f'{text}: the part {timed[2]}s-{timed[3]}s is empty; give the '
-                             f'earlier time first, such as {timed[1]}@5s-50s')
-        return BagChoice(timed[1], begin, end, seconds=True)
-    match = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)%', text)
-    if match is None:
+    match = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)(s-|-)(\d+(?:\.\d+)?)(s|%)', text)
+    if match is None or (match[3] == 's-') != (match[5] == 's'):
         return BagChoice(text)
-    begin, end = float(match[2]) / 100.0, float(match[3]) / 100.0
-    if not 0.0 <= begin < end <= 1.0:
-        msg = (f'{text}: the part {match[2]}-{match[3]}% is empty or outside 0-100%; give two '
-               f'shares of the bag, the smaller first, such as {match[1]}@0-60%')
-        raise UsageError(msg)
-    return BagChoice(match[1], begin, end)
+    path, first, _, last, unit = match.groups()
+    if unit == 's':
+        choice = BagChoice(path, float(first), float(last), seconds=True)
+        if not choice.begin < choice.end < float('inf'):
+            raise UsageError(f'{text}: the part {first}s-{last}s is empty; give the earlier time '
+                             f'first, such as {path}@5s-50s')
+        return choice
+    choice = BagChoice(path, float(first) / 100.0, float(last) / 100.0)
+    if not choice.begin < choice.end <= 1.0:
+        raise UsageError(f'{text}: the part {first}-{last}% is empty or outside 0-100%; give two '
+                         f'shares of the bag, the smaller first, such as {path}@0-60%')
+    return choice
 
 
 def choices(bags: Paths, name: str = 'bags') -> list[BagChoice]:
@@ -210,6 +206,9 @@ def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
 # -- Recordings made ready for models: which bags, which part of them, filtered how
 
 OUTPUTS = ('effort', 'strain')
+SAMPLE = 8
+"""Of many bags those that stay in memory, for choices, thresholds and figures; what they take is
+in bench/many_bags.py."""
 Item = TypeVar('Item')
 
 
@@ -284,27 +283,22 @@ def load(
     """Read and filter a bag, payload in [kg]; jittery stamps of an even sampling become even."""
     read = read_recording(choice.path, arm, need_output=True, need_motion=learn)
     full, timing = retimed(read)
-    recording = cut(full, choice)
-    choice = replace(choice, duration=float(full.t[-1]))
-    if payload is None:
-        payload = full.payload
+    bag = BagData(replace(choice, duration=float(full.t[-1])), cut(full, choice), (),
+                  full.payload if payload is None else payload, timing)
     if whole:
-        return BagData(choice, recording, tuple(prepare(recording, preprocessing)), payload,
-                       timing)
-    note = standstill_note(recording)
-    if note:
-        recording = replace(recording, warnings=(*recording.warnings, note))
-    return filtered(BagData(choice, recording, (), payload, timing), preprocessing)
+        return replace(bag, stretches=tuple(prepare(bag.recording, preprocessing)))
+    if note := standstill_note(bag.recording):
+        bag = replace(bag, recording=replace(
+            bag.recording, warnings=(*bag.recording.warnings, note)))
+    return filtered(bag, preprocessing)
 
 
-def spread_sample(
-    items: Sequence[Item], count: int, read: Callable[[Item], BagData],
-) -> list[BagData]:
+def spread_sample(items: Sequence[Item], read: Callable[[Item], BagData]) -> list[BagData]:
     """Read some, evenly among all; one that cannot be read is reported by a later pass."""
     found = []
     with quiet():
-        for i in range(count):
-            for item in items[i * len(items) // count:(i + 1) * len(items) // count]:
+        for i in range(SAMPLE):
+            for item in items[i * len(items) // SAMPLE:(i + 1) * len(items) // SAMPLE]:
                 try:
                     found.append(read(item))
                 except TudorError:
@@ -333,16 +327,13 @@ def part(bag: BagData, begin: float, end: float, preprocessing: PreprocessingSpe
     return filtered(BagData(named, recording, (), bag.payload), preprocessing)
 
 
-def training_blocks(
-    data: Sequence[BagData], output: str, *, with_payload: bool = False,
-    inputs: Inputs | None = None,
-) -> Blocks:
-    """Give the training data of one output from several bags; inputs: its motion by default."""
+def training_blocks(data: Sequence[BagData], output: str, model: MemorylessModel) -> Blocks:
+    """Give the training data of one output from several bags, as a model takes it."""
     def blocks() -> Iterator[TrainingBlock]:
         for bag in data:
             for stretch in bag.stretches:
-                motion = stretch.motion if inputs is None else inputs(stretch)
-                if with_payload:
+                motion = model.inputs(stretch)
+                if model.payload_range is not None:
                     motion = np.column_stack([motion, np.full(len(motion), bag.payload)])
                 yield from stretch.blocks(output, motion)
     return blocks

@@ -20,6 +20,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 import csv
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -156,21 +157,13 @@ def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:
     return sorted(found)
 
 
-def truth_of_table(
-    rows: Sequence[tuple[float, float, float]], recording: Recording, source: str,
-    begun: float = 0.0,
-) -> Truth:
-    """Put rows of pushes [s] on the stamps of a recording, begun at a time of its bag [s]."""
-    first = int(recording.stamp[0]) - round(begun * 1e9)
-    return Truth(source, tuple(KnownPush(
-        first + round(begin * 1e9), first + round(end * 1e9), early=round(early * 1e9))
-        for begin, end, early in rows))
-
-
 def truth_of_file(path: str | Path, bag: BagData) -> Truth:
     """Read the pushes of a bag, or of a part of it, from a table."""
     begun, _ = bag.choice.span(bag.choice.duration or 0.0)
-    return truth_of_table(table_of_pushes(path), bag.recording, str(path), begun)
+    first = int(bag.recording.stamp[0]) - round(begun * 1e9)
+    return Truth(str(path), tuple(KnownPush(
+        first + round(begin * 1e9), first + round(end * 1e9), early=round(early * 1e9))
+        for begin, end, early in table_of_pushes(path)))
 
 
 # -- Figures of collisions: how alarms are judged by the pushes that are known.
@@ -213,9 +206,9 @@ class CollisionScore:
                 'high': high / promised}
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class DetectedEvent:
-    """One event of a bag, as a person wants to know of it."""
+    """One event of a bag, as a person wants to know of it; it grows until it is over."""
 
     event: CollisionEvent  # what was found
     time: float  # from the first sample of the bag to certainty [s]
@@ -223,7 +216,12 @@ class DetectedEvent:
     ratio: float  # largest ratio to the collision threshold while it lasted
     seconds: float  # from the first sample above the threshold to the last
     push: int | None = None  # place of the push that it belongs to; None without one
-    contact: dict[str, Any] | None = None  # by `ContactRecord.summary`; None: unknown
+    touched: ContactRecord | None = None  # where contacts are estimated
+
+    @cached_property
+    def contact(self) -> dict[str, Any] | None:
+        """Say what touched the arm, by `ContactRecord.summary`; None where that is unknown."""
+        return None if self.touched is None else self.touched.summary() or None
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as JSON-ready dictionary."""
@@ -378,24 +376,15 @@ class MethodResult:
 
 
 @dataclass(slots=True)
-class _Open:
-    """An event that is not over."""
-
-    event: CollisionEvent
-    ratio: float
-    channel: str
-    last: int
-    touched: ContactRecord | None = None
-
-
-@dataclass(slots=True)
 class EventLog:
     """What a detector makes of a bag, sample after sample."""
 
+    first: int  # stamp of the first sample of the bag [ns]
+    truth: Truth  # pushes that there were
     stamps: list[int] = field(default_factory=list)
     ratios: list[float] = field(default_factory=list)
-    events: list[_Open] = field(default_factory=list)
-    under_way: _Open | None = None  # the last of the events, until it is over
+    events: list[DetectedEvent] = field(default_factory=list)
+    under_way: DetectedEvent | None = None  # the last of the events, until it is over
     # Contacts of the last moments: a touch begins before the detector is sure.
     recent: deque[ContactEstimate] = field(default_factory=lambda: deque(maxlen=RECENT))
 
@@ -407,14 +396,16 @@ class EventLog:
             self.stamps.append(stamp)
             self.ratios.append(ratio)
             if now is not None and ratio >= 1.0 and method == now.event.method:
-                now.last = stamp
+                now.seconds = (stamp - now.event.onset) * 1e-9
                 if ratio > now.ratio:
                     now.ratio = ratio
                     now.channel = list(now.event.ratios)[int(np.argmax(excess.collision))]
         for event in found.events:
             channel = max(event.ratios, key=lambda name: event.ratios[name])
-            now = _Open(event, event.ratios[channel], channel, event.stamp,
-                        None if watch.contact is None else watch.contact.record())
+            now = DetectedEvent(
+                event, (event.stamp - self.first) * 1e-9, channel, event.ratios[channel],
+                (event.stamp - event.onset) * 1e-9, push_of(event.stamp, self.truth.pushes),
+                None if watch.contact is None else watch.contact.record())
             self.events.append(now)
             if now.touched is not None:
                 for estimate in self.recent:
@@ -425,29 +416,19 @@ class EventLog:
                 now.touched.add(estimate)
         self.under_way = now if watch.level is Level.COLLISION else None
 
-    def sightings(self, first: int, truth: Truth) -> tuple[DetectedEvent, ...]:
-        """Give what was found, by the time since a stamp."""
-        return tuple(DetectedEvent(
-            item.event, (item.event.stamp - first) * 1e-9, item.channel, item.ratio,
-            (item.last - item.event.onset) * 1e-9, push_of(item.event.stamp, truth.pushes),
-            (item.touched.summary() or None) if item.touched is not None else None)
-            for item in self.events)
-
 
 def watch_bag(
     bundle: ModelBundle, settings: dict[str, MonitorSettings], name: str, recording: Recording,
     truth: Truth,
 ) -> dict[str, WatchedBag]:
     """Replay one bag past all methods: one filter and one predictor, a detector for each."""
-    if not settings:
-        return {}
     bundle = bundle.beside_robot()
     common = next(iter(settings.values()))
     front, predictor = StateFilter(bundle.preprocessing, common.gap), Predictor(
         bundle, common.kind, common.observer if recording.strain is not None else 'off')
     watches = {method: Watch(bundle, alone) for method, alone in settings.items()}
     outputs = {SOURCE[method] for method in settings}
-    logs = {method: EventLog() for method in settings}
+    logs = {method: EventLog(int(recording.stamp[0]), truth) for method in settings}
     for k, stamp in enumerate(recording.stamp.tolist()):
         motion = front.step(stamp, recording.q[k],
                             None if recording.dq is None else recording.dq[k])
@@ -459,14 +440,13 @@ def watch_bag(
             for found in (Found() if motion is None else watch.add_motion(motion, predicted),
                           watch.add_measured(SOURCE[method], stamp, values)):
                 logs[method].add(found, watch)
-    first = int(recording.stamp[0])
     result = {}
     for method, alone in settings.items():
         log = logs[method]
         at, ratio = np.array(log.stamps, dtype=np.int64), np.array(log.ratios)
         since = np.searchsorted(at, at - round(alone.detector.debounce * 1e9))
         held = np.array([ratio[a:k + 1].min() for k, a in enumerate(since.tolist())])
-        result[method] = WatchedBag(name, at, held, truth, log.sightings(first, truth))
+        result[method] = WatchedBag(name, at, held, truth, tuple(log.events))
     return result
 
 
@@ -477,13 +457,16 @@ def evaluate_collisions(
     truths: Sequence[Truth],
 ) -> list[MethodResult]:
     """Evaluate every method for which there are models, thresholds and signals."""
-    results = []
     chosen = {}  # for each method that can be judged the settings with which it works alone
     for method in METHODS:
         alone = replace(settings, methods=(method,))
         if method in Watch(bundle, alone).stages and all(
                 getattr(recording, SOURCE[method]) is not None for _, recording in bags):
             chosen[method] = alone
+    if not chosen:
+        raise UsageError('the model has no collision thresholds for efforts or strains of these '
+                         'bags; fit again with more bags in which nothing touches the arm')
+    results = []
     seen = [watch_bag(bundle, chosen, path, recording, within(truth, recording))
             for (path, recording), truth in zip(bags, truths, strict=True)]
     for method, alone in chosen.items():
@@ -491,9 +474,6 @@ def evaluate_collisions(
         found = score(watched, [item.alarms for item in watched])
         results.append(MethodResult(method, found, watched, roc_of(watched, found.hours),
                                     Watch(bundle.beside_robot(), alone).no_contact))
-    if not results:
-        raise UsageError('the model has no collision thresholds for efforts or strains of these '
-                         'bags; fit again with more bags in which nothing touches the arm')
     return results
 
 

@@ -91,23 +91,11 @@ class Record:
     """A gapless stretch to compare with."""
 
     q: FloatArray  # measured positions, (samples, joints) [rad or m]
-    dt: FloatArray  # time since the sample before, (samples,) [s]
+    dt: FloatArray  # time since the sample before, (samples,) [s]; 0 where nothing was before
     strain: FloatArray  # readings in their units, (samples, gauges)
     skip: int = 0  # samples at the beginning that do not count
     payload: float | None = None  # mass at the tip [kg]; None where it is among the parameters
     before: FloatArray | None = None  # `[dt, q]` of the motion just before, (earlier, 1 + joints)
-
-    @property
-    def times(self) -> FloatArray:
-        """Time since the sample before; 0 at the first where nothing was before it [s]."""
-        dt = np.array(self.dt, dtype=float)
-        if self.before is None or not len(self.before):
-            dt[0] = 0.0
-        return dt
-
-    def with_payload(self, values: dict[str, float]) -> dict[str, float]:
-        """Give these parameters with the payload of this record where it is known."""
-        return values if self.payload is None else {**values, 'payload': self.payload}
 
     def head(self, seconds: float) -> Record:
         """Take the first seconds of the record."""
@@ -224,13 +212,13 @@ class Simulations:
         found, begin = [], 0
         with self._borrowed(1) as (driven,):
             for record in self._records:
-                driven.set_parameters(record.with_payload(self._values(x)))
+                driven.set_parameters(self._values(x, record))
                 end = begin + len(record.q) - record.skip
                 shown = np.vstack([record.strain[:record.skip], strain[begin:end]])
                 begin, measured = end, (shown - gauges[:, 1]) / gauges[:, 0]
                 try:
                     found.append((measured, driven.gains_along(
-                        record.q, record.times, measured, deviation, bandwidth, record.before)))
+                        record.q, record.dt, measured, deviation, bandwidth, record.before)))
                 except SimulationError:
                     return False
         self.towards = found
@@ -267,7 +255,7 @@ class Simulations:
         ready = []
         for i, x in enumerate(vectors):
             try:
-                arms[i].set_parameters(record.with_payload(self._values(x)))
+                arms[i].set_parameters(self._values(x, record))
                 arms[i].begin(record.before)
             except SimulationError:
                 continue
@@ -279,13 +267,15 @@ class Simulations:
             shown, gains = self.towards[k]
             measured = [shown / np.exp(vectors[i][n:]) for i in ready]
         found = follow_together(
-            [arms[i] for i in ready], record.q, record.times, measured, gains)
+            [arms[i] for i in ready], record.q, record.dt, measured, gains)
         for i, moment in zip(ready, found, strict=True):
             moments[i] = None if moment is None else moment[record.skip:]
         return moments
 
-    def _values(self, x: FloatArray) -> dict[str, float]:
-        return {**self._fixed, **dict(zip(self._names, np.exp(x).tolist(), strict=False))}
+    def _values(self, x: FloatArray, record: Record) -> dict[str, float]:
+        known = {} if record.payload is None else {'payload': record.payload}
+        searched = dict(zip(self._names, np.exp(x).tolist(), strict=False))
+        return {**self._fixed, **searched, **known}
 
 
 # -- The least-squares problem of the elastic model: simulated against measured strain.
@@ -321,14 +311,10 @@ class Problem:
         self._last: list[tuple[FloatArray, FloatArray | None]] = []
         self._gains: FloatArray | None = None
 
-    @property
-    def unknowns(self) -> int:
-        """Length of the vectors: parameters, and logarithms of gains where they draw."""
-        return len(self.names) + (0 if self._gains is None else self.strain.shape[1])
-
     def extended(self, x: FloatArray) -> FloatArray:
-        """Give the vector of these parameters (names,), with the gains as they were when drawn."""
-        return np.concatenate([x[:len(self.names)], np.zeros(self.unknowns - len(self.names))])
+        """Give these parameters, and where gains draw their logarithms: (unknowns,)."""
+        gains = 0 if self._gains is None else self.strain.shape[1]
+        return np.concatenate([x[:len(self.names)], np.zeros(gains)])
 
     def moments(self, x: FloatArray) -> FloatArray | None:
         """Simulate the moments at the gauges (samples, gauges) [N m]; None where impossible."""
@@ -404,26 +390,21 @@ class Problem:
                 errors, (x[:len(self.names)] - self.center) / self.width]))
         return result
 
-    def slopes(self, x: FloatArray) -> FloatArray:
-        """Differentiate the moments by each unknown: (unknowns, samples, gauges)."""
-        here = self.moments(x)
-        if here is None:
-            return np.zeros((len(x), *self.strain.shape))
-
+    def slopes(self, x: FloatArray, here: FloatArray) -> FloatArray:
+        """Differentiate the moments, those here, by each unknown: (unknowns, samples, gauges)."""
         return np.array([
             np.zeros_like(here) if there is None else (there - here) / STEP
             for there in self.simulations.several(list(x + STEP * np.eye(len(x))))])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Differentiate ``residuals``; what a gain or an offset can take up is left out."""
-        slopes = self.slopes(x)
         moments = self.moments(x)
         size, n = self.strain.size, len(self.names)
         result = np.zeros((size + n, len(x)))
         result[size:, :n] = np.diag(1.0 / self.width)
         if moments is None:
             return result
-        gains = self.gauges(moments, x)
+        slopes, gains = self.slopes(x, moments), self.gauges(moments, x)
         shape = self.strain.shape
         for g in range(shape[1]):
             w = self.weights[:, g]
@@ -521,8 +502,8 @@ def _covariance(problem: Problem, x: FloatArray) -> FloatArray:
     The errors of neighbouring samples belong together, so each cluster of them counts as one
     observation (Liang and Zeger 1986); plain least squares would promise ten times too much.
     """
-    slopes = problem.slopes(x)
     moments, errors, gains = problem.compared(x)
+    slopes = problem.slopes(x, moments)
     n, gauges = len(problem.names), gains.shape[0]
     p = n + 2 * gauges
     # gains act on the moments as well while these are drawn

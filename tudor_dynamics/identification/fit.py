@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 import math
@@ -39,7 +38,7 @@ from tudor_dynamics.identification.ringdowns import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
     Case, cases_of, judge, method_of, noise_floor, random_split, validated, Validation,
     Verdict)
-from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings
+from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings, Range
 from tudor_dynamics.models.bundle import KINDS
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import (
@@ -145,6 +144,7 @@ def blank(kind: str, arm: Arm, output: str, settings: ModelSettings) -> Memoryle
     return made.new(arm, output, settings)
 
 
+@dataclass(eq=False)
 class RowTrainer:
     """
     Fits models without a memory to what parts of the data, such as bags, come to.
@@ -153,16 +153,16 @@ class RowTrainer:
     triangular factors; those that are there already need no data.
     """
 
-    def __init__(self, kind: str, arm: Arm, settings: ModelSettings) -> None:
-        self.kind, self.arm, self.settings = kind, arm, settings
-        self.sums: dict[str, dict[tuple[str, bool], Any]] = {}
+    kind: str
+    arm: Arm
+    settings: ModelSettings
+    sums: dict[str, dict[tuple[str, bool], Any]] = field(default_factory=dict)
 
     def fit(self, bags: Sequence[BagData], output: str) -> MemorylessModel:
         """Fit the model of one output to bags."""
         model = blank(self.kind, self.arm, output, self.settings)
-        with_payload = self.settings.payloads is not None
-        return model.fit_parts({str(bag.choice): training_blocks(
-            [bag], output, with_payload=with_payload, inputs=model.inputs) for bag in bags},
+        return model.fit_parts(
+            {str(bag.choice): training_blocks([bag], output, model) for bag in bags},
             self.sums.setdefault(output, {}))
 
 
@@ -186,26 +186,14 @@ def check_arm(arm: Arm) -> None:
                        'motors') from None
 
 
-def check_kinds(
-    kinds: Iterable[str], arm: Arm, bags: Sequence[BagData] | None = None,
-) -> None:
-    """Refuse an arm or bags that a kind cannot learn from, before hours of work and not after."""
-    if ELASTIC in kinds:
-        check_arm(arm)
-        if bags is not None:
-            records_of(bags)
-
-
 def _tell(arm: Arm, found: Identified) -> None:
     """Warn where strain does not separate a gear from the link after it."""
     values = {p.name: p for p in found.physical}
     for joint in arm.active_joints:
-        both = [values.get(f'{kind}({joint})') for kind in ('gear', 'bending')]
-        if None in both:
-            continue
-        if {f'gear({joint})', f'bending({joint})'} & {*found.untold} or any(
-                p is not None and not p.shown and p.standard_error > UNTOLD * p.value
-                for p in both):
+        both = {f'gear({joint})', f'bending({joint})'}
+        if both <= {*values} and (both & {*found.untold} or any(
+                not p.shown and p.standard_error > UNTOLD * p.value
+                for p in map(values.__getitem__, both))):
             single = sum(gauge.joint == joint for gauge in arm.gauges) < 2
             msg = (f'{arm.name}: the strain of these bags does not show how the gear of {joint} '
                    'and the link after it share their compliance; predictions hold on similar '
@@ -228,6 +216,7 @@ def _searched(
     return identify(arm, records, warm=warm, progress=progress)
 
 
+@dataclass(eq=False)
 class ElasticTrainer:
     """
     Fits elastic models to all bags, then to parts of them, each as if it had seen nothing else.
@@ -238,19 +227,14 @@ class ElasticTrainer:
     out to judge a model by has a hand in it.
     """
 
-    def __init__(
-        self, arm: Arm, payload_range: tuple[float, float] | None = None,
-        progress: Progress = lambda _: None, warm: Mapping[str, float] | None = None,
-        kept: BagData | None = None, known: Searches | None = None,
-    ) -> None:
-        self.arm = arm
-        self.payload_range = payload_range
-        self.progress = progress
-        self._warm = warm
-        self._kept = () if kept is None else (kept,)
-        self._all: Sequence[BagData] = ()
-        self._known = known or {}
-        self.searches: dict[tuple[str, ...], Identified] = {}
+    arm: Arm
+    payload_range: Range | None = None
+    progress: Progress = lambda _: None
+    warm: Mapping[str, float] | None = None  # where each search begins
+    kept: Sequence[BagData] = ()  # part of an only bag, whose rest is held out
+    known: Searches = field(default_factory=dict)  # searches of the same bags by other filters
+    searches: dict[tuple[str, ...], Identified] = field(default_factory=dict)
+    _all: Sequence[BagData] = ()
 
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
         """Fit the model of one output."""
@@ -272,32 +256,25 @@ class ElasticTrainer:
     def prepare(self, parts: Sequence[Sequence[BagData]]) -> None:
         """Search for all that is going to be asked, several searches at a time."""
         self._all = self._all or parts[0]
-        todo: dict[tuple[str, ...], Sequence[BagData]] = {}
-        for bags in parts:
-            if _names(bags) in self.searches:
-                continue
-            for some in (self._less(bags), bags):
-                if some and _names(some) not in self.searches:
-                    todo[_names(some)] = some
-        while todo:
-            ready = {key: bags for key, bags in todo.items()
-                     if _names(self._less(bags)) not in todo}
+        whole = _names(self._all)
+        wanted = [bags for bags in parts if _names(bags) not in self.searches]
+        # first what others begin from, and what begins from nothing
+        for some in ([self._less(bags) or bags for bags in wanted], wanted):
+            todo = {_names(bags): bags for bags in some if _names(bags) not in self.searches}
             searches = [partial(_searched, self.arm, records_of(bags), self._begin(bags),
-                                self._known.get(key)) for key, bags in ready.items()]
-            self.searches.update(zip(ready, shared_out(searches, self.progress), strict=True))
-            todo = {key: bags for key, bags in todo.items() if key not in ready}
-            whole = _names(self._all)
-            if whole in ready and whole not in self._known:  # otherwise it was reported
+                                self.known.get(key)) for key, bags in todo.items()]
+            self.searches.update(zip(todo, shared_out(searches, self.progress), strict=True))
+            if whole in todo and whole not in self.known:  # otherwise it was reported
                 _tell(self.arm, self.searches[whole])
 
     def _less(self, bags: Sequence[BagData]) -> Sequence[BagData]:
         """Say which of the bags a search is done for before; none where it begins from nothing."""
-        if self._warm is not None or _names(bags) in self._known:
+        if self.warm is not None or _names(bags) in self.known:
             return ()
         middle = len(self._all) // 2
         less: Sequence[BagData] = ()
         if _names(bags) == _names(self._all):
-            less = self._kept
+            less = self.kept
         elif middle:
             less = next((half for half in (self._all[:middle], self._all[middle:])
                          if {*_names(half)} < {*_names(bags)}), ())
@@ -307,8 +284,8 @@ class ElasticTrainer:
 
     def _begin(self, bags: Sequence[BagData]) -> dict[str, float] | None:
         """Say where a search begins, by nothing but the bags it is given."""
-        if self._warm is not None:
-            return dict(self._warm)
+        if self.warm is not None:
+            return dict(self.warm)
         less = self._less(bags)
         return {p.name: p.value for p in self.searches[_names(less)].physical} if less else None
 
@@ -328,8 +305,7 @@ class ElasticTrainer:
                 efforts.append(stretch.decimation(stretch.effort))
         effort = np.vstack(efforts)
         values, errors, noises = [], [], []
-        for i in range(effort.shape[1]):
-            columns = np.vstack([part[i] for part in rows])
+        for i, columns in enumerate(map(np.vstack, zip(*rows, strict=True))):
             size = np.linalg.norm(columns, axis=0)
             size[size == 0.0] = 1.0
             scaled = columns / size
@@ -482,7 +458,6 @@ def fit_models(
 ) -> FitResult:
     """Fit every model to the training bags and validate it."""
     settings = settings.settled()
-    check_kinds(settings.kinds, arm, training)
     outputs = common_outputs([*training, *test])
     if not outputs:
         have = {str(bag.choice): [o for o in OUTPUTS if bag.has(o)] for bag in (*training, *test)}
@@ -496,7 +471,7 @@ def fit_models(
             warnings.warn(notes[-1], TudorWarning, stacklevel=2)
     fitted = []
     elastic = ElasticTrainer(arm, settings.payloads, progress, settings.elastic_start,
-                             None if holdout is None else holdout.first, known)
+                             () if holdout is None else (holdout.first,), known or {})
     trainers = {kind: elastic if kind == ELASTIC else RowTrainer(kind, arm, settings)
                 for kind in settings.kinds}
     others = left_out(training, preprocessing)
@@ -551,11 +526,9 @@ def _fit_one(
         first, last = holdout.first, holdout.last
         share = last.recording.t[-1] / (first.recording.t[-1] + last.recording.t[-1])
         method = f'the last {100 * share:.0f} % of the only bag, fitted to the rest'
-        blind: RowTrainer | ElasticTrainer = RowTrainer(
-            kind, holdout.arm, holdout.settings.settled())
-        if isinstance(trainer, ElasticTrainer):  # what strain shows does not depend on friction
-            blind = copy(trainer)
-            blind.arm = holdout.arm
+        # what strain shows does not depend on friction
+        blind = (replace(trainer, arm=holdout.arm) if isinstance(trainer, ElasticTrainer) else
+                 RowTrainer(kind, holdout.arm, holdout.settings.settled()))
         cases = cases_of(blind.fit([first], output), [last])
     else:
         raise FitError('the fit cannot be judged with one training bag and no test bag; give a '

@@ -79,7 +79,6 @@ def watched(bag: BagData) -> list[Watched]:
 
 # -- How far off a load is that a model tells, on motion with a known load that it has not seen
 
-ERRORS_KIND = 'analytical'  # kind of model that loads are estimated with
 PARTS = 4  # into which all training bags are cut; each part is left out once
 
 
@@ -87,18 +86,16 @@ def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str
     """Let models of a part of the training motion tell the known load of the rest."""
     # what their errors have beyond the standard deviations of their own residuals is the error of
     # the models, a little more than that of a model of all the motion
-    pieces = []
-    for i in range(PARTS):
-        try:
-            pieces.append([part(bag, i / PARTS, (i + 1) / PARTS, result.preprocessing)
-                           for bag in result.training])
-        except TudorError:
-            return {}  # too short to be cut
+    try:
+        pieces = [[part(bag, i / PARTS, (i + 1) / PARTS, result.preprocessing)
+                   for bag in result.training] for i in range(PARTS)]
+    except TudorError:
+        return {}  # too short to be cut
     found = {}
     for item in result.fitted:
-        if item.kind != ERRORS_KIND:
+        if item.kind != KIND:
             continue
-        trainer = RowTrainer(ERRORS_KIND, result.arm, result.settings)
+        trainer = RowTrainer(KIND, result.arm, result.settings)
         errors, variances = [], []
         for i, left in enumerate(pieces):
             known = [bag for j, bags in enumerate(pieces) if j != i for bag in bags]

@@ -34,7 +34,7 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.fit import (
     enough, FitResult, FitSettings, FittedOutput, result_of)
 from tudor_dynamics.identification.passes import (
-    Folder, go_through, Judged, Judging, Part, Pass, Place, Summing, survey, Task)
+    forget, go_through, Judged, Judging, Part, Pass, Place, Summing, survey, Task)
 from tudor_dynamics.identification.validation import (
     cases_of, method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -66,8 +66,7 @@ def fold_models(
         progress('add up')
         for place, part in gathered.kept(seen).parts.items():
             folds = parts.setdefault(place, {})
-            known = folds.get(seen.fold)
-            folds[seen.fold] = part if known is None else summed([known, part])
+            folds[seen.fold] = summed([folds[seen.fold], part]) if seen.fold in folds else part
     progress('fit')
     found = {}
     for (number, output), folds in parts.items():
@@ -95,9 +94,6 @@ def light(model: AnalyticalModel) -> AnalyticalModel:
 
 
 FROM = 33  # bags from which a fit is streamed without being asked to
-SAMPLE = 8
-"""Bags that stay in memory, for choices, thresholds and figures; what they take is in
-bench/many_bags.py."""
 WARNED = 5  # bags left out that are warned of one by one
 
 
@@ -107,7 +103,7 @@ class Streaming:
 
     # Where what each bag came to is kept, to go on after an interruption; else in a folder that is
     # removed.
-    store: Folder | None = None
+    store: Path | None = None
     jobs: int = 1  # number of processes
     strict: bool = False  # refuse a bag that cannot be used, in place of leaving it out
 
@@ -176,7 +172,7 @@ class ManyBags:
         place = self.base if elsewhere() else None
         with TemporaryDirectory(prefix='tudor_', dir=place) as scratch:
             task = Task(chosen.arm, tuple(specs), self.outputs, chosen.settings, self.base,
-                        self.streaming.store or Folder(Path(scratch)))
+                        self.streaming.store or Path(scratch))
             gathered, learned = self._gathered(task)
             models = fold_models(gathered, self.progress)
             judged, errors = self._judged(gathered, models)
@@ -241,7 +237,7 @@ class ManyBags:
                 for which, tally in trial.kept(seen).errors.items():
                     sums[which] = sums[which] + tally if which in sums else tally
         passes: list[Pass[Any]] = [gathered, *trials]
-        gathered.task.store.forget({each.name(seen) for each in passes for seen in each.bags})
+        forget(gathered.task.store, {each.name(seen) for each in passes for seen in each.bags})
         return judged, sums
 
     def _refuse_few(self, used: Sequence[object], given: Sequence[object]) -> None:
@@ -297,7 +293,7 @@ class ManyBags:
 
     def _sample(self, seen: Sequence[SurveyedBag]) -> list[BagData]:
         """Read some bags, evenly among all; those that cannot be read are named later."""
-        return spread_sample(seen, SAMPLE, lambda item: load(
+        return spread_sample(seen, lambda item: load(
             item.choice, self.arm, self.spec, learn=True, payload=item.payload))
 
     def _outputs(self, bags: Sequence[BagData]) -> tuple[str, ...]:

@@ -229,7 +229,7 @@ class Assessment:
 def assess(result: FitResult, out: Path | None = None) -> Assessment:
     """Judge a fit by what it is to be used for; out: where its model is written."""
     # on the robot filters are causal: thresholds are those of the models that run there
-    live = result if result.causal is None else result.causal
+    live = result.causal or result
     learned, reasons = learn_all([(item.output, item.kind, item.unseen) for item in live.fitted],
                                  live.preprocessing)
     uses: list[Use] = []

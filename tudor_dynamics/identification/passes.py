@@ -15,7 +15,7 @@
 """
 Passes over many bags: survey, products, errors of models; one bag after the other.
 
-What a bag comes to is a file in a `Folder`, under a name of all that it depends on: memory does
+What a bag comes to is a file in a folder, under a name of all that it depends on: memory does
 not grow with the number of bags, and an interrupted fit goes on.
 """
 
@@ -58,28 +58,11 @@ SUFFIX = '.sums'  # of the directory next to a bundle in which sums are kept
 Place = tuple[int, str]  # number of the filters among those of a task, and the output
 
 
-@dataclass(frozen=True)
-class Folder:
-    """What bags came to: a directory with a file for each, made where it is not."""
-
-    path: Path  # processes and machines that go through the bags all see it
-
-    def read(self, name: str) -> bytes | None:
-        """Read what was kept; None where nothing is."""
-        try:
-            return read_bounded(self.path / name, LARGEST)
-        except (OSError, ValueError):
-            return None
-
-    def write(self, name: str, content: bytes) -> None:
-        """Keep something, whole or not at all."""
-        write_whole(self.path / name, content)
-
-    def forget(self, used: Collection[str]) -> None:
-        """Remove what bags came to under settings or sources of before."""
-        for file in self.path.iterdir():
-            if file.name not in used and NAME.fullmatch(file.name):
-                file.unlink(missing_ok=True)
+def forget(store: Path, used: Collection[str]) -> None:
+    """Remove what bags came to under settings or sources of before."""
+    for file in store.iterdir():
+        if file.name not in used and NAME.fullmatch(file.name):
+            file.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +74,7 @@ class Task:
     outputs: tuple[str, ...]  # outputs that every bag must have
     settings: FitSettings  # settings with nothing left open
     base: Path  # directory that the names of bags are relative to
-    store: Folder  # where sums are kept
+    store: Path  # where sums are kept; processes and machines that go through bags all see it
     # Version of the package, by its sources.
     source: str = field(default_factory=lambda: source_digest(PARTS))
 
@@ -217,9 +200,8 @@ class Pass(ABC, Generic[Kept]):
     def found(self, seen: SurveyedBag) -> Kept | None:
         """Read what is kept of a bag; None where nothing whole is."""
         try:
-            whole: Kept = self.form.loaded(self.task.store.read(self.name(seen)) or b'')
-            return whole
-        except (TudorError, ValueError, KeyError, TypeError):
+            return self.form.loaded(read_bounded(self.task.store / self.name(seen), LARGEST))
+        except (OSError, TudorError, ValueError, KeyError, TypeError):
             return None
 
     def kept(self, seen: SurveyedBag) -> Kept:
@@ -227,7 +209,7 @@ class Pass(ABC, Generic[Kept]):
         found = self.found(seen)
         if found is None:
             raise FitError('the intermediate results of a bag cannot be read',
-                           place=self.task.store.path / self.name(seen),
+                           place=self.task.store / self.name(seen),
                            remedy='fit again; do not change this folder during the fit, and let '
                                   'every machine of the fit read it')
         return found
@@ -255,9 +237,8 @@ class Summing(Pass[BagSums]):
         """Multiply a bag out."""
         data = self.by_each_filter(seen)
         return BagSums(facts_of(data[0]), {
-            (number, output): model.products(training_blocks(
-                [bag], output, with_payload=self.task.settings.payloads is not None,
-                inputs=model.inputs), triangular=True)
+            (number, output): model.products(training_blocks([bag], output, model),
+                                             triangular=True)
             for number, bag in enumerate(data) for output, model in self._models.items()})
 
     @cached_property
@@ -340,7 +321,7 @@ def _gone_through(piece: Pass[Any], count: Count) -> Found:
                 kept = piece.found(seen)
                 if kept is None:
                     kept = piece.made(seen)
-                    piece.task.store.write(piece.name(seen), kept.dumped())
+                    write_whole(piece.task.store / piece.name(seen), kept.dumped())
                 found.append(kept.facts)
             except TudorError as err:
                 found.append(_unused(str(seen.choice), err, piece.task.base))

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 from typing import Any
 
@@ -133,8 +133,6 @@ def as_plain(learned: Mapping[tuple[str, str], MethodThresholds]) -> dict[str, A
 
 def marks(model: Model, arm: Arm, bag: BagData) -> tuple[str, ...]:
     """Look in a model of efforts for what no arm can be: negative inertias, a weight far off."""
-    if model.has_memory:
-        return ()
     still = _at_rest(bag, settings.PHYSICS_POSES)
     rest = model.predict(still)
     return (*_inertias(model, still, rest), *_weights(model, arm, still, rest))
@@ -278,12 +276,8 @@ def _tip(item: FittedOutput, arm: Arm) -> _Tip | None:
     _, bag = item.validation.cases[0]
     still = _at_rest(bag, settings.TIP_POSES)
     scale = _scale(item, arm, bag)
-    sides = []
-    for axis in np.eye(3):
-        # a kilogram in this gravity is a newton
-        model = arm.full_model.copy()
-        model.gravity.linear = axis
-        sides.append(LoadRows(replace(arm, full_model=model), item.output).point(still) * scale)
+    # a kilogram in a gravity of one is a newton
+    sides = [LoadRows(arm.under(axis), item.output).point(still) * scale for axis in np.eye(3)]
     constants = np.array([joint.effort.torque_constant or 1.0 for joint in arm.joints])
     torque = scale / constants if item.output == 'effort' else scale
     return _Tip(still, torque, np.stack(sides, axis=2),

@@ -413,9 +413,10 @@ def judge(
     scores = validation.score.channels
     floors = dict(zip(scores, noise, strict=True)) if len(noise) else dict.fromkeys(scores, 0.0)
     still = [name for name, item in scores.items() if math.isnan(item.fit)]
+    dead = (f'{", ".join(still)} never changed on {validation.method}: a dead sensor has no fit; '
+            f'do not use {"this channel" if len(still) == 1 else "these channels"}')
     if len(still) == len(scores):
-        return Verdict(Grade.DO_NOT_USE, (_dead(still, validation.method),),
-                       dict.fromkeys(scores, Grade.DO_NOT_USE))
+        return Verdict(Grade.DO_NOT_USE, (dead,), dict.fromkeys(scores, Grade.DO_NOT_USE))
     levels = {name: Grade.DO_NOT_USE if name in still else level_of(item, floors[name])
               for name, item in scores.items()}
     total = math.sqrt(sum(floor**2 for floor in floors.values()) / len(floors))
@@ -424,7 +425,7 @@ def judge(
     reasons += [f'{name}: its error of {item.rmse:.3g} is near the noise of {floors[name]:.3g}, '
                 'no model does much better' for name, item in scores.items()
                 if name not in still and item.rmse <= NOISE_LIMITED * floors[name]]
-    doubts = [_dead(still, validation.method)] if still else []
+    doubts = [dead] if still else []
     order = list(Grade)
     doubts += [f'channel {name} alone has {scores[name].fit:.1f} %, relative error '
                f'{100.0 * scores[name].relative_error:.0f} %: '
@@ -452,8 +453,3 @@ def _figures(validation: Validation) -> str:
     shown = math.floor(10.0 * fit) / 10.0  # never rounded up over a bound
     return (f'fit {shown:.1f} % ({bound}) on {validation.method}, relative error '
             f'{100.0 * validation.score.relative_error:.1f} %')
-
-
-def _dead(channels: Sequence[str], method: str) -> str:
-    return (f'{", ".join(channels)} never changed on {method}: a dead sensor has no fit; do not '
-            f'use {"this channel" if len(channels) == 1 else "these channels"}')

@@ -40,7 +40,6 @@ AGAIN = 'fit the model again'
 # -- What models learn from: blocks of motion with their outputs, checked
 
 Blocks = Callable[[], Iterable[TrainingBlock]]
-Inputs = Callable[[Stretch], FloatArray]  # what a model takes of a stretch, a row a sample
 
 
 def block_of(motion: FloatArray, output: FloatArray) -> Blocks:

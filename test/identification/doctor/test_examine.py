@@ -27,7 +27,6 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification.dataset import BagChoice, BagData
-from tudor_dynamics.identification.doctor.alternatives import with_gravity
 from tudor_dynamics.identification.doctor.between import examine_bags
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
@@ -106,7 +105,7 @@ def test_exchanged_names() -> None:
 
 def test_gravity_along_another_axis() -> None:
     """The right axis is named, with the angle between the two."""
-    finding, = examine(with_gravity(_arm(), np.array([9.81, 0.0, 0.0])), _bag()).findings
+    finding, = examine(_arm().under(np.array([9.81, 0.0, 0.0])), _bag()).findings
     assert (finding.kind, finding.size) == ('gravity_axis', pytest.approx(90.0))
     assert '-9.81' in finding.remedy
 

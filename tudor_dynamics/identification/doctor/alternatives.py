@@ -24,7 +24,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
@@ -85,13 +84,6 @@ class Alternative:
                      remedy=self.remedy, measure=UNSEEN)
 
 
-def with_gravity(arm: Arm, gravity: FloatArray) -> Arm:
-    """Give an arm with another gravity: gravity (3,) [m/s^2]."""
-    model = pin.Model(arm.full_model)
-    model.gravity = pin.Motion(np.asarray(gravity, dtype=float), np.zeros(3))
-    return replace(arm.changed(gravity=tuple(float(x) for x in gravity)), full_model=model)
-
-
 def _scaled(n: int, i: int, factor: float) -> FloatArray:
     return np.diag(np.where(np.arange(n) == i, factor, 1.0))
 
@@ -139,7 +131,7 @@ def tilted(case: Case, gravity: FloatArray) -> Alternative:
     g = np.round(gravity, 2) + 0.0
     angle = float(np.degrees(np.arccos(np.clip(
         g @ own / (np.linalg.norm(g) * np.linalg.norm(own)), -1.0, 1.0))))
-    arm = with_gravity(case.arm, gravity)
+    arm = case.arm.under(gravity)
     return Alternative(
         case, 'gravity_axis', (), case.explained(arm=arm),
         f'the data fit gravity along {axis_name(g)} of the base frame, but the arm description '

@@ -138,17 +138,14 @@ def _scales(cases: Sequence[Case], pairs: Pairs, output: str) -> list[Finding]:
         names = tuple(name for name, _ in found_there)
         here, there = cases[j].recording.path, cases[0 if j else 1].recording.path
         what = f'{"effort of" if output == "effort" else "gauge"} {", ".join(names)}'
-        if of_unit:
-            size = float(np.median([size for _, size in found_there]))
-            findings.append(found(
-                f'{output}_unit', f'{what} is {size:.3g} times as large as in {there}: the units '
-                'differ', here, names, size=size, now=size, otherwise=1.0, measure=SLOPE,
-                remedy='give only bags that have the units of the arm description'))
-        else:
-            findings.append(found(
-                'effort_sign' if output == 'effort' else 'gauge_sign',
-                f'{what} has the opposite sign compared with {there}', here, names, size=-1.0,
-                now=-1.0, otherwise=1.0, measure=SLOPE, remedy=CHECKS['gauge_sign'].remedy))
+        size = float(np.median([size for _, size in found_there])) if of_unit else -1.0
+        kind, text, remedy = (
+            f'{output}_unit', f'is {size:.3g} times as large as in {there}: the units differ',
+            'give only bags that have the units of the arm description') if of_unit else (
+            'effort_sign' if output == 'effort' else 'gauge_sign',
+            f'has the opposite sign compared with {there}', CHECKS['gauge_sign'].remedy)
+        findings.append(found(kind, f'{what} {text}', here, names, size=size, now=size,
+                              otherwise=1.0, measure=SLOPE, remedy=remedy))
     return findings
 
 
@@ -212,13 +209,12 @@ def _loads(
         shown = ' and '.join(f'{masses[k]:g}' for k, _ in chosen)
         return [found('payload_wrong', f'the stated payloads of {shown} kg contradict each '
                       'other: one of them is wrong', ', '.join(names[k] for k, _ in chosen))]
-    load = 'a different one' if math.isnan(mass) else f'about {max(mass, 0.0):.2g} kg'
-    what = f'the stated payload is {masses[j]:g} kg, but the other bags suggest {load}'
+    what = f'the stated payload is {masses[j]:g} kg, but the other bags suggest'
     if math.isnan(mass):
-        return [found('payload_wrong', what, names[j])]
+        return [found('payload_wrong', f'{what} a different one', names[j])]
     mass = max(mass, 0.0)
-    return [found('payload_wrong', what, names[j], size=mass, now=float(masses[j]),
-                  otherwise=mass)]
+    return [found('payload_wrong', f'{what} about {mass:.2g} kg', names[j], size=mass,
+                  now=float(masses[j]), otherwise=mass)]
 
 
 def _heavier(

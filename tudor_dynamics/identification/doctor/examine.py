@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -317,7 +318,7 @@ class Trials:
         self._settings = None if chosen is None else chosen.settings
         self._sound = {name: np.all([case.sound[name] for case in cases], axis=0)
                        for name in cases[0].outputs if all(name in one.outputs for one in cases)}
-        self._before: dict[tuple[Alternative | None, str], FloatArray] = {}  # of remedy, filters
+        self._before = cache(self._shares)  # what several remedies are compared with
 
     def paying(
         self, usual: Sequence[Alternative], proposed: Sequence[Sequence[Alternative]],
@@ -329,7 +330,7 @@ class Trials:
         likeliest = sorted(groups.values(), key=lambda group: -sum(one.gain for one in group))
         spec = self._slower(usual) if likeliest else self._spec
         tried = [(errors[::-1], group) for group in likeliest[:settings.LIKELIEST]
-                 if (errors := self._try(group[0], settings.PAYING, spec, None)) is not None
+                 if (errors := self._try(group[0], settings.PAYING, spec, usual[0])) is not None
                  and (group[0].kind != 'joint_scale' or errors[1] < settings.RESCALED * errors[0])]
         (otherwise, now), best = min(tried, key=lambda item: item[0], default=((0.0, 0.0), []))
         return [next((replace(one, unseen=(now, otherwise)) for one in best
@@ -339,7 +340,7 @@ class Trials:
         self, chosen: Sequence[Alternative], found: Sequence[Sequence[Alternative]],
     ) -> list[list[Finding]]:
         """Give the lags of each bag that pay on all of them: the likeliest of each output."""
-        base = next((item for item in chosen if item.kind), None)
+        base = next((item for item in chosen if item.kind), chosen[0])
         spec = self._slower(chosen) if any(found) else self._spec
         paid = {}
         for name in self._sound:
@@ -369,8 +370,7 @@ class Trials:
             'filter': 'zero_phase', 'cutoff': settings.BELOW_RINGING * min(peaks)})
 
     def _try(
-        self, remedy: Alternative, least: float, spec: PreprocessingSpec,
-        base: Alternative | None,
+        self, remedy: Alternative, least: float, spec: PreprocessingSpec, base: Alternative,
     ) -> tuple[float, float] | None:
         """Give relative errors without a remedy and with it; None if it loses."""
         names = np.concatenate([np.array(self.cases[0].bodies[output].channels)[sound]
@@ -382,10 +382,7 @@ class Trials:
         if bent:  # velocities are not those of a position that errs
             spec = spec.model_copy(update={'measured_velocity': False})
         try:
-            without = base, spec.model_dump_json()
-            if without not in self._before:
-                self._before[without] = self._shares(base, spec)
-            before = self._before[without][:, judged]
+            before = self._before(base, spec)[:, judged]
             after = self._shares(remedy, spec)[:, judged]
         except TudorError:
             return None  # too short for the filters, or nothing is left to be predicted
@@ -396,12 +393,12 @@ class Trials:
         pays = otherwise < min(now, settings.PREDICTED) and gains.mean() > max(least, errors)
         return (now, otherwise) if pays else None
 
-    def _shares(self, remedy: Alternative | None, spec: PreprocessingSpec) -> FloatArray:
+    def _shares(self, remedy: Alternative, spec: PreprocessingSpec) -> FloatArray:
         """Give squared errors over the power of a part, (parts, channels), 1 at most."""
         bags = [filtered(BagData(
             BagChoice(case.recording.path), remedied(case, remedy), (), payload), spec)
             for case, payload in zip(self.cases, self._payloads, strict=True)]
-        arm = remedy.arm if remedy is not None and remedy.arm is not None else self.cases[0].arm
+        arm = remedy.arm or self.cases[0].arm
         found = []
         for output, sound in self._sound.items():
             joints = self._joints if output == 'effort' else []
@@ -415,7 +412,7 @@ class Trials:
         return np.hstack(found)
 
 
-def remedied(case: Case, remedy: Alternative | None) -> Recording:
+def remedied(case: Case, remedy: Alternative) -> Recording:
     """Give the recording of a bag as it would be with a remedy."""
     recording = case.recording
     changed: dict[str, Any] = {'earlier': None}
@@ -423,12 +420,11 @@ def remedied(case: Case, remedy: Alternative | None) -> Recording:
         values = getattr(recording, name)
         if name == 'effort':
             values = values / [case.units.get(joint, 1.0) for joint in case.arm.active_joints]
-        if remedy is not None and name in remedy.mixed:
+        if name in remedy.mixed:
             values = values @ remedy.mixed[name]
-        if remedy is not None and name in remedy.late:
+        if name in remedy.late:
             values = np.vstack([
                 remedy.late[name].undone(t, values[part], t) for part in recording.segments
                 if len(t := recording.t[part])])
         changed[name] = values
-    done = replace(recording, **changed)
-    return done if remedy is None else remedy.mended(done)
+    return remedy.mended(replace(recording, **changed))

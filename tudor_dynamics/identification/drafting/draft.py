@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import compress
 import math
 import os
 from pathlib import Path
@@ -234,27 +235,23 @@ class _Writer:
                 remedy='give the URDF of the recorded arm, with the joint names of the bags')
         self._sources = {joint: _source_of(joint, self._found) for joint in self._joints}
         self._gauges = _gauges(self._found)
-        self._slides = [self._chain.slides(joint) for joint in self._joints]
-        plan = self._plan()
+        slides = tuple(map(self._chain.slides, self._joints))
+        efforts = tuple(carrier.source(joint) for joint, (carrier, _) in self._sources.items()
+                        if carrier is not None)
+        plan = Sources(
+            self._found.positions.topic, self._joints, slides, (None,) * len(self._joints),
+            efforts if len(efforts) == len(self._joints) else (),
+            tuple(entry['name'] for _, _, entry in self._gauges),
+            tuple(carrier.source(key) for carrier, key, _ in self._gauges))
         self._recordings = [read_planned(path, plan, quiet=True) for path in paths]
         self._moved = [(item, segment, moved) for item in self._recordings
                        for segment, moved in derivatives(item)]
-        moves = np.any([moving_joints(item, self._slides) for item in self._recordings], axis=0)
-        self._moving = [joint for joint, moving in zip(self._joints, moves, strict=True)
-                        if moving]
+        moves = np.any([moving_joints(item, slides) for item in self._recordings], axis=0)
+        self._moving = list(compress(self._joints, moves))
         if not self._moving:
             raise ArmError('no joint moves in the bags', place=paths[0], remedy='record a motion')
         self.draft = Draft({'name': self._chain.name or out.stem}, bags=paths,
                            notes=[self._chain.note] if self._chain.note else [])
-
-    def _plan(self) -> Sources:
-        efforts = tuple(carrier.source(joint) for joint, (carrier, _) in self._sources.items()
-                        if carrier is not None)
-        return Sources(
-            self._found.positions.topic, self._joints, tuple(self._slides),
-            (None,) * len(self._joints), efforts if len(efforts) == len(self._joints) else (),
-            tuple(entry['name'] for _, _, entry in self._gauges),
-            tuple(carrier.source(key) for carrier, key, _ in self._gauges))
 
     def _samples(self, output: str) -> Samples | None:
         model = self._chain.model
