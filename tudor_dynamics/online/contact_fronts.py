@@ -198,8 +198,7 @@ class RigidFront:
     modes = 0
 
     def __init__(self, arm: Arm, spans: Sequence[Span], gain: FloatArray) -> None:
-        self._arm, self._spans, self._gain = arm, spans, gain
-        self._model = arm.full_model
+        self._spans, self._gain, self._model = spans, gain, arm.full_model
         self._data = self._model.createData()
         self._q, self._columns = arm.held_pose()
         self._gauges = [
@@ -287,22 +286,17 @@ def pressing_columns(
 ) -> None:
     """Write the generalised forces (m, PRESSING) of a unit of what presses on a span [m]."""
     driven = driven_of(arrays)
-    m, chain = pushed.shape[0], driven.chain
-    none, near, far = np.zeros(m), np.zeros(m), np.zeros(m)
-    _generalised(driven, none)
-    _put(chain, body, side, inner, sign, 0.0)
-    _generalised(driven, near)
-    chain.wrench[:] = 0.0
-    _put(chain, body, side, outer, sign, 0.0)
-    _generalised(driven, far)
-    chain.wrench[:] = 0.0
-    _put(chain, body, side, inner, 0.0, 1.0)
-    _generalised(driven, pushed[:, ALONG])
-    chain.wrench[:] = 0.0
+    m, none = pushed.shape[0], np.zeros(pushed.shape[0])
+    for column, (place, across, along) in enumerate(
+            ((inner, sign, 0.0), (outer, sign, 0.0), (inner, 0.0, 1.0))):
+        _put(driven.chain, body, side, place, across, along)
+        _generalised(driven, pushed[:, column])
+        driven.chain.wrench[:] = 0.0
     _generalised(driven, none)
     for a in range(m):
-        slope = (far[a] - near[a]) / (outer - inner)
-        pushed[a, ACROSS] = near[a] - none[a] - (inner + start) * slope
+        near, far = pushed[a, 0], pushed[a, 1]
+        slope = (far - near) / (outer - inner)
+        pushed[a, ACROSS] = near - none[a] - (inner + start) * slope
         pushed[a, MOMENT] = slope
         pushed[a, ALONG] -= none[a]
 

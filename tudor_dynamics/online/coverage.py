@@ -25,7 +25,6 @@ from statistics import median
 
 import numpy as np
 
-from tudor_dynamics.compiled import compiled
 from tudor_dynamics.online.settings import (
     COVERAGE_PERIOD, COVERAGE_TIME, PERIODS_APART, STAMPS_APART, UNJUDGED_ERROR, UNJUDGED_WARNING)
 from tudor_dynamics.typing import FloatArray
@@ -44,22 +43,16 @@ class SensorHealth:
 
     def step(self, stamp: int, values: FloatArray) -> None:
         """Take a reading (channels,) into account; time counts only while ``moving``."""
-        dt = 0.0 if self._last is None else min(max((stamp - self._last) * 1e-9, 0.0), 1.0)
+        dt = 0.0 if self._last is None or not self.moving else (
+            min(max((stamp - self._last) * 1e-9, 0.0), 1.0))
         self._last = stamp
-        _wait(values, self._values, dt if self.moving else 0.0, self._still)
+        self._still = np.where(values == self._values, self._still + dt, 0.0)
+        self._values = values.copy()
 
     def dead(self) -> list[str]:
         """Name the channels that count as dead."""
         return [name for name, still in zip(self.names, self._still, strict=True)
                 if still > self.stuck_time]
-
-
-@compiled
-def _wait(values: FloatArray, last: FloatArray, dt: float, still: FloatArray) -> None:
-    """Add time where a value is the last one, and start from zero where it is not."""
-    for i in range(len(values)):
-        still[i] = still[i] + dt if values[i] == last[i] else 0.0
-        last[i] = values[i]
 
 
 MEANING = {

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -260,15 +260,6 @@ def invert(
     return q.shape[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Deflection:
-    """What an elastic arm needs point by point."""
-
-    # Positions of the motors, as their encoders show them, (points, joints) [rad or m].
-    motor: FloatArray
-    torque: FloatArray  # torque (or force) of each gear on the links, (points, joints) [N m or N]
-
-
 class DeflectedArm:
     """An elastic arm under the load of a wanted motion."""
 
@@ -303,8 +294,13 @@ class DeflectedArm:
         """Put another mass at the tip: payload [kg]."""
         self._driven.set_parameters({'payload': payload})
 
-    def under(self, motion: FloatArray, *, reach: bool) -> Deflection:
-        """Bend the arm under the load of a motion (points, 3 joints), each point by itself."""
+    def under(self, motion: FloatArray, *, reach: bool) -> tuple[FloatArray, FloatArray]:
+        """
+        Bend the arm under the load of a motion (points, 3 joints), each point by itself.
+
+        Returns positions of the motors, as their encoders show them [rad or m], and the torque (or
+        force) of each gear on the links [N m or N], (points, joints).
+        """
         q, dq, ddq = (np.ascontiguousarray(part) for part in np.split(motion, 3, axis=1))
         motor, torque = np.zeros_like(q), np.zeros_like(q)
         done = invert(q, dq, ddq, reach, motor, torque, self._tables, *self._driven.arrays)
@@ -313,7 +309,7 @@ class DeflectedArm:
                    f'{done + 1} of the motion, q = {np.round(q[done], 3).tolist()}')
             raise SimulationError(msg, remedy='move more slowly there, or correct their stiffness '
                                               'in the arm description')
-        return Deflection(motor, torque)
+        return motor, torque
 
 
 # Efforts that a wanted motion needs, for controllers that add them to what errors ask for.
@@ -433,7 +429,7 @@ class Feedforward:
         if isinstance(self._model, ElasticModel):
             assert self._deflected is not None
             if torque is None:
-                torque = self._deflected.under(motion, reach=False).torque
+                _, torque = self._deflected.under(motion, reach=False)
             found = self._model.prepared()(
                 Response(np.zeros((len(motion), 0)), torque), felt)
         else:
@@ -461,8 +457,7 @@ class Feedforward:
         if self._leads:
             assert self._deflected is not None
             wanted, speed, change = np.split(motion, 3, axis=1)
-            deflection = self._deflected.under(motion, reach=True)
-            motor, torque = deflection.motor, deflection.torque
+            motor, torque = self._deflected.under(motion, reach=True)
             self._check_limits(motor, wanted)
             rate, rise = _derivatives(trajectory.t, motor - wanted, speed)
             motion = np.hstack([motor, speed + rate, change + rise])

@@ -84,18 +84,15 @@ class ThresholdsPart(BundlePart):
 
 def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
     """Make plain values of the thresholds of a method: YAML-ready, numbers of ten digits."""
-    def short(x: float) -> float:
-        return float(f'{x:.{DIGITS}g}')
-
-    def listed(x: Any) -> Any:
-        return [listed(item) for item in x] if isinstance(x, list) else short(x)
+    def short(x: Any) -> Any:
+        return [short(item) for item in x] if isinstance(x, list) else float(f'{x:.{DIGITS}g}')
 
     return {
         'channels': list(thresholds.channels), 'seconds': round(thresholds.seconds, 3),
         'step': short(thresholds.step),
         'tails': [{key: short(value) for key, value in asdict(tail).items()}
                   for tail in thresholds.tails],
-        **{key: listed(getattr(thresholds, key).tolist())
+        **{key: short(getattr(thresholds, key).tolist())
            for key in ('taps', 'profile', 'usual', 'reach', 'stiction')}}
 
 
