@@ -125,15 +125,12 @@ class JointTester(Trial):
         self._record = None
         return record.judge()
 
-    def _order(self, controller: str) -> str:
-        """Compare the joints of a controller with those of the arm; empty where they agree."""
-        found = self.parameter(controller, 'joints').string_array_value
-        return order_fault(self.arm.active_joints, found)
-
     def run(self, joints: Sequence[str], options: Namespace) -> int:
         assert self.q is not None
-        fault = (self._order(options.controller) if options.controller else ''
-                 ) or pose_fault(self.arm, self.q)
+        fault = options.controller and order_fault(
+            self.arm.active_joints,
+            self.parameter(options.controller, 'joints').string_array_value)
+        fault = fault or pose_fault(self.arm, self.q)
         if fault:
             print(f'{fault}; nothing was moved')
             return 1

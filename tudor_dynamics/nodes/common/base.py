@@ -431,11 +431,6 @@ class TudorNode(Node):
         about = ', '.join(f'{name} {value or "none"}' for name, value in self.about().items())
         self.get_logger().info(f'started: {about}')
 
-    def end(self, why: str) -> None:
-        """Tell for ever, and at once, that a managed node was shut down and will not work."""
-        self.ended = why
-        self.publish_diagnostics()
-
     def verdict(self) -> tuple[bytes, str]:
         """Give level and message of the diagnosis; subclasses judge further."""
         if self.ended:

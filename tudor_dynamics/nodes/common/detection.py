@@ -61,7 +61,7 @@ class CollisionOutput:
         self._events = node.publish_on(Header, COLLISION_EVENT)
         self._records = node.publish_on(String, COLLISION_RECORD, latch=True)
         self._published: dict[Level, bool] = {}
-        self._last: CollisionEvent | None = None
+        self.last: dict[str, str] = {}  # what the diagnostics say of the last collision
         self.level(Level.FREE)
 
     def level(self, level: Level) -> None:
@@ -74,10 +74,11 @@ class CollisionOutput:
 
     def event(self, event: CollisionEvent, record: dict[str, Any]) -> None:
         """Publish a collision."""
-        self._last = event
+        node = self._node
+        self.last = {'last collision [ns]': str(event.onset), 'last link': event.link}
         self._records.publish(String(data=json.dumps(record)))
         name = max(event.ratios, key=lambda channel: event.ratios[channel])
-        self._node.get_logger().warning(
+        node.get_logger().warning(
             f'collision at {event.link}, detected by {event.method} at {record["time"]}: the '
             f'residual of {name} is {event.ratios[name]:.2f} times its threshold')
         header = Header(frame_id=event.link)
@@ -86,17 +87,10 @@ class CollisionOutput:
         values = {'method': event.method, 'link': event.link, 'onset [ns]': str(event.onset),
                   'certain after [ms]': f'{(event.stamp - event.onset) * 1e-6:.1f}',
                   **{f'residual {k}': f'{v:.6g}' for k, v in event.residuals.items()}}
-        node = self._node
         node.publish_diagnostics(DiagnosticStatus(
             level=WARN, name=f'{node.get_name()}: collision', hardware_id=node.hardware(),
             message=f'collision at {event.link}, detected by {event.method}: check the arm',
             values=[KeyValue(key=k, value=v) for k, v in values.items()]))
-
-    def values(self) -> dict[str, str]:
-        """Give the last collision, for the diagnostics."""
-        if self._last is None:
-            return {}
-        return {'last collision [ns]': str(self._last.onset), 'last link': self._last.link}
 
 
 class ContactOutput:
@@ -173,7 +167,7 @@ class DetectNode(ModelNode):
             method: f'{factor:.2f} ({channel})'
             for method, (factor, channel) in watch.widened.items()}, 'watch'),
         Figure('', lambda node: node.watch and node.contact_output.values(node.watch)),
-        Figure('', lambda node: node.watch and node.collision_output.values()),
+        Figure('', lambda node: node.watch and node.collision_output.last),
         Figure('', lambda port: port.values(), 'port'))
 
     def __init__(self, name: str, **kwargs: Any) -> None:

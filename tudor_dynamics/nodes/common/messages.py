@@ -238,12 +238,12 @@ Sample = TypeVar('Sample', JointSample, PointSample)
 class _Decoder(Generic[Sample]):
     """Decodes the messages of one topic; what cannot be decoded is counted."""
 
+    kind: Any  # type of the messages
+    parse: Callable[[bytes, int], Layout]
     refused = 'malformed'  # cause of a drop, for a message that has no layout
 
-    def __init__(
-        self, kind: Any, parse: Callable[[bytes, int], Layout], drops: Counter[str],
-    ) -> None:
-        self._kind, self._parse, self._drops = kind, parse, drops
+    def __init__(self, drops: Counter[str]) -> None:
+        self._drops = drops
         self._length = -1
         self._fixed: list[tuple[slice, bytes]] = []
         self._numbers: dict[str, tuple[np.dtype[np.float64], int, int]] = {}
@@ -269,7 +269,7 @@ class _Decoder(Generic[Sample]):
         except CdrError:
             cause = 'malformed'
         try:
-            data = serialize_message(deserialize_message(data, self._kind))
+            data = serialize_message(deserialize_message(data, self.kind))
             cause = self.refused
             self._learn(data, len(data))
             return data
@@ -278,7 +278,7 @@ class _Decoder(Generic[Sample]):
             return None
 
     def _learn(self, data: bytes, spare: int) -> None:
-        layout = self._parse(data, spare)
+        layout = self.parse(data, spare)
         names = list(layout.names)
         if names != self._names:
             self._names = names
@@ -306,8 +306,7 @@ class _Decoder(Generic[Sample]):
 class JointStateDecoder(_Decoder[JointSample]):
     """Decodes the JointStates of one topic."""
 
-    def __init__(self, drops: Counter[str]) -> None:
-        super().__init__(JointState, joint_state_layout, drops)
+    kind, parse = JointState, staticmethod(joint_state_layout)
 
     def _read(self, data: bytes) -> JointSample:
         return JointSample(self._stamp(data), self._names, self._values(data, 'position'),
@@ -323,10 +322,12 @@ class ArrayDecoder(_Decoder[JointSample]):
     now: clock of the node [ns].
     """
 
+    kind, parse = Float64MultiArray, staticmethod(array_layout)
+
     def __init__(
         self, places: Mapping[str, int], now: Callable[[], int], drops: Counter[str],
     ) -> None:
-        super().__init__(Float64MultiArray, array_layout, drops)
+        super().__init__(drops)
         self._channels = list(places)
         self._places = list(places.values())
         self._now = now
@@ -343,10 +344,8 @@ class ArrayDecoder(_Decoder[JointSample]):
 class MotionDecoder(_Decoder[PointSample]):
     """Decodes the JointTrajectories of one topic, of which each has one point."""
 
+    kind, parse = JointTrajectory, staticmethod(motion_layout)
     refused = 'not_one_point'
-
-    def __init__(self, drops: Counter[str]) -> None:
-        super().__init__(JointTrajectory, motion_layout, drops)
 
     def _read(self, data: bytes) -> PointSample:
         return PointSample(
