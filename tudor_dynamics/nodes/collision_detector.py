@@ -71,7 +71,7 @@ class CollisionDetectorNode(DetectNode):
                         bundle.arm, topic, partial(self._on_measured, output, topic))
 
     def _on_motion(self, message: PointSample) -> None:
-        self.listened.look(self.meter.begin())
+        self.meter.begin()
         self.came(JOINT_MOTION, message.stamp)
         if self.watch is None or self._motion_reader is None:
             return
@@ -125,7 +125,6 @@ class CollisionDetectorNode(DetectNode):
     def _on_measured(self, output: str, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
         self.came(topic, message.stamp)
-        self.listened.look(begun)
         try:
             self.measured(output, topic, message)
         except TudorError as err:

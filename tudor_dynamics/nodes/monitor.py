@@ -34,7 +34,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
-    JointSample, JointStateEncoder, MotionEncoder, NamedReader)
+    JointSample, JointStateEncoder, ListenedPublisher, MotionEncoder, NamedReader)
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.black_box import MessageRing, write_events
 from tudor_dynamics.online.monitor import FIELD, Found, Monitor, warm_up, Watch
@@ -115,8 +115,8 @@ class MonitorNode(DetectNode):
         self._box = BlackBox(self)
         self.monitor: Monitor | None = None
         self._joints: NamedReader | None = None
-        self._motion = self.listened.add(self.publish_on(JointTrajectory, JOINT_MOTION))
-        self._predicted = {output: self.listened.add(self.publish_on(JointState, topic))
+        self._motion = ListenedPublisher(self.publish_on(JointTrajectory, JOINT_MOTION))
+        self._predicted = {output: ListenedPublisher(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
         self._joint_drops: Counter[str] = Counter()
         self._inputs: dict[str, Any] = {}
@@ -161,7 +161,8 @@ class MonitorNode(DetectNode):
         if q is None:
             return
         velocity = reader.read(message, 'velocity', optional=True)
-        self._look(begun)
+        monitor.wanted = {output for output, publisher in self._predicted.items()
+                          if output in monitor.watch.outputs or publisher.wanted}
         found = monitor.add_joints(message.stamp, q, velocity)
         motion = monitor.motion
         if motion is not None:
@@ -174,17 +175,9 @@ class MonitorNode(DetectNode):
             self.measured(output, self._own, message)
         self.meter.end(begun)
 
-    def _look(self, now: float) -> None:
-        """Choose from time to time what is predicted: that which somebody listens to."""
-        monitor = self.monitor
-        if self.listened.look(now) and monitor is not None:
-            monitor.wanted = {output for output, publisher in self._predicted.items()
-                              if publisher.wanted or output in monitor.watch.outputs}
-
     def _on_measured(self, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
         self.came(topic, message.stamp)
-        self._look(begun)
         for output in self._carried.get(topic, ()):
             self.measured(output, topic, message)
         self.meter.end(begun)

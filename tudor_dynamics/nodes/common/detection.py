@@ -37,7 +37,7 @@ from tudor_dynamics.nodes.common.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, COLLISION_RECORD, CONTACT, CONTACT_MARKER,
     CONTACT_POINT, CONTACT_WRENCH, RATIOS, RESET, RESIDUALS, THRESHOLDS)
 from tudor_dynamics.nodes.common.messages import (
-    force_marker, JointSample, JointStateEncoder, ListenedPublishers, NamedReader, set_vector,
+    force_marker, JointSample, JointStateEncoder, ListenedPublisher, NamedReader, set_vector,
     time_message, wrench_stamped)
 from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
 from tudor_dynamics.online.black_box import record_of
@@ -181,9 +181,8 @@ class DetectNode(ModelNode):
         self._unserved = ''
         self.coverage = Coverage()
         self.gathering: dict[str, Gathering] = {}
-        self.listened = ListenedPublishers()
         self._residuals, self._thresholds, self._ratios = (
-            {method: self.listened.add(self.publish_on(JointState, topics[method]))
+            {method: ListenedPublisher(self.publish_on(JointState, topics[method]))
              for method in METHODS} for topics in (RESIDUALS, THRESHOLDS, RATIOS))
         self.collision_output = CollisionOutput(self)
         self.contact_output = ContactOutput(self)

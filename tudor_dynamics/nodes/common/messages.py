@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 import struct
+import time
 from typing import Any, Generic, TypeVar
 
 from builtin_interfaces.msg import Time
@@ -418,31 +419,17 @@ class ListenedPublisher:
     def __init__(self, publisher: Publisher) -> None:
         self.publisher = publisher
         self.encoder: Any = None
-        self.wanted = False
+        self._heard, self._looked = False, -math.inf
+
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody listens; counted again where the last count is too old."""
+        now = time.perf_counter()
+        if now - self._looked >= SUBSCRIPTIONS_LOOK:
+            self._heard, self._looked = self.publisher.get_subscription_count() > 0, now
+        return self._heard
 
     def publish(self, *values: Any) -> None:
         """Publish what the encoder makes of values, where it is wanted."""
         if self.wanted:
             self.publisher.publish(self.encoder.encode(*values))
-
-
-class ListenedPublishers:
-    """All such publishers of a node; `look`, called at every sample, counts from time to time."""
-
-    def __init__(self) -> None:
-        self._all: list[ListenedPublisher] = []
-        self._looked = -math.inf
-
-    def add(self, publisher: Publisher) -> ListenedPublisher:
-        """Add one."""
-        self._all.append(ListenedPublisher(publisher))
-        return self._all[-1]
-
-    def look(self, now: float) -> bool:
-        """Count where the last count is too old, and say so; ``now`` is monotonic [s]."""
-        if now - self._looked < SUBSCRIPTIONS_LOOK:
-            return False
-        self._looked = now
-        for item in self._all:
-            item.wanted = item.publisher.get_subscription_count() > 0
-        return True
