@@ -305,8 +305,7 @@ class Pressing:
     """A span of a link, as compiled code has it."""
 
     def __init__(
-        self, span: Span, along: FloatArray, across: FloatArray, mechanism: Mechanism,
-        gauges: Sequence[GaugePlace],
+        self, span: Span, axes: LinkAxes, mechanism: Mechanism, gauges: Sequence[GaugePlace],
     ) -> None:
         if span.joint not in mechanism.beams:
             raise ModelError(f'the link of {span.joint!r} has gauges, but no links[].flexible; '
@@ -314,10 +313,10 @@ class Pressing:
         body = mechanism.body_of[span.joint]
         floats = mechanism.body_float[body]
         length = float(floats[at.LENGTH])
-        start = float(floats[at.BODY_PLACE:at.BODY_PLACE + 3] @ along)
+        start = float(floats[at.BODY_PLACE:at.BODY_PLACE + 3] @ axes.along)
         plane = next(gauge.axis for gauge in gauges if gauge.body == body)
         side = 1 if plane == 2 else 2
-        sign = 1.0 if float(beam_axes(floats)[:, side] @ across) > 0.0 else -1.0
+        sign = 1.0 if float(beam_axes(floats)[:, side] @ axes.across) > 0.0 else -1.0
         inner, outer = (min(max(end - start, 0.0), length) for end in span.ends)
         self.numbers = (body, side, sign, inner, outer, start)
         self.through: FloatArray = np.zeros((len(gauges), PRESSING))
@@ -431,11 +430,8 @@ class ElasticFront:
         self._zero = np.array([values[1] for values in model.coefficients_ or ()])
         self._driven = driven = driven_arm(model.arm, model.values)
         m, tables = driven.size, driven.tables
-        self._pressing = []
-        for span in spans:
-            axes = link_axes(model.arm, span.joint)
-            self._pressing.append(Pressing(
-                span, axes.along, axes.across, driven.mechanism, driven.gauges))
+        self._pressing = [Pressing(span, link_axes(model.arm, span.joint), driven.mechanism,
+                                   driven.gauges) for span in spans]
         places = tables.gears.place
         self._geared = np.searchsorted(tables.equations.free, places)
         self._engaged = (tables.equations.matrices[STIFFNESS, places, places]

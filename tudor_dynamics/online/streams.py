@@ -40,21 +40,16 @@ class Losses:
 
     def __init__(self) -> None:
         self.recent: deque[int] = deque(maxlen=31)
-        self._period = 0.0
+        self.period = 0.0  # 0 until it is known [ns]
         self._long = -1.0
         self._renewal = PERIOD_INTERVALS
         self._late = 0.0
-
-    @property
-    def learned(self) -> bool:
-        """Whether the period is known."""
-        return self._period > 0.0
 
     def reset(self) -> int:
         """Forget the period, and give the samples lost that were still in doubt."""
         late = max(0, round(self._late))
         self.recent.clear()
-        self._period, self._long, self._renewal, self._late = 0.0, -1.0, PERIOD_INTERVALS, 0.0
+        self.period, self._long, self._renewal, self._late = 0.0, -1.0, PERIOD_INTERVALS, 0.0
         return late
 
     def unusable(self) -> None:
@@ -67,13 +62,13 @@ class Losses:
         self._renewal -= 1
         if not self._renewal:
             self._renewal = PERIOD_RENEWAL
-            self._period = float(median(self.recent))
-            if self._period > self._long > 0.0:
+            self.period = float(median(self.recent))
+            if self.period > self._long > 0.0:
                 self._late = 0.0  # the source has slowed down, which is no loss
-            self._long = LOST_STEP * self._period
+            self._long = LOST_STEP * self.period
         if 0.0 < step <= self._long and not self._late:
             return 0  # nearly always
-        return self._settle(step / self._period) if self._period else 0
+        return self._settle(step / self.period) if self.period else 0
 
     def _settle(self, step: float) -> int:
         """Add what a long step [periods] lacks, take off what early ones give back."""
@@ -142,7 +137,7 @@ class StampGate:
         first = dt > GAP_FLOOR and dt > self.limit()
         # also after a gap: a source that has slowed down is not one gap after another
         lost = self._losses.step(step)
-        if first and not self._losses.learned:
+        if first and not self._losses.period:
             lost = 1  # how many, nobody knows
         if lost:
             self.drops['gap'] += lost
@@ -364,8 +359,6 @@ class Predictor:
     def __init__(
         self, bundle: ModelBundle, kind: str = 'analytical', observer: str = 'off',
     ) -> None:
-        self.bundle = bundle
-        self.kind = kind
         self.settle = bundle.preprocessing.settle
         self.models: dict[str, Model] = {
             output: bundle.models[output][kind] for output in OUTPUTS
