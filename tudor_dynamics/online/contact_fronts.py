@@ -458,30 +458,25 @@ class ElasticFront:
         """Give the number of vibrations that are carried along."""
         return len(self._squares)
 
-    def follow(self, dt: float, row: FloatArray) -> FloatArray:
-        """Go to the next sample, dt 0 to restart at rest; returns moments (gauges,) [N m]."""
+    def residual(
+        self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
+    ) -> FloatArray | None:
+        """Go to the next sample, dt 0 to restart at rest; gives the residual as moments [N m]."""
         if dt <= 0.0:
             self._driven.forget()
             self._basis[:] = self._first  # what went before may have been no arm any more
         moment = self._driven.follow(row[None, :len(row) // 3], np.array([dt])).moment[0]
-        if dt <= 0.0:
-            return moment  # matrices come with the next sample, which moves it
-        self._before = self._basis.copy()
-        try:
-            self._linearise()
-            slow_modes(self._small, self._basis, self._squares, self._rates)
-            self._flexible = np.linalg.inv(self._small[2]) - (
-                self._basis / self._squares) @ self._basis.T
-        except np.linalg.LinAlgError as err:
-            raise SimulationError('the modes of the elastic model cannot be computed at this pose '
-                                  f'({err}); fit it to bags with such poses') from None
-        return moment
-
-    def residual(
-        self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
-    ) -> FloatArray | None:
-        """Give the residual as moments (gauges,) [N m]; arguments as in `follow`."""
-        return np.asarray((measured - self._zero) / self._gain - self.follow(dt, row))
+        if dt > 0.0:  # after a restart matrices come with the next sample, which moves it
+            self._before = self._basis.copy()
+            try:
+                self._linearise()
+                slow_modes(self._small, self._basis, self._squares, self._rates)
+                self._flexible = np.linalg.inv(self._small[2]) - (
+                    self._basis / self._squares) @ self._basis.T
+            except np.linalg.LinAlgError as err:
+                raise SimulationError('the modes of the elastic model cannot be computed at this '
+                                      f'pose ({err}); fit it to bags with such poses') from None
+        return np.asarray((measured - self._zero) / self._gain - moment)
 
     def settle(self, left: FloatArray, dt: float, states: FloatArray) -> None:
         """
