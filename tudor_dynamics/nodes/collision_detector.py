@@ -89,12 +89,11 @@ class CollisionDetectorNode(DetectNode):
             waiting[motion.stamp] = motion
             if len(waiting) > WAITING:
                 waiting.popitem(last=False)
-                self._lack_prediction(output)
+                self._lack_prediction(self.watch, output)
 
-    def _lack_prediction(self, output: str) -> None:
-        assert self.watch is not None
+    def _lack_prediction(self, watch: Watch, output: str) -> None:
         self.drops['no_prediction'] += 1
-        self.watch.counts[output]['no_prediction'] += 1
+        watch.counts[output]['no_prediction'] += 1
 
     def _on_predicted(self, output: str, message: JointSample) -> None:
         self.came(PREDICTED[output], message.stamp)
@@ -119,7 +118,7 @@ class CollisionDetectorNode(DetectNode):
             first, _ = waiting.popitem(last=False)
             if first == stamp:
                 break
-            self._lack_prediction(output)
+            self._lack_prediction(self.watch, output)
         self.report(self.watch.add_output(output, motion, values))
 
     def _on_measured(self, output: str, topic: str, message: JointSample) -> None:

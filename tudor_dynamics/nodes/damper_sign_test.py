@@ -107,7 +107,6 @@ class SignTester(Trial):
         self._go(index)
         self.spin_until(lambda: False, planner.remaining + 0.1)
         response = self.listen(self._gauge(joint), RECORD, watch=share > 0.0)
-        assert self.q is not None
         if abs(self.q[index] - self._goal[index]) > 0.5 * abs(step):
             raise TudorError(f'{joint} is at {self.q[index]:.3g}, not at {self._goal[index]:.3g} '
                              f'{self.arm.position_units[joint]}: see the diagnostics of {DAMPER}, '
@@ -128,7 +127,6 @@ class SignTester(Trial):
                           step=self.roomy(index, self._goal[index], step))
 
     def run(self, joints: Sequence[str], options: Namespace) -> int:
-        assert self.q is not None
         self._goal = self.q.copy()
         for index in range(len(self._goal)):  # the reference comes to an arm that was held
             self._go(index)

@@ -374,26 +374,25 @@ class DetectNode(ModelNode):
         if self.watch is None:
             return level, message
         self.coverage.look(self.steady())
-        own, text = self._judge_itself()
+        own, text = self._judge_itself(self.watch)
         if level in (OK, WARN) and own > level:
             return own, text
         return level, f'{message}; {text}' if level == own == WARN else message
 
-    def _judge_itself(self) -> tuple[bytes, str]:
+    def _judge_itself(self, watch: Watch) -> tuple[bytes, str]:
         """Give level and message of a detector that has a model and input."""
-        assert self.watch is not None
         rivals = self.rivals(self.collision_output.flags[Level.COLLISION])
         dead = [name for health in self.health.values() for name in health.dead()]
         verdict = self.coverage.verdict
-        learning = self._calibration is not None and not self.watch.stages
+        learning = self._calibration is not None and not watch.stages
         errors = [
             f'{", ".join(dead)}: no change for {self.value("stuck_time"):g} s while the arm '
             'moves; check the sensor and its driver' if dead else '',
-            self._unserved if not self.watch.methods else '',
+            self._unserved if not watch.methods else '',
             verdict.text if verdict.level is CoverageLevel.NONE and not learning else '']
         warnings = [
             verdict.text if not learning else '', self._unserved, self._note,
-            self.watch.outside_training,
+            watch.outside_training,
             f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
             'namespace, or remap the topic' if rivals else '']
         for level, texts in ((ERROR, errors), (WARN, warnings)):
