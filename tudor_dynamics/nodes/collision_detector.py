@@ -38,10 +38,6 @@ class CollisionDetectorNode(DetectNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('collision_detector', **kwargs)
-        self._motion_reader: MotionReader | None = None
-        self._prediction_readers: dict[str, NamedReader] = {}
-        self._motions: dict[str, OrderedDict[int, Motion]] = {}
-        self._predictions: dict[str, OrderedDict[int, Any]] = {}
         self._motion_drops: Counter[str] = Counter()
         self._inputs: dict[tuple[str, str], Any] = {}
         self.start()
@@ -56,8 +52,10 @@ class CollisionDetectorNode(DetectNode):
         self.port.use(prepared.payload)
         self.adopt(bundle, prepared, JOINT_MOTION, (self._motion_drops,), PREDICTED)
         self._motion_reader = MotionReader(bundle.arm.active_joints, self._motion_drops)
-        self._motions = {output: OrderedDict() for output in prepared.outputs}
-        self._predictions = {output: OrderedDict() for output in prepared.outputs}
+        self._motions: dict[str, OrderedDict[int, Motion]] = {
+            output: OrderedDict() for output in prepared.outputs}
+        self._predictions: dict[str, OrderedDict[int, Any]] = {
+            output: OrderedDict() for output in prepared.outputs}
         self._prediction_readers = {output: NamedReader(bundle.arm.channels[output], self.drops)
                                     for output in prepared.outputs}
         for output in prepared.outputs:
@@ -73,7 +71,7 @@ class CollisionDetectorNode(DetectNode):
     def _on_motion(self, message: PointSample) -> None:
         self.meter.begin()
         self.came(JOINT_MOTION, message.stamp)
-        if self.watch is None or self._motion_reader is None:
+        if self.watch is None:
             return
         motion = self._motion_reader.read(message)
         if motion is None:

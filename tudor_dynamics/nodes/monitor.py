@@ -114,13 +114,11 @@ class MonitorNode(DetectNode):
         super().__init__(name, **kwargs)
         self._box = BlackBox(self)
         self.monitor: Monitor | None = None
-        self._joints: NamedReader | None = None
         self._motion = ListenedPublisher(self.publish_on(JointTrajectory, JOINT_MOTION))
         self._predicted = {output: ListenedPublisher(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
         self._joint_drops: Counter[str] = Counter()
         self._inputs: dict[str, Any] = {}
-        self._carried: dict[str, list[str]] = {}
         self.start()
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Monitor:
@@ -139,14 +137,10 @@ class MonitorNode(DetectNode):
         for output, publisher in self._predicted.items():
             publisher.encoder = JointStateEncoder(bundle.arm.channels[output], (FIELD[output],))
         self._joints = NamedReader(bundle.arm.active_joints, self._joint_drops)
-        # one subscription per topic, whatever the topic carries
-        self._carried = {own: []}
-        topics = bundle.arm.topics
-        for output in prepared.watch.outputs:
-            for topic in topics[output]:
-                self._carried.setdefault(topic, []).append(output)
-        for topic in self._carried:
-            if topic not in self._inputs:
+        measured = [topic for output in prepared.watch.outputs
+                    for topic in bundle.arm.topics[output]]
+        for topic in (own, *measured):
+            if topic not in self._inputs:  # one each, whatever the topic carries
                 self._inputs[topic] = self.hear_sensors(
                     bundle.arm, topic,
                     self._on_joints if topic == own else partial(self._on_measured, topic))
@@ -154,13 +148,13 @@ class MonitorNode(DetectNode):
     def _on_joints(self, message: JointSample) -> None:
         begun = self.meter.begin()
         self.came(self._own, message.stamp)
-        monitor, reader = self.monitor, self._joints
-        if monitor is None or reader is None:
+        monitor = self.monitor
+        if monitor is None:
             return
-        q = reader.read(message, 'position')
+        q = self._joints.read(message, 'position')
         if q is None:
             return
-        velocity = reader.read(message, 'velocity', optional=True)
+        velocity = self._joints.read(message, 'velocity', optional=True)
         monitor.wanted = {output for output, publisher in self._predicted.items()
                           if output in monitor.watch.outputs or publisher.wanted}
         found = monitor.add_joints(message.stamp, q, velocity)
@@ -171,14 +165,14 @@ class MonitorNode(DetectNode):
             for output, values in (monitor.predicted or {}).items():
                 self._predicted[output].publish(motion.stamp, values)
         self.report(found)
-        for output in self._carried[self._own]:
+        for output in monitor.watch.outputs:
             self.measured(output, self._own, message)
         self.meter.end(begun)
 
     def _on_measured(self, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
         self.came(topic, message.stamp)
-        for output in self._carried.get(topic, ()):
+        for output in () if self.watch is None else self.watch.outputs:
             self.measured(output, topic, message)
         self.meter.end(begun)
 

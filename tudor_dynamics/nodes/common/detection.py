@@ -173,14 +173,8 @@ class DetectNode(ModelNode):
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.watch: Watch | None = None
-        self.health: dict[str, SensorHealth] = {}
         self._calibration: Calibration | None = None
-        self._note = ''
-        self._readers: dict[tuple[str, str], NamedReader] = {}
-        self._sensor_drops: dict[str, Counter[str]] = {}
-        self._unserved = ''
         self.coverage = Coverage()
-        self.gathering: dict[str, Gathering] = {}
         self._residuals, self._thresholds, self._ratios = (
             {method: ListenedPublisher(self.publish_on(JointState, topics[method]))
              for method in METHODS} for topics in (RESIDUALS, THRESHOLDS, RATIOS))
@@ -206,7 +200,7 @@ class DetectNode(ModelNode):
         names = bundle.arm.channels
         topics = {output: of for output, of in bundle.arm.topics.items()
                   if output in watch.outputs}
-        self._sensor_drops = {output: Counter() for output in topics}
+        self._sensor_drops: dict[str, Counter[str]] = {output: Counter() for output in topics}
         self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
                          for output, of in topics.items() for topic, channels in of.items()}
         self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
