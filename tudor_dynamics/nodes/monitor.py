@@ -37,7 +37,7 @@ from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublisher, MotionEncoder, NamedReader)
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.black_box import MessageRing, write_events
-from tudor_dynamics.online.monitor import FIELD, Found, Monitor, warm_up, Watch
+from tudor_dynamics.online.monitor import FIELD, Monitor, warm_up
 from tudor_dynamics.online.settings import RECORDED_AFTER
 from tudor_dynamics.provenance import provenance
 
@@ -130,7 +130,7 @@ class MonitorNode(DetectNode):
                 bundle.preprocessing == self.bundle.preprocessing):
             prepared.filter = self.monitor.filter
         own = self._own = bundle.arm.spec.joint_topic
-        self.adopt(bundle, prepared.watch, own, (self._joint_drops, prepared.filter.drops), {})
+        self.adopt(bundle, prepared, own, (self._joint_drops, prepared.filter.drops), {})
         self.monitor = prepared
         self.port.use(prepared.payload)
         self._motion.encoder = MotionEncoder(bundle.arm.active_joints)
@@ -188,11 +188,6 @@ class MonitorNode(DetectNode):
     def close(self) -> None:
         """Write the bag of an event that has just come."""
         self._box.close()
-
-    def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
-        """Take a whole measurement into account, also in the model."""
-        monitor = self.monitor
-        return Found() if monitor is None else monitor.add_measured(output, stamp, values)
 
     def counters(self) -> list[Counter[str]]:
         more = [] if self.monitor is None else [self.monitor.filter.drops]

@@ -44,7 +44,8 @@ from tudor_dynamics.online.black_box import record_of
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.coverage import Coverage, CoverageLevel, SensorHealth
 from tudor_dynamics.online.detector import CollisionEvent, Level
-from tudor_dynamics.online.monitor import FIELD, Found, METHODS, MonitorSettings, SOURCE, Watch
+from tudor_dynamics.online.monitor import (
+    FIELD, Found, METHODS, Monitor, MonitorSettings, SOURCE, Watch)
 from tudor_dynamics.online.settings import SENSOR_SPEED
 from tudor_dynamics.online.streams import Gathering, Residual
 from tudor_dynamics.online.threshold_learning import Calibration
@@ -192,11 +193,12 @@ class DetectNode(ModelNode):
         return MonitorSettings.of({name: self.value(name) for name in self.params})
 
     def adopt(
-        self, bundle: ModelBundle, watch: Watch, motion: str, drops: Sequence[Counter[str]],
-        predictions: dict[str, str],
+        self, bundle: ModelBundle, chain: Monitor | Watch, motion: str,
+        drops: Sequence[Counter[str]], predictions: dict[str, str],
     ) -> None:
-        """Put another model into use."""
-        self.bundle, self.watch = bundle, watch
+        """Put another model into use; chain: what takes measurements."""
+        watch = chain.watch if isinstance(chain, Monitor) else chain
+        self.bundle, self.watch, self._chain = bundle, watch, chain
         names = bundle.arm.channels
         topics = {output: of for output, of in bundle.arm.topics.items()
                   if output in watch.outputs}
@@ -257,19 +259,15 @@ class DetectNode(ModelNode):
 
     def measured(self, output: str, topic: str, message: JointSample) -> None:
         """Hand a sensor message to the detector and report what it found."""
-        watch, reader = self.watch, self._readers.get((output, topic))
-        if watch is None or reader is None:
+        reader = self._readers.get((output, topic))
+        if reader is None:
             return
         values = reader.read(message, FIELD[output])
         if values is None:
             return
         for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
             self.health[output].step(stamp, whole)
-            self.report(self.take(watch, output, stamp, whole))
-
-    def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
-        """Take a whole measurement into account."""
-        return watch.add_measured(output, stamp, values)
+            self.report(self._chain.add_measured(output, stamp, whole))
 
     def moving(self, row: Any) -> None:
         """Tell the health of the sensors whether the arm moves."""
