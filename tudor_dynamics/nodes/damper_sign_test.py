@@ -86,8 +86,7 @@ class SignTester(Trial):
         heard = self._strain[gauge]
         if len(heard) < 20:
             return None
-        stamp, strain = np.array([item[0] for item in heard]) * 1e-9, np.array(
-            [item[1] for item in heard])
+        stamp, strain = np.array(heard).T * [[1e-9], [1.0]]
         grid = np.linspace(stamp[0], stamp[-1], len(stamp))  # lost messages leave no dent
         return StepResponse(float(grid[1] - grid[0]), np.interp(grid, stamp, strain))
 

@@ -31,28 +31,26 @@ from tudor_dynamics.typing import FloatArray
 
 
 class SensorHealth:
-    """Watches channels of one sensor: stuck_time [s]."""
+    """Watches channels of one sensor."""
 
-    def __init__(self, names: Sequence[str], stuck_time: float) -> None:
+    def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
-        self.stuck_time = stuck_time
         self._values = np.full(len(self.names), np.nan)
         self._still = np.zeros(len(self.names))
         self._last: int | None = None
-        self.moving = False
 
-    def step(self, stamp: int, values: FloatArray) -> None:
-        """Take a reading (channels,) into account; time counts only while ``moving``."""
-        dt = 0.0 if self._last is None or not self.moving else (
+    def step(self, stamp: int, values: FloatArray, *, moving: bool) -> None:
+        """Take a reading (channels,) into account; time counts only while the arm moves."""
+        dt = 0.0 if self._last is None or not moving else (
             min(max((stamp - self._last) * 1e-9, 0.0), 1.0))
         self._last = stamp
         self._still = np.where(values == self._values, self._still + dt, 0.0)
         self._values = values.copy()
 
-    def dead(self) -> list[str]:
-        """Name the channels that count as dead."""
+    def dead(self, stuck_time: float) -> list[str]:
+        """Name the channels that have not changed for longer than a time [s]."""
         return [name for name, still in zip(self.names, self._still, strict=True)
-                if still > self.stuck_time]
+                if still > stuck_time]
 
 
 MEANING = {

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 import json
 import math
 from typing import Any
@@ -175,6 +174,7 @@ class DetectNode(ModelNode):
         super().__init__(name, **kwargs)
         self.watch: Watch | None = None
         self._calibration: Calibration | None = None
+        self._moving = False
         self.coverage = Coverage()
         self._residuals, self._thresholds, self._ratios = (
             {method: ListenedPublisher(self.publish_on(JointState, topics[method]))
@@ -206,8 +206,7 @@ class DetectNode(ModelNode):
         self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
                          for output, of in topics.items() for topic, channels in of.items()}
         self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
-        self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
-                       for output in watch.outputs}
+        self.health = {output: SensorHealth(names[output]) for output in watch.outputs}
         for method in watch.methods:
             for publishers in (self._residuals, self._thresholds, self._ratios):
                 publishers[method].encoder = JointStateEncoder(
@@ -254,8 +253,6 @@ class DetectNode(ModelNode):
         settings = self.settings()
         self.watch.set_rates(settings.rates)
         self.watch.detector.settings = settings.detector
-        for health in self.health.values():
-            health.stuck_time = self.value('stuck_time')
 
     def measured(self, output: str, topic: str, message: JointSample) -> None:
         """Hand a sensor message to the detector and report what it found."""
@@ -266,15 +263,13 @@ class DetectNode(ModelNode):
         if values is None:
             return
         for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
-            self.health[output].step(stamp, whole)
+            self.health[output].step(stamp, whole, moving=self._moving)
             self.report(self._chain.add_measured(output, stamp, whole))
 
     def moving(self, row: Any) -> None:
-        """Tell the health of the sensors whether the arm moves."""
+        """Keep for the health of the sensors whether the arm moves."""
         n = len(row) // 3
-        moving = largest_size(row, n, 2 * n) > SENSOR_SPEED
-        for health in self.health.values():
-            health.moving = moving
+        self._moving = largest_size(row, n, 2 * n) > SENSOR_SPEED
 
     def report(self, found: Found) -> None:
         """Publish what was found, and the load."""
@@ -340,7 +335,7 @@ class DetectNode(ModelNode):
 
             def take() -> None:
                 if self.bundle is bundle and self.watch is not None:
-                    self.watch.use_thresholds(learned, replace(settings))
+                    self.watch.use_thresholds(learned, settings)
                     self._note = 'thresholds of ~/calibrate are in use until a model is loaded'
             return take
 
@@ -374,7 +369,8 @@ class DetectNode(ModelNode):
     def _judge_itself(self, watch: Watch) -> tuple[bytes, str]:
         """Give level and message of a detector that has a model and input."""
         rivals = self.rivals(self.collision_output.flags[Level.COLLISION])
-        dead = [name for health in self.health.values() for name in health.dead()]
+        dead = [name for health in self.health.values()
+                for name in health.dead(self.value('stuck_time'))]
         verdict = self.coverage.verdict
         learning = self._calibration is not None and not watch.stages
         errors = [
