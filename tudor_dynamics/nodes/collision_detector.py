@@ -26,7 +26,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
-    JointSample, MotionReader, NamedReader, PointSample)
+    JointSample, MotionDecoder, MotionReader, NamedReader, PointSample)
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import WAITING
 from tudor_dynamics.online.monitor import FIELD, warm_up, Watch
@@ -41,7 +41,8 @@ class CollisionDetectorNode(DetectNode):
         self._motion_drops: Counter[str] = Counter()
         self._inputs: dict[tuple[str, str], Any] = {}
         self.start()
-        self._motion_input = self.hear_motions(JOINT_MOTION, self._on_motion)
+        self._motion_input = self.hear(
+            JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Watch:
         warm_up(bundle, self.settings())
@@ -61,8 +62,7 @@ class CollisionDetectorNode(DetectNode):
         for output in prepared.outputs:
             key = (output, PREDICTED[output])
             if key not in self._inputs:
-                self._inputs[key] = self.hear_joint_states(
-                    key[1], partial(self._on_predicted, output))
+                self._inputs[key] = self.hear(key[1], partial(self._on_predicted, output))
             for topic in topics[output]:
                 if (output, topic) not in self._inputs:
                     self._inputs[output, topic] = self.hear_sensors(

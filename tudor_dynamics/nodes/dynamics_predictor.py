@@ -26,7 +26,8 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import Figure
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
-    JointSample, JointStateEncoder, ListenedPublisher, MotionReader, NamedReader, PointSample)
+    JointSample, JointStateEncoder, ListenedPublisher, MotionDecoder, MotionReader, NamedReader,
+    PointSample)
 from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.monitor import FIELD, MonitorSettings, warm_up
@@ -49,7 +50,8 @@ class DynamicsPredictorNode(ModelNode):
         self._predicted = {output: ListenedPublisher(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
         self.start()
-        self._subscription = self.hear_motions(JOINT_MOTION, self._on_motion)
+        self._subscription = self.hear(
+            JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
 
     def prepare(
         self, bundle: ModelBundle, whole: ModelBundle,

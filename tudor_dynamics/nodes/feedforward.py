@@ -61,7 +61,7 @@ class FeedforwardNode(ModelNode):
         # as the controller listens: a command is not to be lost
         self._wanted = self.subscribe(
             JointTrajectory, WANTED_TRAJECTORY, self._on_trajectory, qos=strong())
-        self._single = self.hear_joint_states(WANTED_STATES, self._on_state)
+        self._single = self.hear(WANTED_STATES, self._on_state)
 
     def choose(self, loaded: ModelBundle) -> ModelBundle:
         """Take the models as they were fitted: a wanted motion passes no filter."""

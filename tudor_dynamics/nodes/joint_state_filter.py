@@ -67,7 +67,7 @@ class JointStateFilterNode(TudorNode):
         self._states = ListenedPublisher(self.publish_on(JointState, FILTERED_JOINT_STATES))
         self._motion = self.publish_on(JointTrajectory, JOINT_MOTION)
         self.serve(RESET, self._reset)
-        self._subscription = self.hear_joint_states(topic, self._on_joints)
+        self._subscription = self.hear(topic, self._on_joints)
 
     def _reset(self) -> str:
         self.filter.reset()
