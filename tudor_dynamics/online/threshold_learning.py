@@ -356,10 +356,9 @@ class Calibration:
                                   np.array([r.motion.row for r in part]),
                                   np.array([r.value for r in part]))
                        for part in parts if len(part) > 1]
-            places = np.vstack([r.motion[::CALIBRATION_STRIDE, :r.motion.shape[1] // 3]
-                                for r in records] or [np.zeros((0, 0))])
-            held = (None if self.stiction is None or not len(places)
-                    else self.stiction(method, places))
+            held = None if self.stiction is None or not records else self.stiction(
+                method, np.vstack([r.motion[::CALIBRATION_STRIDE, :r.motion.shape[1] // 3]
+                                   for r in records]))
             learned = learn_thresholds(records, self.channels[method], held)
             for channel, tail in zip(3 * learned.channels, learned.tails, strict=True):
                 if not tail.scale > 0:
