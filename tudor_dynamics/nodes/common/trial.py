@@ -113,10 +113,7 @@ class Trial(Node):
     def parameter(self, node: str, name: str) -> ParameterValue:
         """Read a parameter of another node."""
         client = self.create_client(GetParameters, f'{node}/get_parameters')
-        try:
-            return self.call(client, GetParameters.Request(names=[name]), node).values[0]
-        finally:
-            self.destroy_client(client)
+        return self.call(client, GetParameters.Request(names=[name]), node).values[0]
 
     def set_damping(self, share: float) -> None:
         """Set the share of the damper's gain."""
