@@ -294,7 +294,8 @@ def test_diagnostics_of_a_node_that_was_shut_down(world: World) -> None:
     """A managed node that ended tells so at once and goes on telling, whatever comes in."""
     node = world.add(JointStateFilterNode)
     world.heard['/diagnostics'].clear()
-    node.end('shut down: start it again')
+    node.ended = 'shut down: start it again'
+    node.publish_diagnostics()
     for _ in range(2):
         node.meter.begin()
         status = world.status('joint_state_filter')

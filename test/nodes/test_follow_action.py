@@ -205,4 +205,4 @@ def test_no_action_without_its_package(world: World, root: Path) -> None:
     try:
         import control_msgs  # noqa: F401
     except ImportError:
-        assert Generator(world, root / 'config/tudor.yaml').node.server is None
+        assert Generator(world, root / 'config/tudor.yaml').node.server.action is None

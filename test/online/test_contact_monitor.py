@@ -32,7 +32,7 @@ from tudor_dynamics.mechanics.mechanism import build_mechanism
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.contact import ContactEstimate, ContactEstimator
-from tudor_dynamics.online.contact_fronts import Pressing, spans_of
+from tudor_dynamics.online.contact_fronts import link_axes, Pressing, spans_of
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 
 SETTINGS = MonitorSettings(kind='elastic', methods=('strain',), contact=True)
@@ -128,4 +128,4 @@ def test_a_link_with_gauges_and_no_beam(bundle: ModelBundle) -> None:
     arm = bundle.arm
     span = replace(spans_of(arm, [True] * len(arm.gauges))[0], joint='joint1')
     with pytest.raises(ModelError, match='joint1.*links.*flexible'):
-        Pressing(span, np.zeros(3), np.zeros(3), build_mechanism(arm), ())
+        Pressing(span, link_axes(arm, 'joint2'), build_mechanism(arm), ())

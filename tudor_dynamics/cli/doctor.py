@@ -12,23 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tudor doctor``: whether this machine has what nodes and commands need."""
+"""``tudor doctor``: whether this machine has what is needed; what a bug report says of a call."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
+import io
 import os
 from pathlib import Path
+import shlex
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
+import traceback
+from typing import Any, TextIO
 
 from tudor_dynamics.cli.console import new_table, print_json, print_table, say
 from tudor_dynamics.compiled import DIRECTORY
+from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES
 from tudor_dynamics.provenance import installed, provenance
 
@@ -41,6 +47,7 @@ missing. exit codes: 0 nothing to do; 1 something to do.
 """
 LAST_DOMAIN = 101  # the ports of larger ones are among those that Linux gives to any program
 FIRST_YEAR = 2024  # a clock that is set is not before it
+LONGEST = 1_000_000  # characters of the output that a bug report keeps
 
 
 @dataclass(frozen=True)
@@ -140,3 +147,47 @@ def _space(name: str, path: Path, wanted: int) -> Check:
     free = shutil.disk_usage(_existing(path)).free
     return Check(name, f'{free / 1e9:.1f} GB', '' if free > wanted else (
         f'events need up to {wanted / 1e9:.1f} GB there'))
+
+
+# -- One file with all that a bug report needs: versions, call, files, output, traceback
+
+class _Copied:
+    """A stream whose text is kept, too."""
+
+    def __init__(self, stream: TextIO, kept: io.StringIO) -> None:
+        self._stream, self._kept = stream, kept
+
+    def write(self, text: str) -> int:
+        if self._kept.tell() < LONGEST:
+            self._kept.write(text)
+        return self._stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def report(arguments: Sequence[str], output: str = '', ended: str = '') -> str:
+    """Write what a bug report needs about a call, and about an exception that is handled."""
+    files = [path for path in map(Path, arguments) if path.suffix in ('.yaml', '.urdf')
+             and path.is_file() and os.access(path, os.R_OK) and path.stat().st_size < LONGEST]
+    raised = traceback.format_exc() if sys.exc_info()[0] else ''
+    return '\n'.join((
+        *(f'{name}: {value}' for name, value in provenance().items()),
+        *(f'{check.name}: {check.found}' for check in checks()), f'folder: {Path.cwd()}',
+        f'call: {shlex.join(("tudor", *arguments))}', *filter(None, (ended, output, raised)),
+        *(f'{path}:\n{read_bounded(path, LONGEST).decode(errors="replace")}' for path in files)))
+
+
+def recorded(path: Path, arguments: Sequence[str], run: Callable[[], int]) -> int:
+    """Run a command, and write what a bug report needs about it, however it ends."""
+    said, begun, code = io.StringIO(), time.monotonic(), None
+    streams = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (_Copied(stream, said) for stream in streams)  # type: ignore
+    try:
+        code = run()
+        return code
+    finally:
+        sys.stdout, sys.stderr = streams
+        ended = 'ended by the error below' if code is None else f'exit code: {code}'
+        write_whole(path, report(arguments, said.getvalue(), f'{ended}, after '
+                                 f'{time.monotonic() - begun:.1f} s').encode())

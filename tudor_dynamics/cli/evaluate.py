@@ -52,28 +52,6 @@ LONGEST_DEBOUNCE = 60.0  # a push that lasts longer is none [s]
 TOO_WIDE = 10.0  # times what was promised: where even more would be no surprise, nothing is known
 
 
-# -- Options of ``tudor evaluate --collisions``, apart from what they need
-
-def configure_collisions(group: argparse._ArgumentGroup) -> None:
-    """Add the options of ``tudor evaluate --collisions``."""
-    group.add_argument('--collisions', action='store_true',
-                       help='judge the collision detector instead of the predictions')
-    group.add_argument('--false-alarms', type=float, default=1.0, metavar='N',
-                       help='false alarms per hour that are allowed (default: 1)')
-    group.add_argument('--debounce', type=float, default=0.01, metavar='S',
-                       help='time for which a threshold must be exceeded (default: 0.01 s)')
-    group.add_argument('--kind', choices=tuple(KINDS), default='analytical',
-                       help='model whose residuals are watched (default: analytical)')
-    group.add_argument('--pushes', nargs='+', default=[], metavar='FILE.csv',
-                       help='tables of begin,end[,tolerance] in seconds since the beginning of '
-                            'the bag, one for each bag')
-    group.add_argument('--truth', metavar='TOPIC',
-                       help='WrenchStamped or Bool that says when the arm was touched (default: '
-                            'applied_wrench, where there is one)')
-    group.add_argument('--free', action='store_true',
-                       help='nothing touched the arm: every event is a false alarm')
-
-
 # -- ``tudor evaluate --collisions``: how well the detector finds pushes, and what it finds
 
 def run_collisions(args: argparse.Namespace) -> int:
@@ -284,7 +262,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='write a page: figures, findings, a load that is found; with '
                              '--collisions: ratios, pushes, events and the ROC')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
-    configure_collisions(parser.add_argument_group('collisions'))
+    group = parser.add_argument_group('collisions')
+    group.add_argument('--collisions', action='store_true',
+                       help='judge the collision detector instead of the predictions')
+    group.add_argument('--false-alarms', type=float, default=1.0, metavar='N',
+                       help='false alarms per hour that are allowed (default: 1)')
+    group.add_argument('--debounce', type=float, default=0.01, metavar='S',
+                       help='time for which a threshold must be exceeded (default: 0.01 s)')
+    group.add_argument('--kind', choices=tuple(KINDS), default='analytical',
+                       help='model whose residuals are watched (default: analytical)')
+    group.add_argument('--pushes', nargs='+', default=[], metavar='FILE.csv',
+                       help='tables of begin,end[,tolerance] in seconds since the beginning of '
+                            'the bag, one for each bag')
+    group.add_argument('--truth', metavar='TOPIC',
+                       help='WrenchStamped or Bool that says when the arm was touched (default: '
+                            'applied_wrench, where there is one)')
+    group.add_argument('--free', action='store_true',
+                       help='nothing touched the arm: every event is a false alarm')
 
 
 def run(args: argparse.Namespace) -> int:

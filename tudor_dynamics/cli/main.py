@@ -211,7 +211,7 @@ def _run(args: argparse.Namespace, arguments: Sequence[str]) -> int:
         run = _subcommand(args.command).run
         if args.debug is None:
             return int(run(args))
-        from tudor_dynamics.cli.debug import recorded  # of no use otherwise
+        from tudor_dynamics.cli.doctor import recorded  # of no use otherwise
         return int(recorded(Path(args.debug), arguments, lambda: run(args)))
 
 
@@ -254,7 +254,7 @@ def _interrupted(name: str) -> int:
 
 def _traceback_file(arguments: Sequence[str]) -> str:
     """Write what a report of a defect needs, and say where."""
-    from tudor_dynamics.cli.debug import report
+    from tudor_dynamics.cli.doctor import report
     try:
         number, path = tempfile.mkstemp('.txt', 'tudor_defect_')
         with open(number, 'w', encoding='utf-8', errors='replace') as file:

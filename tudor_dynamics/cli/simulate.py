@@ -153,10 +153,8 @@ def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tupl
     plant.start_torque(torque[0])
     with bar(steps, 'simulating', BarColumn(), '{task.percentage:.0f} %',
              TimeRemainingColumn()) as advance:
-        def progress(done: int) -> None:
-            advance(advance=done)
         return run_plant(plant, probe, torque, every=every, motion=motion, force=force,
-                         progress=progress)
+                         progress=lambda done: advance(advance=done))
 
 
 def run(args: argparse.Namespace) -> int:

@@ -94,8 +94,7 @@ class BagPlayerNode(TudorNode):
             self._outputs[topic] = self.publish_on(kind, topic.lstrip('/'))
 
     def _play(self) -> None:
-        track, closing = self.track, self._closing
-        assert track is not None
+        closing = self._closing
         wanted = int(self.value('wait_for_subscribers'))
         while any(p.get_subscription_count() < wanted for p in self._outputs.values()):
             if closing.wait(0.02):

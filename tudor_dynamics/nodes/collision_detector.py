@@ -26,7 +26,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
-    JointSample, MotionReader, NamedReader, PointSample)
+    JointSample, MotionDecoder, MotionReader, NamedReader, PointSample)
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import WAITING
 from tudor_dynamics.online.monitor import FIELD, warm_up, Watch
@@ -38,14 +38,11 @@ class CollisionDetectorNode(DetectNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('collision_detector', **kwargs)
-        self._motion_reader: MotionReader | None = None
-        self._prediction_readers: dict[str, NamedReader] = {}
-        self._motions: dict[str, OrderedDict[int, Motion]] = {}
-        self._predictions: dict[str, OrderedDict[int, Any]] = {}
         self._motion_drops: Counter[str] = Counter()
         self._inputs: dict[tuple[str, str], Any] = {}
         self.start()
-        self._motion_input = self.hear_motions(JOINT_MOTION, self._on_motion)
+        self._motion_input = self.hear(
+            JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Watch:
         warm_up(bundle, self.settings())
@@ -56,24 +53,25 @@ class CollisionDetectorNode(DetectNode):
         self.port.use(prepared.payload)
         self.adopt(bundle, prepared, JOINT_MOTION, (self._motion_drops,), PREDICTED)
         self._motion_reader = MotionReader(bundle.arm.active_joints, self._motion_drops)
-        self._motions = {output: OrderedDict() for output in prepared.outputs}
-        self._predictions = {output: OrderedDict() for output in prepared.outputs}
+        self._motions: dict[str, OrderedDict[int, Motion]] = {
+            output: OrderedDict() for output in prepared.outputs}
+        self._predictions: dict[str, OrderedDict[int, Any]] = {
+            output: OrderedDict() for output in prepared.outputs}
         self._prediction_readers = {output: NamedReader(bundle.arm.channels[output], self.drops)
                                     for output in prepared.outputs}
         for output in prepared.outputs:
             key = (output, PREDICTED[output])
             if key not in self._inputs:
-                self._inputs[key] = self.hear_joint_states(
-                    key[1], partial(self._on_predicted, output))
+                self._inputs[key] = self.hear(key[1], partial(self._on_predicted, output))
             for topic in topics[output]:
                 if (output, topic) not in self._inputs:
                     self._inputs[output, topic] = self.hear_sensors(
                         bundle.arm, topic, partial(self._on_measured, output, topic))
 
     def _on_motion(self, message: PointSample) -> None:
-        self.listened.look(self.meter.begin())
+        self.meter.begin()
         self.came(JOINT_MOTION, message.stamp)
-        if self.watch is None or self._motion_reader is None:
+        if self.watch is None:
             return
         motion = self._motion_reader.read(message)
         if motion is None:
@@ -89,12 +87,11 @@ class CollisionDetectorNode(DetectNode):
             waiting[motion.stamp] = motion
             if len(waiting) > WAITING:
                 waiting.popitem(last=False)
-                self._lack_prediction(output)
+                self._lack_prediction(self.watch, output)
 
-    def _lack_prediction(self, output: str) -> None:
-        assert self.watch is not None
+    def _lack_prediction(self, watch: Watch, output: str) -> None:
         self.drops['no_prediction'] += 1
-        self.watch.counts[output]['no_prediction'] += 1
+        watch.counts[output]['no_prediction'] += 1
 
     def _on_predicted(self, output: str, message: JointSample) -> None:
         self.came(PREDICTED[output], message.stamp)
@@ -119,13 +116,12 @@ class CollisionDetectorNode(DetectNode):
             first, _ = waiting.popitem(last=False)
             if first == stamp:
                 break
-            self._lack_prediction(output)
+            self._lack_prediction(self.watch, output)
         self.report(self.watch.add_output(output, motion, values))
 
     def _on_measured(self, output: str, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
         self.came(topic, message.stamp)
-        self.listened.look(begun)
         try:
             self.measured(output, topic, message)
         except TudorError as err:

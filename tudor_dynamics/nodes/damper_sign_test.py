@@ -86,8 +86,7 @@ class SignTester(Trial):
         heard = self._strain[gauge]
         if len(heard) < 20:
             return None
-        stamp, strain = np.array([item[0] for item in heard]) * 1e-9, np.array(
-            [item[1] for item in heard])
+        stamp, strain = np.array(heard).T * [[1e-9], [1.0]]
         grid = np.linspace(stamp[0], stamp[-1], len(stamp))  # lost messages leave no dent
         return StepResponse(float(grid[1] - grid[0]), np.interp(grid, stamp, strain))
 
@@ -107,7 +106,6 @@ class SignTester(Trial):
         self._go(index)
         self.spin_until(lambda: False, planner.remaining + 0.1)
         response = self.listen(self._gauge(joint), RECORD, watch=share > 0.0)
-        assert self.q is not None
         if abs(self.q[index] - self._goal[index]) > 0.5 * abs(step):
             raise TudorError(f'{joint} is at {self.q[index]:.3g}, not at {self._goal[index]:.3g} '
                              f'{self.arm.position_units[joint]}: see the diagnostics of {DAMPER}, '
@@ -128,7 +126,6 @@ class SignTester(Trial):
                           step=self.roomy(index, self._goal[index], step))
 
     def run(self, joints: Sequence[str], options: Namespace) -> int:
-        assert self.q is not None
         self._goal = self.q.copy()
         for index in range(len(self._goal)):  # the reference comes to an arm that was held
             self._go(index)

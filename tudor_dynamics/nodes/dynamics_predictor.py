@@ -26,7 +26,8 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import Figure
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
-    JointSample, JointStateEncoder, ListenedPublishers, MotionReader, NamedReader, PointSample)
+    JointSample, JointStateEncoder, ListenedPublisher, MotionDecoder, MotionReader, NamedReader,
+    PointSample)
 from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.monitor import FIELD, MonitorSettings, warm_up
@@ -46,11 +47,11 @@ class DynamicsPredictorNode(ModelNode):
         self._reader: MotionReader | None = None
         self._gauges: list[Any] = []
         self.port = PayloadPort(self, str(self.value('payload_source')))
-        self._listened = ListenedPublishers()
-        self._predicted = {output: self._listened.add(self.publish_on(JointState, topic))
+        self._predicted = {output: ListenedPublisher(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
         self.start()
-        self._subscription = self.hear_motions(JOINT_MOTION, self._on_motion)
+        self._subscription = self.hear(
+            JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
 
     def prepare(
         self, bundle: ModelBundle, whole: ModelBundle,
@@ -93,7 +94,6 @@ class DynamicsPredictorNode(ModelNode):
         motion = self._reader.read(message)
         if motion is None:
             return
-        self._listened.look(begun)
         wanted = [output for output, publisher in self._predicted.items() if publisher.wanted]
         predicted = self.predictor.step(motion, wanted)
         if predicted is None:

@@ -53,7 +53,6 @@ class FeedforwardNode(ModelNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('feedforward', **kwargs)
         self.ahead: Feedforward | None = None
-        self._reader: NamedReader | None = None
         self._refused = ''
         self.port = PayloadPort(self, str(self.value('payload_source')))
         self._trajectories = self.publish_on(JointTrajectory, TRAJECTORY_WITH_EFFORT)
@@ -62,7 +61,7 @@ class FeedforwardNode(ModelNode):
         # as the controller listens: a command is not to be lost
         self._wanted = self.subscribe(
             JointTrajectory, WANTED_TRAJECTORY, self._on_trajectory, qos=strong())
-        self._single = self.hear_joint_states(WANTED_STATES, self._on_state)
+        self._single = self.hear(WANTED_STATES, self._on_state)
 
     def choose(self, loaded: ModelBundle) -> ModelBundle:
         """Take the models as they were fitted: a wanted motion passes no filter."""
@@ -133,7 +132,7 @@ class FeedforwardNode(ModelNode):
 
     def _on_state(self, message: JointSample) -> None:
         begun = self.meter.begin()
-        if self.ahead is None or self._reader is None:
+        if self.ahead is None:
             return
         q = self._reader.read(message, 'position')
         dq = self._reader.read(message, 'velocity', optional=True)

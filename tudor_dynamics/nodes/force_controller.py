@@ -118,10 +118,10 @@ class ForceControllerNode(MovingNode):
         controller = self.controller
         assert controller is not None
         pose = controller.pose if controller.pose is not None else q
-        readings = self.static.at(pose, controller.force)
+        weight, share = self.static.at(pose, controller.force)
         silent = nanoseconds(message.header.stamp) * 1e-9 - self._read > SILENT
-        strain = np.where(silent, np.nan, self._strain) - readings.weight
-        place, speed = controller.step(dt, q, strain, readings.share)
+        strain = np.where(silent, np.nan, self._strain) - weight
+        place, speed = controller.step(dt, q, strain, share)
         self._reference.publish(joint_state(
             message.header.stamp, list(self._joints.names), position=place, velocity=speed))
         if self._tip_force.get_subscription_count():

@@ -30,7 +30,7 @@ from tudor_dynamics.nodes.common.base import TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
     FILTERED_JOINT_STATES, JOINT_MOTION, JOINT_STATES, RESET)
 from tudor_dynamics.nodes.common.messages import (
-    JointSample, JointStateEncoder, ListenedPublishers, MotionEncoder, NamedReader)
+    JointSample, JointStateEncoder, ListenedPublisher, MotionEncoder, NamedReader)
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import DEEP
 from tudor_dynamics.online.monitor import warm_up_filter
@@ -64,11 +64,10 @@ class JointStateFilterNode(TudorNode):
         warm_up_filter(spec)
         self.filter = StateFilter(spec, self.value('gap'))
         self._effort = LowPass(spec.output_cutoff)
-        self._listened = ListenedPublishers()
-        self._states = self._listened.add(self.publish_on(JointState, FILTERED_JOINT_STATES))
+        self._states = ListenedPublisher(self.publish_on(JointState, FILTERED_JOINT_STATES))
         self._motion = self.publish_on(JointTrajectory, JOINT_MOTION)
         self.serve(RESET, self._reset)
-        self._subscription = self.hear_joint_states(topic, self._on_joints)
+        self._subscription = self.hear(topic, self._on_joints)
 
     def _reset(self) -> str:
         self.filter.reset()
@@ -97,7 +96,6 @@ class JointStateFilterNode(TudorNode):
         states = [row[:n], row[n:2 * n]]
         if effort is not None:
             states.append(self._effort.step(motion.dt, effort))
-        self._listened.look(begun)
         self._states.encoder = self._encoders[effort is not None]
         self._states.publish(stamp, *states)
         self.meter.end(begun)

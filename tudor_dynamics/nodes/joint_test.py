@@ -66,7 +66,7 @@ class JointTester(Trial):
 
     def heard(self, message: JointState) -> None:
         """Record positions, and velocities where the driver has them."""
-        if self._record is not None and self.q is not None:
+        if self._record is not None:
             dq = self._reader.read(message, 'velocity') if len(message.velocity) else None
             self._record.positions(1e-9 * nanoseconds(message.header.stamp), self.q, dq)
 
@@ -96,7 +96,6 @@ class JointTester(Trial):
         """Let the damper hold the arm where it stands, whatever was before."""
         self._activate(False)
         self.spin_until(lambda: False, NUDGE_STANDS)  # it brakes, and the reference comes to it
-        assert self.q is not None
         self._send(Trajectory(self.arm.active_joints, np.zeros(1), self.q[np.newaxis]))
         self.spin_until(lambda: False, NUDGE_STANDS)
         self._activate(True)
@@ -109,7 +108,6 @@ class JointTester(Trial):
 
     def nudge(self, joint: str, step: float) -> JointAnswer:
         """Nudge a joint; where any goes astray, stop all."""
-        assert self.q is not None
         index = self.arm.active_joints.index(joint)
         place = float(self.q[index])
         record = self._record = JointRecord(self.arm, index, step)
@@ -125,15 +123,11 @@ class JointTester(Trial):
         self._record = None
         return record.judge()
 
-    def _order(self, controller: str) -> str:
-        """Compare the joints of a controller with those of the arm; empty where they agree."""
-        found = self.parameter(controller, 'joints').string_array_value
-        return order_fault(self.arm.active_joints, found)
-
     def run(self, joints: Sequence[str], options: Namespace) -> int:
-        assert self.q is not None
-        fault = (self._order(options.controller) if options.controller else ''
-                 ) or pose_fault(self.arm, self.q)
+        fault = options.controller and order_fault(
+            self.arm.active_joints,
+            self.parameter(options.controller, 'joints').string_array_value)
+        fault = fault or pose_fault(self.arm, self.q)
         if fault:
             print(f'{fault}; nothing was moved')
             return 1

@@ -34,10 +34,10 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
-    JointSample, JointStateEncoder, MotionEncoder, NamedReader)
+    JointSample, JointStateEncoder, ListenedPublisher, MotionEncoder, NamedReader)
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.black_box import MessageRing, write_events
-from tudor_dynamics.online.monitor import FIELD, Found, Monitor, warm_up, Watch
+from tudor_dynamics.online.monitor import FIELD, Monitor, warm_up
 from tudor_dynamics.online.settings import RECORDED_AFTER
 from tudor_dynamics.provenance import provenance
 
@@ -114,13 +114,11 @@ class MonitorNode(DetectNode):
         super().__init__(name, **kwargs)
         self._box = BlackBox(self)
         self.monitor: Monitor | None = None
-        self._joints: NamedReader | None = None
-        self._motion = self.listened.add(self.publish_on(JointTrajectory, JOINT_MOTION))
-        self._predicted = {output: self.listened.add(self.publish_on(JointState, topic))
+        self._motion = ListenedPublisher(self.publish_on(JointTrajectory, JOINT_MOTION))
+        self._predicted = {output: ListenedPublisher(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
         self._joint_drops: Counter[str] = Counter()
         self._inputs: dict[str, Any] = {}
-        self._carried: dict[str, list[str]] = {}
         self.start()
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Monitor:
@@ -132,21 +130,17 @@ class MonitorNode(DetectNode):
                 bundle.preprocessing == self.bundle.preprocessing):
             prepared.filter = self.monitor.filter
         own = self._own = bundle.arm.spec.joint_topic
-        self.adopt(bundle, prepared.watch, own, (self._joint_drops, prepared.filter.drops), {})
+        self.adopt(bundle, prepared, own, (self._joint_drops, prepared.filter.drops), {})
         self.monitor = prepared
         self.port.use(prepared.payload)
         self._motion.encoder = MotionEncoder(bundle.arm.active_joints)
         for output, publisher in self._predicted.items():
             publisher.encoder = JointStateEncoder(bundle.arm.channels[output], (FIELD[output],))
         self._joints = NamedReader(bundle.arm.active_joints, self._joint_drops)
-        # one subscription per topic, whatever the topic carries
-        self._carried = {own: []}
-        topics = bundle.arm.topics
-        for output in prepared.watch.outputs:
-            for topic in topics[output]:
-                self._carried.setdefault(topic, []).append(output)
-        for topic in self._carried:
-            if topic not in self._inputs:
+        measured = [topic for output in prepared.watch.outputs
+                    for topic in bundle.arm.topics[output]]
+        for topic in (own, *measured):
+            if topic not in self._inputs:  # one each, whatever the topic carries
                 self._inputs[topic] = self.hear_sensors(
                     bundle.arm, topic,
                     self._on_joints if topic == own else partial(self._on_measured, topic))
@@ -154,14 +148,15 @@ class MonitorNode(DetectNode):
     def _on_joints(self, message: JointSample) -> None:
         begun = self.meter.begin()
         self.came(self._own, message.stamp)
-        monitor, reader = self.monitor, self._joints
-        if monitor is None or reader is None:
+        monitor = self.monitor
+        if monitor is None:
             return
-        q = reader.read(message, 'position')
+        q = self._joints.read(message, 'position')
         if q is None:
             return
-        velocity = reader.read(message, 'velocity', optional=True)
-        self._look(begun)
+        velocity = self._joints.read(message, 'velocity', optional=True)
+        monitor.wanted = {output for output, publisher in self._predicted.items()
+                          if output in monitor.watch.outputs or publisher.wanted}
         found = monitor.add_joints(message.stamp, q, velocity)
         motion = monitor.motion
         if motion is not None:
@@ -170,22 +165,14 @@ class MonitorNode(DetectNode):
             for output, values in (monitor.predicted or {}).items():
                 self._predicted[output].publish(motion.stamp, values)
         self.report(found)
-        for output in self._carried[self._own]:
+        for output in monitor.watch.outputs:
             self.measured(output, self._own, message)
         self.meter.end(begun)
-
-    def _look(self, now: float) -> None:
-        """Choose from time to time what is predicted: that which somebody listens to."""
-        monitor = self.monitor
-        if self.listened.look(now) and monitor is not None:
-            monitor.wanted = {output for output, publisher in self._predicted.items()
-                              if publisher.wanted or output in monitor.watch.outputs}
 
     def _on_measured(self, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
         self.came(topic, message.stamp)
-        self._look(begun)
-        for output in self._carried.get(topic, ()):
+        for output in () if self.watch is None else self.watch.outputs:
             self.measured(output, topic, message)
         self.meter.end(begun)
 
@@ -201,11 +188,6 @@ class MonitorNode(DetectNode):
     def close(self) -> None:
         """Write the bag of an event that has just come."""
         self._box.close()
-
-    def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
-        """Take a whole measurement into account, also in the model."""
-        monitor = self.monitor
-        return Found() if monitor is None else monitor.add_measured(output, stamp, values)
 
     def counters(self) -> list[Counter[str]]:
         more = [] if self.monitor is None else [self.monitor.filter.drops]

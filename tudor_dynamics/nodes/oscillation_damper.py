@@ -155,9 +155,9 @@ class OscillationDamperNode(MovingNode):
             self.controller.reference.add(self.steady(), q, dq)
 
     def _on_payload(self, message: InertiaStamped) -> None:
-        if self.controller is not None and self.controller.adaptation is not None:
-            if self.controller.adaptation.tell(self.steady(), float(message.inertia.m)):
-                self.drops['payload_refused'] += 1
+        adaptation = None if self.controller is None else self.controller.adaptation
+        if adaptation is not None and adaptation.tell(self.steady(), float(message.inertia.m)):
+            self.drops['payload_refused'] += 1
 
     def stamped(self, stamp: int) -> None:
         """Compare stamps with the clock."""

@@ -41,8 +41,7 @@ from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.tuning import refiner_of
 from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, WARN
-from tudor_dynamics.nodes.common.following import (
-    follow_action, FollowServer, since_start, tolerances_of)
+from tudor_dynamics.nodes.common.following import FollowServer, since_start, tolerances_of
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, PAYLOAD_TOPIC, RESET, RESIDUALS,
     STATE)
@@ -85,9 +84,8 @@ class ReferenceGeneratorNode(MovingNode):
         self._step_timer = self.create_timer(1.0 / self.value('rate'), self._step)
         self._look_timer = self.every(MONITORS_LOOK, self._look)
         self._state_timer = self.every(STATE_PERIOD, self._report)
-        action = follow_action()
-        self.server = None if action is None else FollowServer(
-            self, action, lambda goal: self._take(goal.trajectory, goal), self._stop_goal)
+        self.server = FollowServer(
+            self, lambda goal: self._take(goal.trajectory, goal), self._stop_goal)
         self.autostart()
 
     @property
@@ -178,7 +176,7 @@ class ReferenceGeneratorNode(MovingNode):
         assert self.source is not None
         if not message.points:  # controllers stop at this
             self.source.stop(f'a trajectory without points came on {JOINT_TRAJECTORY}')
-        elif not self._take(message) and self.server is not None:
+        elif not self._take(message):
             self.server.end(f'a newer trajectory on {JOINT_TRAJECTORY} replaced this goal')
 
     def _take(self, message: JointTrajectory, goal: Any = None) -> str:
@@ -206,7 +204,7 @@ class ReferenceGeneratorNode(MovingNode):
         source = self.source
         if source is None:
             return
-        if self.server is not None and source.outcome:
+        if source.outcome:
             self.server.end(source.outcome)
         if source.motion is None or source.actual is None:
             return
@@ -224,8 +222,7 @@ class ReferenceGeneratorNode(MovingNode):
         message = JointTrajectory(joint_names=self._names, points=points)
         message.header.stamp = self.get_clock().now().to_msg()
         self._states.publish(message)
-        if self.server is not None:
-            self.server.report(message.header, self._names, points)
+        self.server.report(message.header, self._names, points)
 
     def _on_payload(self, message: InertiaStamped) -> None:
         assert self.source is not None
@@ -299,8 +296,7 @@ class ReferenceGeneratorNode(MovingNode):
             self._output.publish(joint_state(stamp.to_msg(), self._names, position=q, velocity=dq))
 
     def close(self) -> None:
-        if self.server is not None:
-            self.server.destroy()
+        self.server.destroy()
 
     def verdict(self) -> tuple[bytes, str]:
         """Say whether goals are taken, and whether anybody watches the arm."""

@@ -36,7 +36,7 @@ from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.flexible_tool import FlexibleTool
 from tudor_dynamics.models.still_timing import shaped_for, TIMING
 from tudor_dynamics.nodes.common.base import Figure, latched, OK, strong, TudorNode, WARN
-from tudor_dynamics.nodes.common.following import follow_action, FollowServer, since_start
+from tudor_dynamics.nodes.common.following import FollowServer, since_start
 from tudor_dynamics.nodes.common.interfaces import COLLISION, JOINT_TRAJECTORY, RESET
 from tudor_dynamics.nodes.common.messages import NamedReader, put_trajectory, trajectory_of
 from tudor_dynamics.nodes.common.runner import run
@@ -69,7 +69,7 @@ class TrajectoryRelayNode(TudorNode):
         super().__init__('trajectory_relay', **kwargs)
         self.follower: Follower | None = None
         self.ahead: Feedforward | None = None
-        self.server: FollowServer | None = None
+        self._client: ActionClient | None = None
         self.forwarded, self.refused, self.not_shaped = 0, '', ''
         self.collision = self.held = False
         self._q: FloatArray | None = None
@@ -105,10 +105,10 @@ class TrajectoryRelayNode(TudorNode):
             self.subscribe(JointState, arm.spec.joint_topic, self._on_joints),
             self.subscribe(JointTrajectory, JOINT_TRAJECTORY, self._on_trajectory, qos=strong()),
             self.create_subscription(Bool, COLLISION, self._on_collision, latched())]
-        action = follow_action()
-        if action is not None:
-            self.server = FollowServer(self, action, self._on_goal, self._stop)
-            self._client = ActionClient(self, action, f'{controller}/follow_joint_trajectory')
+        self.server = FollowServer(self, self._on_goal, self._stop)
+        if self.server.action is not None:
+            self._client = ActionClient(
+                self, self.server.action, f'{controller}/follow_joint_trajectory')
         self._step_timer = self.every(STATE_PERIOD, self._step)
         self._look_timer = self.every(PUBLISHERS_LOOK, self._look)
 
@@ -141,7 +141,7 @@ class TrajectoryRelayNode(TudorNode):
 
     def _on_goal(self, goal: Any) -> str:
         """Forward a goal; give why not."""
-        if not self._client.server_is_ready():
+        if self._client is None or not self._client.server_is_ready():
             return self._refuse(f'the controller {self.value("controller")} offers no action '
                                 'follow_joint_trajectory: activate it')
         why = self._check(goal.trajectory)
@@ -153,7 +153,7 @@ class TrajectoryRelayNode(TudorNode):
         return why
 
     def _fed_back(self, mine: list[Any], message: Any) -> None:
-        if self._goal is mine and self.server is not None:
+        if self._goal is mine:
             self.server.feedback(message.feedback)
 
     def _accepted(self, mine: list[Any], future: Any) -> None:
@@ -172,14 +172,12 @@ class TrajectoryRelayNode(TudorNode):
             self._goal = None
             if code != 0 and self.follower is not None:
                 self.follower.leave()
-            if self.server is not None:
-                self.server.end(text, code)
+            self.server.end(text, code)
 
     def _leave(self, why: str) -> None:
         """Forget the goal that the controller drives; it gives it up by itself."""
         self._goal = None
-        if self.server is not None:
-            self.server.end(why)
+        self.server.end(why)
 
     def _refuse(self, why: str) -> str:
         self.drops['refused'] += 1
@@ -322,8 +320,9 @@ class TrajectoryRelayNode(TudorNode):
                 (level, message))
 
     def close(self) -> None:
-        if self.server is not None:
+        if self.follower is not None:
             self.server.destroy()
+        if self._client is not None:
             self._client.destroy()
 
 

@@ -45,7 +45,7 @@ class WatchNode(TudorNode):
         self.view = LiveView(f'monitor in {self.get_namespace()}')
         self._levels = {Level.FREE}
         for method, topic in RATIOS.items():
-            self.hear_joint_states(topic, partial(self._on_ratios, method))
+            self.hear(topic, partial(self._on_ratios, method))
         for level, topic in ((Level.CONTACT, CONTACT), (Level.COLLISION, COLLISION)):
             self.subscribe(Bool, topic, partial(self._on_level, level), qos=latched())
         self.subscribe(String, COLLISION_RECORD, self._on_event, qos=latched())

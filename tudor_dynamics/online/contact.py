@@ -388,9 +388,9 @@ class ContactEstimator:
         self.felt = size > (self._ended if self.felt else self._detected)
         share = weights[own] / weights[own].sum()
         values = share @ pressing[own]
-        spread = sum(part * (covariance[k] + np.outer(pressing[k] - values, pressing[k] - values))
-                     for part, k in zip(share, own, strict=True))
-        assert not isinstance(spread, int)
+        off = pressing - values
+        spread = sum((part * (covariance[k] + np.outer(off[k], off[k]))
+                      for part, k in zip(share, own, strict=True)), np.zeros((PRESSING, PRESSING)))
         place, unsure, known = place_among(
             [self.spans[k] for k in own], share,
             [place_on(self.spans[k], pressing[k], covariance[k]) for k in own])

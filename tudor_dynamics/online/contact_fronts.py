@@ -198,8 +198,7 @@ class RigidFront:
     modes = 0
 
     def __init__(self, arm: Arm, spans: Sequence[Span], gain: FloatArray) -> None:
-        self._arm, self._spans, self._gain = arm, spans, gain
-        self._model = arm.full_model
+        self._spans, self._gain, self._model = spans, gain, arm.full_model
         self._data = self._model.createData()
         self._q, self._columns = arm.held_pose()
         self._gauges = [
@@ -287,22 +286,17 @@ def pressing_columns(
 ) -> None:
     """Write the generalised forces (m, PRESSING) of a unit of what presses on a span [m]."""
     driven = driven_of(arrays)
-    m, chain = pushed.shape[0], driven.chain
-    none, near, far = np.zeros(m), np.zeros(m), np.zeros(m)
-    _generalised(driven, none)
-    _put(chain, body, side, inner, sign, 0.0)
-    _generalised(driven, near)
-    chain.wrench[:] = 0.0
-    _put(chain, body, side, outer, sign, 0.0)
-    _generalised(driven, far)
-    chain.wrench[:] = 0.0
-    _put(chain, body, side, inner, 0.0, 1.0)
-    _generalised(driven, pushed[:, ALONG])
-    chain.wrench[:] = 0.0
+    m, none = pushed.shape[0], np.zeros(pushed.shape[0])
+    for column, (place, across, along) in enumerate(
+            ((inner, sign, 0.0), (outer, sign, 0.0), (inner, 0.0, 1.0))):
+        _put(driven.chain, body, side, place, across, along)
+        _generalised(driven, pushed[:, column])
+        driven.chain.wrench[:] = 0.0
     _generalised(driven, none)
     for a in range(m):
-        slope = (far[a] - near[a]) / (outer - inner)
-        pushed[a, ACROSS] = near[a] - none[a] - (inner + start) * slope
+        near, far = pushed[a, 0], pushed[a, 1]
+        slope = (far - near) / (outer - inner)
+        pushed[a, ACROSS] = near - none[a] - (inner + start) * slope
         pushed[a, MOMENT] = slope
         pushed[a, ALONG] -= none[a]
 
@@ -311,8 +305,7 @@ class Pressing:
     """A span of a link, as compiled code has it."""
 
     def __init__(
-        self, span: Span, along: FloatArray, across: FloatArray, mechanism: Mechanism,
-        gauges: Sequence[GaugePlace],
+        self, span: Span, axes: LinkAxes, mechanism: Mechanism, gauges: Sequence[GaugePlace],
     ) -> None:
         if span.joint not in mechanism.beams:
             raise ModelError(f'the link of {span.joint!r} has gauges, but no links[].flexible; '
@@ -320,10 +313,10 @@ class Pressing:
         body = mechanism.body_of[span.joint]
         floats = mechanism.body_float[body]
         length = float(floats[at.LENGTH])
-        start = float(floats[at.BODY_PLACE:at.BODY_PLACE + 3] @ along)
+        start = float(floats[at.BODY_PLACE:at.BODY_PLACE + 3] @ axes.along)
         plane = next(gauge.axis for gauge in gauges if gauge.body == body)
         side = 1 if plane == 2 else 2
-        sign = 1.0 if float(beam_axes(floats)[:, side] @ across) > 0.0 else -1.0
+        sign = 1.0 if float(beam_axes(floats)[:, side] @ axes.across) > 0.0 else -1.0
         inner, outer = (min(max(end - start, 0.0), length) for end in span.ends)
         self.numbers = (body, side, sign, inner, outer, start)
         self.through: FloatArray = np.zeros((len(gauges), PRESSING))
@@ -437,11 +430,8 @@ class ElasticFront:
         self._zero = np.array([values[1] for values in model.coefficients_ or ()])
         self._driven = driven = driven_arm(model.arm, model.values)
         m, tables = driven.size, driven.tables
-        self._pressing = []
-        for span in spans:
-            axes = link_axes(model.arm, span.joint)
-            self._pressing.append(Pressing(
-                span, axes.along, axes.across, driven.mechanism, driven.gauges))
+        self._pressing = [Pressing(span, link_axes(model.arm, span.joint), driven.mechanism,
+                                   driven.gauges) for span in spans]
         places = tables.gears.place
         self._geared = np.searchsorted(tables.equations.free, places)
         self._engaged = (tables.equations.matrices[STIFFNESS, places, places]
@@ -468,30 +458,25 @@ class ElasticFront:
         """Give the number of vibrations that are carried along."""
         return len(self._squares)
 
-    def follow(self, dt: float, row: FloatArray) -> FloatArray:
-        """Go to the next sample, dt 0 to restart at rest; returns moments (gauges,) [N m]."""
+    def residual(
+        self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
+    ) -> FloatArray | None:
+        """Go to the next sample, dt 0 to restart at rest; gives the residual as moments [N m]."""
         if dt <= 0.0:
             self._driven.forget()
             self._basis[:] = self._first  # what went before may have been no arm any more
         moment = self._driven.follow(row[None, :len(row) // 3], np.array([dt])).moment[0]
-        if dt <= 0.0:
-            return moment  # matrices come with the next sample, which moves it
-        self._before = self._basis.copy()
-        try:
-            self._linearise()
-            slow_modes(self._small, self._basis, self._squares, self._rates)
-            self._flexible = np.linalg.inv(self._small[2]) - (
-                self._basis / self._squares) @ self._basis.T
-        except np.linalg.LinAlgError as err:
-            raise SimulationError('the modes of the elastic model cannot be computed at this pose '
-                                  f'({err}); fit it to bags with such poses') from None
-        return moment
-
-    def residual(
-        self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
-    ) -> FloatArray | None:
-        """Give the residual as moments (gauges,) [N m]; arguments as in `follow`."""
-        return np.asarray((measured - self._zero) / self._gain - self.follow(dt, row))
+        if dt > 0.0:  # after a restart matrices come with the next sample, which moves it
+            self._before = self._basis.copy()
+            try:
+                self._linearise()
+                slow_modes(self._small, self._basis, self._squares, self._rates)
+                self._flexible = np.linalg.inv(self._small[2]) - (
+                    self._basis / self._squares) @ self._basis.T
+            except np.linalg.LinAlgError as err:
+                raise SimulationError('the modes of the elastic model cannot be computed at this '
+                                      f'pose ({err}); fit it to bags with such poses') from None
+        return np.asarray((measured - self._zero) / self._gain - moment)
 
     def settle(self, left: FloatArray, dt: float, states: FloatArray) -> None:
         """

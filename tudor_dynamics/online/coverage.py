@@ -25,41 +25,32 @@ from statistics import median
 
 import numpy as np
 
-from tudor_dynamics.compiled import compiled
 from tudor_dynamics.online.settings import (
     COVERAGE_PERIOD, COVERAGE_TIME, PERIODS_APART, STAMPS_APART, UNJUDGED_ERROR, UNJUDGED_WARNING)
 from tudor_dynamics.typing import FloatArray
 
 
 class SensorHealth:
-    """Watches channels of one sensor: stuck_time [s]."""
+    """Watches channels of one sensor."""
 
-    def __init__(self, names: Sequence[str], stuck_time: float) -> None:
+    def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
-        self.stuck_time = stuck_time
         self._values = np.full(len(self.names), np.nan)
         self._still = np.zeros(len(self.names))
         self._last: int | None = None
-        self.moving = False
 
-    def step(self, stamp: int, values: FloatArray) -> None:
-        """Take a reading (channels,) into account; time counts only while ``moving``."""
-        dt = 0.0 if self._last is None else min(max((stamp - self._last) * 1e-9, 0.0), 1.0)
+    def step(self, stamp: int, values: FloatArray, *, moving: bool) -> None:
+        """Take a reading (channels,) into account; time counts only while the arm moves."""
+        dt = 0.0 if self._last is None or not moving else (
+            min(max((stamp - self._last) * 1e-9, 0.0), 1.0))
         self._last = stamp
-        _wait(values, self._values, dt if self.moving else 0.0, self._still)
+        self._still = np.where(values == self._values, self._still + dt, 0.0)
+        self._values = values.copy()
 
-    def dead(self) -> list[str]:
-        """Name the channels that count as dead."""
+    def dead(self, stuck_time: float) -> list[str]:
+        """Name the channels that have not changed for longer than a time [s]."""
         return [name for name, still in zip(self.names, self._still, strict=True)
-                if still > self.stuck_time]
-
-
-@compiled
-def _wait(values: FloatArray, last: FloatArray, dt: float, still: FloatArray) -> None:
-    """Add time where a value is the last one, and start from zero where it is not."""
-    for i in range(len(values)):
-        still[i] = still[i] + dt if values[i] == last[i] else 0.0
-        last[i] = values[i]
+                if still > stuck_time]
 
 
 MEANING = {

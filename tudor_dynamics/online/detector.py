@@ -158,16 +158,11 @@ class ExcessStage:
         self._profile = np.ascontiguousarray(thresholds.profile)
         self._weights = np.ascontiguousarray(thresholds.taps[::-1]).reshape(-1, n)
         self._past: FloatArray = np.empty((2 * GROWTH, 1 + n))
+        self.allow(rates)
+
+    def allow(self, rates: Rates) -> None:
+        """Allow so many false alarms from now on."""
         self.rates = rates
-
-    @property
-    def rates(self) -> Rates:
-        """Give the false alarms allowed; may be changed at any time."""
-        return self._rates
-
-    @rates.setter
-    def rates(self, rates: Rates) -> None:
-        self._rates = rates
         collision = self.thresholds.ratios(rates.collision)
         contact = np.minimum(self.thresholds.ratios(rates.contact), collision)
         self._channels[CONTACT:] = np.concatenate([contact, collision]).reshape(6, -1)

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -33,6 +33,7 @@ from tudor_dynamics.load.rows import load_worth
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import (
     add, Chain, cholesky, cross, forward, rotation_at, solve, sub, turn, Vector, vector_at)
+from tudor_dynamics.mechanics.equations import point_motion
 from tudor_dynamics.models.base import Model, SAME, SLIDING
 from tudor_dynamics.models.bundle import elastic_of, ModelBundle
 from tudor_dynamics.models.elastic.arm import Response
@@ -123,18 +124,6 @@ class Inverse(NamedTuple):
 
 
 @compiled
-def end_of(chain: Chain, z: NDArray, body: int) -> Vector:
-    """Give where the end of a beam, or the frame of a rigid body, is in the base frame [m]."""
-    here = chain.moving[body]
-    place = vector_at(here, at.ORIGIN)
-    if chain.body_int[body, at.FLEXIBLE] == 0:
-        return place
-    k = chain.body_int[body, at.FIRST]
-    along = (chain.body_float[body, at.LENGTH] + z[k], z[k + 1], z[k + 2])
-    return add(place, turn(rotation_at(here, at.WORLD), along))
-
-
-@compiled
 def twist_of(row: NDArray, torque: float) -> float:
     """Give the twist at which a gear with play holds a torque at rest [rad]; inverse of `gear`."""
     edge = row[1] if torque > 0.0 else -row[1]
@@ -149,12 +138,20 @@ def twist_of(row: NDArray, torque: float) -> float:
 
 
 @compiled
-def _aim(tables: Inverse, chain: Chain, z: NDArray, wanted: NDArray, turns: NDArray) -> bool:
+def _end(tables: Inverse, e: int, vectors: NDArray, chain: Chain) -> Vector:
+    """Give where the end of a beam of one element, or the frame of a rigid body, is [m]."""
+    body = tables.ends[e]
+    return point_motion(
+        vectors[Z], vectors[DZ], chain, body, chain.body_int[body, at.FLEXIBLE])[0]
+
+
+@compiled
+def _aim(tables: Inverse, vectors: NDArray, chain: Chain, wanted: NDArray, turns: NDArray) -> bool:
     """Find the turns (joints,) by which the ends are nearest to where wanted (ends, 3) [m]."""
     n, ends = len(turns), len(tables.ends)
     levers, missing = np.zeros((n, 3 * ends)), np.zeros(3 * ends)
     for e in range(ends):
-        end = end_of(chain, z, tables.ends[e])
+        end = _end(tables, e, vectors, chain)
         for i in range(3):
             missing[3 * e + i] = wanted[e, i] - end[i]
         for j in range(n):
@@ -196,7 +193,7 @@ def _solve_point(
     for _ in range(NEWTON_STEPS):
         needed(vectors, chain, False)
         largest = 0.0
-        if reach and not _aim(tables, chain, z, wanted, turns):
+        if reach and not _aim(tables, vectors, chain, wanted, turns):
             return False
         for s in range(gears.place.shape[0]):
             i = gears.place[s]
@@ -245,7 +242,7 @@ def invert(
             shorten(z, vectors[DZ], vectors[DDZ], chain.body_int, chain.body_float)
             forward(z, vectors[DZ], vectors[DDZ], chain, 0.0)
             for e in range(own.ends.shape[0]):
-                end = end_of(chain, z, own.ends[e])
+                end = _end(own, e, vectors, chain)
                 for i in range(3):
                     wanted[e, i] = end[i]
         if k > 0:
@@ -260,15 +257,6 @@ def invert(
     return q.shape[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Deflection:
-    """What an elastic arm needs point by point."""
-
-    # Positions of the motors, as their encoders show them, (points, joints) [rad or m].
-    motor: FloatArray
-    torque: FloatArray  # torque (or force) of each gear on the links, (points, joints) [N m or N]
-
-
 class DeflectedArm:
     """An elastic arm under the load of a wanted motion."""
 
@@ -281,18 +269,13 @@ class DeflectedArm:
                           if i not in springs], dtype=np.int64)
         ends = np.array([*(mechanism.body_of[name] for name in mechanism.beams),
                          len(mechanism.body_int) - 1], dtype=np.int64)
-        moved = np.array([[float(body in self._carriers(int(end))) for body in joint.tolist()]
-                          for end in ends])
+        carriers: dict[int, set[int]] = {-1: set()}  # a body, and all that carry it
+        for body, parent in enumerate(mechanism.body_int[:, at.PARENT].tolist()):
+            carriers[body] = {*carriers[parent], body}
+        moved = np.array([[float(body in carriers[end]) for body in joint.tolist()]
+                          for end in ends.tolist()])
         self._tables = tuple(Inverse(bends, ends, joint, moved))
         self._name = arm.name
-
-    def _carriers(self, body: int) -> set[int]:
-        """Give a body and all that carry it."""
-        found = set()
-        while body >= 0:
-            found.add(body)
-            body = int(self._driven.mechanism.body_int[body, at.PARENT])
-        return found
 
     @property
     def payload(self) -> float:
@@ -303,8 +286,13 @@ class DeflectedArm:
         """Put another mass at the tip: payload [kg]."""
         self._driven.set_parameters({'payload': payload})
 
-    def under(self, motion: FloatArray, *, reach: bool) -> Deflection:
-        """Bend the arm under the load of a motion (points, 3 joints), each point by itself."""
+    def under(self, motion: FloatArray, *, reach: bool) -> tuple[FloatArray, FloatArray]:
+        """
+        Bend the arm under the load of a motion (points, 3 joints), each point by itself.
+
+        Returns positions of the motors, as their encoders show them [rad or m], and the torque (or
+        force) of each gear on the links [N m or N], (points, joints).
+        """
         q, dq, ddq = (np.ascontiguousarray(part) for part in np.split(motion, 3, axis=1))
         motor, torque = np.zeros_like(q), np.zeros_like(q)
         done = invert(q, dq, ddq, reach, motor, torque, self._tables, *self._driven.arrays)
@@ -313,7 +301,7 @@ class DeflectedArm:
                    f'{done + 1} of the motion, q = {np.round(q[done], 3).tolist()}')
             raise SimulationError(msg, remedy='move more slowly there, or correct their stiffness '
                                               'in the arm description')
-        return Deflection(motor, torque)
+        return motor, torque
 
 
 # Efforts that a wanted motion needs, for controllers that add them to what errors ask for.
@@ -433,7 +421,7 @@ class Feedforward:
         if isinstance(self._model, ElasticModel):
             assert self._deflected is not None
             if torque is None:
-                torque = self._deflected.under(motion, reach=False).torque
+                _, torque = self._deflected.under(motion, reach=False)
             found = self._model.prepared()(
                 Response(np.zeros((len(motion), 0)), torque), felt)
         else:
@@ -461,8 +449,7 @@ class Feedforward:
         if self._leads:
             assert self._deflected is not None
             wanted, speed, change = np.split(motion, 3, axis=1)
-            deflection = self._deflected.under(motion, reach=True)
-            motor, torque = deflection.motor, deflection.torque
+            motor, torque = self._deflected.under(motion, reach=True)
             self._check_limits(motor, wanted)
             rate, rise = _derivatives(trajectory.t, motor - wanted, speed)
             motion = np.hstack([motor, speed + rate, change + rise])

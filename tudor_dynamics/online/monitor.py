@@ -30,7 +30,6 @@ from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import AnyEstimator, contact_estimator, ContactEstimate
-from tudor_dynamics.online.coverage import SensorHealth
 from tudor_dynamics.online.detector import (
     channel_links, CollisionDetector, CollisionEvent, DetectorSettings, Excess, ExcessStage, Level,
     Rates)
@@ -272,7 +271,7 @@ class Watch:
         """Share the false alarms that are allowed out among the methods in use."""
         n = max(1, len(self.stages))
         for stage in self.stages.values():
-            stage.rates = Rates(rates.collision / n, rates.contact / n)
+            stage.allow(Rates(rates.collision / n, rates.contact / n))
 
     def stiction(self, method: str, q: FloatArray) -> FloatArray:
         """Give the friction that may hold each joint while it stands; see ``Model``."""
@@ -507,13 +506,11 @@ def warm_up(bundle: ModelBundle, settings: MonitorSettings) -> None:
     """Run the whole chain on an arm at rest."""
     monitor = Monitor(bundle, settings)
     arm = bundle.arm
-    health = SensorHealth(arm.active_joints, 1.0)
     q = np.zeros(len(arm.active_joints))
     needed = bundle.preprocessing.settle + (LAGS + WINDOW) * STEP + 0.1
     monitor.wanted = {*OUTPUTS}
     for k in range(round(needed * 1e9) // PERIOD):
         monitor.add_joints(k * PERIOD, q, q)
-        health.step(k * PERIOD, q)
         for output in monitor.watch.outputs:
             monitor.add_measured(output, k * PERIOD, np.zeros(len(arm.channels[output])))
 

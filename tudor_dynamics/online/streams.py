@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -40,21 +40,16 @@ class Losses:
 
     def __init__(self) -> None:
         self.recent: deque[int] = deque(maxlen=31)
-        self._period = 0.0
+        self.period = 0.0  # 0 until it is known [ns]
         self._long = -1.0
         self._renewal = PERIOD_INTERVALS
         self._late = 0.0
-
-    @property
-    def learned(self) -> bool:
-        """Whether the period is known."""
-        return self._period > 0.0
 
     def reset(self) -> int:
         """Forget the period, and give the samples lost that were still in doubt."""
         late = max(0, round(self._late))
         self.recent.clear()
-        self._period, self._long, self._renewal, self._late = 0.0, -1.0, PERIOD_INTERVALS, 0.0
+        self.period, self._long, self._renewal, self._late = 0.0, -1.0, PERIOD_INTERVALS, 0.0
         return late
 
     def unusable(self) -> None:
@@ -67,13 +62,13 @@ class Losses:
         self._renewal -= 1
         if not self._renewal:
             self._renewal = PERIOD_RENEWAL
-            self._period = float(median(self.recent))
-            if self._period > self._long > 0.0:
+            self.period = float(median(self.recent))
+            if self.period > self._long > 0.0:
                 self._late = 0.0  # the source has slowed down, which is no loss
-            self._long = LOST_STEP * self._period
+            self._long = LOST_STEP * self.period
         if 0.0 < step <= self._long and not self._late:
             return 0  # nearly always
-        return self._settle(step / self._period) if self._period else 0
+        return self._settle(step / self.period) if self.period else 0
 
     def _settle(self, step: float) -> int:
         """Add what a long step [periods] lacks, take off what early ones give back."""
@@ -142,7 +137,7 @@ class StampGate:
         first = dt > GAP_FLOOR and dt > self.limit()
         # also after a gap: a source that has slowed down is not one gap after another
         lost = self._losses.step(step)
-        if first and not self._losses.learned:
+        if first and not self._losses.period:
             lost = 1  # how many, nobody knows
         if lost:
             self.drops['gap'] += lost
@@ -234,6 +229,26 @@ class PairedSample:
     measured: FloatArray  # interpolated between neighbours where stamps differ
 
 
+def between(
+    known: deque[tuple[int, FloatArray]], stamp: int, apart: Callable[[], float],
+) -> FloatArray | None:
+    """Interpolate readings at a stamp [ns], unless too far apart [s]; forget older ones."""
+    while len(known) > 1 and known[1][0] <= stamp:
+        known.popleft()
+    if not known or known[0][0] > stamp:
+        return None
+    before, values = known[0]
+    if before == stamp:
+        return values
+    if len(known) == 1:
+        return None
+    after, later = known[1]
+    if (after - before) * 1e-9 > apart():
+        return None
+    share = (stamp - before) / (after - before)
+    return (1.0 - share) * values + share * later
+
+
 class Pairing:
     """
     Waits for the measurements that belong to motions.
@@ -283,23 +298,13 @@ class Pairing:
         motions, measured = self._motions, self._measured
         while motions and measured:
             motion, predicted = motions[0]
-            while len(measured) > 1 and measured[1][0] <= motion.stamp:
-                measured.popleft()
-            stamp, values = measured[0]
-            if stamp == motion.stamp:
+            values = between(measured, motion.stamp, self.gate.limit)
+            if values is not None:
                 pairs.append(PairedSample(motion, predicted, values))
-            elif stamp > motion.stamp:
-                self.drops['no_neighbour'] += 1
-            elif len(measured) == 1:
+            elif measured[-1][0] < motion.stamp:
                 break
             else:
-                after, later = measured[1]
-                if (after - stamp) * 1e-9 > self.gate.limit():
-                    self.drops['no_neighbour'] += 1
-                else:
-                    weight = (motion.stamp - stamp) / (after - stamp)
-                    pairs.append(PairedSample(motion, predicted,
-                                              (1 - weight) * values + weight * later))
+                self.drops['no_neighbour'] += 1
             motions.popleft()
         return pairs
 
@@ -354,8 +359,6 @@ class Predictor:
     def __init__(
         self, bundle: ModelBundle, kind: str = 'analytical', observer: str = 'off',
     ) -> None:
-        self.bundle = bundle
-        self.kind = kind
         self.settle = bundle.preprocessing.settle
         self.models: dict[str, Model] = {
             output: bundle.models[output][kind] for output in OUTPUTS
@@ -381,30 +384,12 @@ class Predictor:
                 self._strains.clear()  # the clock was set back
             self._strains.append((stamp, values))
 
-    def _measured(self, dt: float) -> FloatArray | None:
-        """Give the strain at the newest motion, which took a step of ``dt`` [s]; None without."""
-        strains = self._strains
-        while len(strains) > 1 and strains[1][0] <= self._stamp:
-            strains.popleft()
-        if not strains or strains[0][0] > self._stamp:
-            return None
-        before, values = strains[0]
-        if before == self._stamp:
-            return values
-        if len(strains) == 1:
-            return None
-        after, later = strains[1]
-        if (after - before) * 1e-9 > STRAIN_APART * dt:
-            return None
-        share = (self._stamp - before) / (after - before)
-        return (1.0 - share) * values + share * later
-
     def step(
         self, motion: Motion, wanted: Collection[str] = OUTPUTS,
     ) -> dict[str, FloatArray] | None:
         """Predict one sample; returns (channels,) [its unit], None while the filters settle."""
         if self.observing:
-            measured = self._measured(motion.dt)
+            measured = between(self._strains, self._stamp, lambda: STRAIN_APART * motion.dt)
             if measured is not None:
                 self._live.measure(measured)
         self._stamp = motion.stamp

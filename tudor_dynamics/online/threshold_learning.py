@@ -84,18 +84,15 @@ class ThresholdsPart(BundlePart):
 
 def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
     """Make plain values of the thresholds of a method: YAML-ready, numbers of ten digits."""
-    def short(x: float) -> float:
-        return float(f'{x:.{DIGITS}g}')
-
-    def listed(x: Any) -> Any:
-        return [listed(item) for item in x] if isinstance(x, list) else short(x)
+    def short(x: Any) -> Any:
+        return [short(item) for item in x] if isinstance(x, list) else float(f'{x:.{DIGITS}g}')
 
     return {
         'channels': list(thresholds.channels), 'seconds': round(thresholds.seconds, 3),
         'step': short(thresholds.step),
         'tails': [{key: short(value) for key, value in asdict(tail).items()}
                   for tail in thresholds.tails],
-        **{key: listed(getattr(thresholds, key).tolist())
+        **{key: short(getattr(thresholds, key).tolist())
            for key in ('taps', 'profile', 'usual', 'reach', 'stiction')}}
 
 
@@ -359,10 +356,9 @@ class Calibration:
                                   np.array([r.motion.row for r in part]),
                                   np.array([r.value for r in part]))
                        for part in parts if len(part) > 1]
-            places = np.vstack([r.motion[::CALIBRATION_STRIDE, :r.motion.shape[1] // 3]
-                                for r in records] or [np.zeros((0, 0))])
-            held = (None if self.stiction is None or not len(places)
-                    else self.stiction(method, places))
+            held = None if self.stiction is None or not records else self.stiction(
+                method, np.vstack([r.motion[::CALIBRATION_STRIDE, :r.motion.shape[1] // 3]
+                                   for r in records]))
             learned = learn_thresholds(records, self.channels[method], held)
             for channel, tail in zip(3 * learned.channels, learned.tails, strict=True):
                 if not tail.scale > 0:

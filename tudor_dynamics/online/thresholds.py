@@ -318,12 +318,9 @@ class MethodThresholds:
 
     def ratios(self, per_hour: float) -> FloatArray:
         """Share a false-alarm rate among all statistics: (3 channels,) [s]."""
-        n = len(self.channels)
-        weights = np.repeat(ALARM_SHARES, n)
-        found = np.empty(3 * n)
-        for place, (tail, each) in enumerate(zip(
-                self.tails, per_hour * weights / weights.sum(), strict=True)):
-            # Alarms rarer than once in what was seen: what was seen must not be one.
-            rare = each * self.seconds < 3600.0
-            found[place] = max(tail.ratio(each), tail.largest if rare else 0.0)
-        return found
+        weights = np.repeat(ALARM_SHARES, len(self.channels))
+        shares = per_hour * weights / weights.sum()
+        # Alarms rarer than once in what was seen: what was seen must not be one.
+        return np.array([
+            max(tail.ratio(each), tail.largest if each * self.seconds < 3600.0 else 0.0)
+            for tail, each in zip(self.tails, shares, strict=True)])

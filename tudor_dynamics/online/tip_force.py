@@ -16,8 +16,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
@@ -38,12 +36,9 @@ RATE = 500.0  # of sensors and commands [Hz]
 GAP = 0.015  # below the tip, where the floor is put [m]
 
 
-@dataclass(frozen=True, eq=False)
-class StaticReadings:
-    """What gauges of a resting arm read."""
-
-    weight: FloatArray  # (gauges,): of its own weight, but for constants, in units of the gauges
-    share: FloatArray | None  # (gauges,): of a unit force [1/N]; None where only levers are
+StaticReadings = tuple[FloatArray, FloatArray | None]
+"""Readings (gauges,) of the weight of the arm, but for constants, in units of the gauges; those of
+a unit force [1/N], None where only levers are known."""
 
 
 class StaticStrain:
@@ -87,9 +82,9 @@ class StaticStrain:
     def _solve(self, q: FloatArray, force: float) -> StaticReadings:
         if self._model is not None:
             row = np.concatenate([q, np.zeros(2 * len(q))])[None]
-            return StaticReadings(np.asarray(self._model.predict(row)[0]), None)
+            return np.asarray(self._model.predict(row)[0]), None
         if self._driven is None:
-            return StaticReadings(self._zero, None)
+            return self._zero, None
         driven = self._driven
         try:
             free = driven.follow(q[None], np.zeros(1)).moment[0]
@@ -97,11 +92,11 @@ class StaticStrain:
             driven.loaded = True
             pressed = driven.follow(q[None], np.zeros(1)).moment[0]
         except SimulationError:
-            return StaticReadings(self._zero, None)
+            return self._zero, None
         finally:
             driven.tables.chain.wrench[:] = 0.0
             driven.loaded = False
-        return StaticReadings(free * self._gain, (pressed - free) * self._gain / force)
+        return free * self._gain, (pressed - free) * self._gain / force
 
 
 class ForceRig(Loop):
@@ -146,9 +141,8 @@ class ForceRig(Loop):
     def _follow(self, sample: Sample) -> FloatArray | None:
         step = 1.0 / RATE if sample.t > 0.0 else 0.0
         pose = sample.q if self.controller.pose is None else self.controller.pose
-        readings = self.static.at(pose, self.controller.force)
-        q, dq = self.controller.step(
-            step, sample.q, sample.strain - readings.weight, readings.share)
+        weight, share = self.static.at(pose, self.controller.force)
+        q, dq = self.controller.step(step, sample.q, sample.strain - weight, share)
         self._damper.reference.add(sample.t, q, dq)
         return self._damper.step(sample.t, step, sample.q, sample.strain,
                                  np.ones(len(sample.strain), dtype=bool))

@@ -36,15 +36,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.errors import ArmError, meant, TudorError
 from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param, Value
-from tudor_dynamics.nodes.common.messages import (
-    JointSample, JointStateDecoder, MotionDecoder, PointSample)
+from tudor_dynamics.nodes.common.messages import JointStateDecoder
 from tudor_dynamics.nodes.settings import (
     AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, STANDS, TOO_MANY)
 from tudor_dynamics.online.coverage import MEANING
@@ -330,24 +327,16 @@ class TudorNode(Node):
             kind, topic, callback, qos or weak(self.depth), raw=raw,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
-    def subscribe_raw(
-        self, kind: Any, topic: str, decoder: Any, callback: Callable[[Any], None],
-    ) -> Subscription:
-        """Subscribe as `subscribe` does, with messages decoded by a decoder of `messages`."""
+    def hear(self, topic: str, callback: Callable[[Any], None], decoder: Any = None,
+             ) -> Subscription:
+        """Subscribe to what a decoder makes of a topic, by default that of JointStates."""
+        decoder = decoder or JointStateDecoder(self.drops)
+
         def take(data: bytes) -> None:
             message = decoder.decode(data)
             if message is not None:
                 callback(message)
-        return self.subscribe(kind, topic, take, raw=True)
-
-    def hear_joint_states(self, topic: str, callback: Callable[[JointSample], None],
-                          ) -> Subscription:
-        """Subscribe to JointStates."""
-        return self.subscribe_raw(JointState, topic, JointStateDecoder(self.drops), callback)
-
-    def hear_motions(self, topic: str, callback: Callable[[PointSample], None]) -> Subscription:
-        """Subscribe to JointTrajectories of one point."""
-        return self.subscribe_raw(JointTrajectory, topic, MotionDecoder(self.drops), callback)
+        return self.subscribe(decoder.kind, topic, take, raw=True)
 
     def publish_on(self, kind: Any, topic: str, *, latch: bool = False) -> Publisher:
         """Make a publisher that any subscriber matches; overridable by the standard parameters."""
@@ -430,11 +419,6 @@ class TudorNode(Node):
                 self._unknown = f'there is no parameter {name}{hint}'
         about = ', '.join(f'{name} {value or "none"}' for name, value in self.about().items())
         self.get_logger().info(f'started: {about}')
-
-    def end(self, why: str) -> None:
-        """Tell for ever, and at once, that a managed node was shut down and will not work."""
-        self.ended = why
-        self.publish_diagnostics()
 
     def verdict(self) -> tuple[bytes, str]:
         """Give level and message of the diagnosis; subclasses judge further."""

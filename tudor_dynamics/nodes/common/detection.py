@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 import json
 import math
 from typing import Any
@@ -37,14 +36,15 @@ from tudor_dynamics.nodes.common.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, COLLISION_RECORD, CONTACT, CONTACT_MARKER,
     CONTACT_POINT, CONTACT_WRENCH, RATIOS, RESET, RESIDUALS, THRESHOLDS)
 from tudor_dynamics.nodes.common.messages import (
-    force_marker, JointSample, JointStateEncoder, ListenedPublishers, NamedReader, set_vector,
+    force_marker, JointSample, JointStateEncoder, ListenedPublisher, NamedReader, set_vector,
     time_message, wrench_stamped)
 from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
 from tudor_dynamics.online.black_box import record_of
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.coverage import Coverage, CoverageLevel, SensorHealth
 from tudor_dynamics.online.detector import CollisionEvent, Level
-from tudor_dynamics.online.monitor import FIELD, Found, METHODS, MonitorSettings, SOURCE, Watch
+from tudor_dynamics.online.monitor import (
+    FIELD, Found, METHODS, Monitor, MonitorSettings, SOURCE, Watch)
 from tudor_dynamics.online.settings import SENSOR_SPEED
 from tudor_dynamics.online.streams import Gathering, Residual
 from tudor_dynamics.online.threshold_learning import Calibration
@@ -61,7 +61,7 @@ class CollisionOutput:
         self._events = node.publish_on(Header, COLLISION_EVENT)
         self._records = node.publish_on(String, COLLISION_RECORD, latch=True)
         self._published: dict[Level, bool] = {}
-        self._last: CollisionEvent | None = None
+        self.last: dict[str, str] = {}  # what the diagnostics say of the last collision
         self.level(Level.FREE)
 
     def level(self, level: Level) -> None:
@@ -74,10 +74,11 @@ class CollisionOutput:
 
     def event(self, event: CollisionEvent, record: dict[str, Any]) -> None:
         """Publish a collision."""
-        self._last = event
+        node = self._node
+        self.last = {'last collision [ns]': str(event.onset), 'last link': event.link}
         self._records.publish(String(data=json.dumps(record)))
         name = max(event.ratios, key=lambda channel: event.ratios[channel])
-        self._node.get_logger().warning(
+        node.get_logger().warning(
             f'collision at {event.link}, detected by {event.method} at {record["time"]}: the '
             f'residual of {name} is {event.ratios[name]:.2f} times its threshold')
         header = Header(frame_id=event.link)
@@ -86,17 +87,10 @@ class CollisionOutput:
         values = {'method': event.method, 'link': event.link, 'onset [ns]': str(event.onset),
                   'certain after [ms]': f'{(event.stamp - event.onset) * 1e-6:.1f}',
                   **{f'residual {k}': f'{v:.6g}' for k, v in event.residuals.items()}}
-        node = self._node
         node.publish_diagnostics(DiagnosticStatus(
             level=WARN, name=f'{node.get_name()}: collision', hardware_id=node.hardware(),
             message=f'collision at {event.link}, detected by {event.method}: check the arm',
             values=[KeyValue(key=k, value=v) for k, v in values.items()]))
-
-    def values(self) -> dict[str, str]:
-        """Give the last collision, for the diagnostics."""
-        if self._last is None:
-            return {}
-        return {'last collision [ns]': str(self._last.onset), 'last link': self._last.link}
 
 
 class ContactOutput:
@@ -173,23 +167,17 @@ class DetectNode(ModelNode):
             method: f'{factor:.2f} ({channel})'
             for method, (factor, channel) in watch.widened.items()}, 'watch'),
         Figure('', lambda node: node.watch and node.contact_output.values(node.watch)),
-        Figure('', lambda node: node.watch and node.collision_output.values()),
+        Figure('', lambda node: node.watch and node.collision_output.last),
         Figure('', lambda port: port.values(), 'port'))
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.watch: Watch | None = None
-        self.health: dict[str, SensorHealth] = {}
         self._calibration: Calibration | None = None
-        self._note = ''
-        self._readers: dict[tuple[str, str], NamedReader] = {}
-        self._sensor_drops: dict[str, Counter[str]] = {}
-        self._unserved = ''
+        self._moving = False
         self.coverage = Coverage()
-        self.gathering: dict[str, Gathering] = {}
-        self.listened = ListenedPublishers()
         self._residuals, self._thresholds, self._ratios = (
-            {method: self.listened.add(self.publish_on(JointState, topics[method]))
+            {method: ListenedPublisher(self.publish_on(JointState, topics[method]))
              for method in METHODS} for topics in (RESIDUALS, THRESHOLDS, RATIOS))
         self.collision_output = CollisionOutput(self)
         self.contact_output = ContactOutput(self)
@@ -205,20 +193,20 @@ class DetectNode(ModelNode):
         return MonitorSettings.of({name: self.value(name) for name in self.params})
 
     def adopt(
-        self, bundle: ModelBundle, watch: Watch, motion: str, drops: Sequence[Counter[str]],
-        predictions: dict[str, str],
+        self, bundle: ModelBundle, chain: Monitor | Watch, motion: str,
+        drops: Sequence[Counter[str]], predictions: dict[str, str],
     ) -> None:
-        """Put another model into use."""
-        self.bundle, self.watch = bundle, watch
+        """Put another model into use; chain: what takes measurements."""
+        watch = chain.watch if isinstance(chain, Monitor) else chain
+        self.bundle, self.watch, self._chain = bundle, watch, chain
         names = bundle.arm.channels
         topics = {output: of for output, of in bundle.arm.topics.items()
                   if output in watch.outputs}
-        self._sensor_drops = {output: Counter() for output in topics}
+        self._sensor_drops: dict[str, Counter[str]] = {output: Counter() for output in topics}
         self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
                          for output, of in topics.items() for topic, channels in of.items()}
         self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
-        self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
-                       for output in watch.outputs}
+        self.health = {output: SensorHealth(names[output]) for output in watch.outputs}
         for method in watch.methods:
             for publishers in (self._residuals, self._thresholds, self._ratios):
                 publishers[method].encoder = JointStateEncoder(
@@ -265,31 +253,23 @@ class DetectNode(ModelNode):
         settings = self.settings()
         self.watch.set_rates(settings.rates)
         self.watch.detector.settings = settings.detector
-        for health in self.health.values():
-            health.stuck_time = self.value('stuck_time')
 
     def measured(self, output: str, topic: str, message: JointSample) -> None:
         """Hand a sensor message to the detector and report what it found."""
-        watch, reader = self.watch, self._readers.get((output, topic))
-        if watch is None or reader is None:
+        reader = self._readers.get((output, topic))
+        if reader is None:
             return
         values = reader.read(message, FIELD[output])
         if values is None:
             return
         for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
-            self.health[output].step(stamp, whole)
-            self.report(self.take(watch, output, stamp, whole))
-
-    def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
-        """Take a whole measurement into account."""
-        return watch.add_measured(output, stamp, values)
+            self.health[output].step(stamp, whole, moving=self._moving)
+            self.report(self._chain.add_measured(output, stamp, whole))
 
     def moving(self, row: Any) -> None:
-        """Tell the health of the sensors whether the arm moves."""
+        """Keep for the health of the sensors whether the arm moves."""
         n = len(row) // 3
-        moving = largest_size(row, n, 2 * n) > SENSOR_SPEED
-        for health in self.health.values():
-            health.moving = moving
+        self._moving = largest_size(row, n, 2 * n) > SENSOR_SPEED
 
     def report(self, found: Found) -> None:
         """Publish what was found, and the load."""
@@ -355,7 +335,7 @@ class DetectNode(ModelNode):
 
             def take() -> None:
                 if self.bundle is bundle and self.watch is not None:
-                    self.watch.use_thresholds(learned, replace(settings))
+                    self.watch.use_thresholds(learned, settings)
                     self._note = 'thresholds of ~/calibrate are in use until a model is loaded'
             return take
 
@@ -381,26 +361,26 @@ class DetectNode(ModelNode):
         if self.watch is None:
             return level, message
         self.coverage.look(self.steady())
-        own, text = self._judge_itself()
+        own, text = self._judge_itself(self.watch)
         if level in (OK, WARN) and own > level:
             return own, text
         return level, f'{message}; {text}' if level == own == WARN else message
 
-    def _judge_itself(self) -> tuple[bytes, str]:
+    def _judge_itself(self, watch: Watch) -> tuple[bytes, str]:
         """Give level and message of a detector that has a model and input."""
-        assert self.watch is not None
         rivals = self.rivals(self.collision_output.flags[Level.COLLISION])
-        dead = [name for health in self.health.values() for name in health.dead()]
+        dead = [name for health in self.health.values()
+                for name in health.dead(self.value('stuck_time'))]
         verdict = self.coverage.verdict
-        learning = self._calibration is not None and not self.watch.stages
+        learning = self._calibration is not None and not watch.stages
         errors = [
             f'{", ".join(dead)}: no change for {self.value("stuck_time"):g} s while the arm '
             'moves; check the sensor and its driver' if dead else '',
-            self._unserved if not self.watch.methods else '',
+            self._unserved if not watch.methods else '',
             verdict.text if verdict.level is CoverageLevel.NONE and not learning else '']
         warnings = [
             verdict.text if not learning else '', self._unserved, self._note,
-            self.watch.outside_training,
+            watch.outside_training,
             f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
             'namespace, or remap the topic' if rivals else '']
         for level, texts in ((ERROR, errors), (WARN, warnings)):

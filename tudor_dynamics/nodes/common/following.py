@@ -80,15 +80,15 @@ class FollowServer:
     """
     Offers the action over what a node does with trajectories; one goal is active at a time.
 
-    take: takes a goal, and gives why not; stop: brakes.
+    take: takes a goal, and gives why not; stop: brakes; action: None where there is none to offer.
     """
 
-    def __init__(self, node: Node, action: Any, take: Callable[[Any], str],
-                 stop: Callable[[str], None]) -> None:
-        self._action, self._take, self._stop = action, take, stop
+    def __init__(self, node: Node, take: Callable[[Any], str], stop: Callable[[str], None],
+                 ) -> None:
+        self.action, self._take, self._stop = follow_action(), take, stop
         self._goal: Any = None
-        self._server = ActionServer(
-            node, action, FOLLOW, partial(self._finish, ''), cancel_callback=self._cancel,
+        self._server = None if self.action is None else ActionServer(
+            node, self.action, FOLLOW, partial(self._finish, ''), cancel_callback=self._cancel,
             handle_accepted_callback=self._accepted)
 
     def _accepted(self, goal: Any) -> None:
@@ -115,14 +115,14 @@ class FollowServer:
     def end(self, text: str, code: int | None = None) -> None:
         """End the active goal, if there is one, with what came of it."""
         goal, self._goal = self._goal, None
-        if goal is not None:
+        if goal is not None and self._server is not None:
             self._server.notify_execute(goal, partial(self._finish, text, code=code))
 
     def report(self, header: Header, names: list[str], points: Sequence[Any]) -> None:
         """Send wanted and actual state, and the difference, as feedback."""
         if self._goal is not None:
             desired, actual, error = points
-            self.feedback(self._action.Feedback(
+            self.feedback(self.action.Feedback(
                 header=header, joint_names=names, desired=desired, actual=actual, error=error))
 
     def feedback(self, feedback: Any) -> None:
@@ -140,8 +140,9 @@ class FollowServer:
             goal.succeed()
         else:
             goal.abort()
-        return self._action.Result(error_code=code, error_string=text)
+        return self.action.Result(error_code=code, error_string=text)
 
     def destroy(self) -> None:
         """End the server."""
-        self._server.destroy()
+        if self._server is not None:
+            self._server.destroy()

@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 import struct
+import time
 from typing import Any, Generic, TypeVar
 
 from builtin_interfaces.msg import Time
@@ -238,12 +239,12 @@ Sample = TypeVar('Sample', JointSample, PointSample)
 class _Decoder(Generic[Sample]):
     """Decodes the messages of one topic; what cannot be decoded is counted."""
 
+    kind: Any  # type of the messages
+    parse: Callable[[bytes, int], Layout]
     refused = 'malformed'  # cause of a drop, for a message that has no layout
 
-    def __init__(
-        self, kind: Any, parse: Callable[[bytes, int], Layout], drops: Counter[str],
-    ) -> None:
-        self._kind, self._parse, self._drops = kind, parse, drops
+    def __init__(self, drops: Counter[str]) -> None:
+        self._drops = drops
         self._length = -1
         self._fixed: list[tuple[slice, bytes]] = []
         self._numbers: dict[str, tuple[np.dtype[np.float64], int, int]] = {}
@@ -269,7 +270,7 @@ class _Decoder(Generic[Sample]):
         except CdrError:
             cause = 'malformed'
         try:
-            data = serialize_message(deserialize_message(data, self._kind))
+            data = serialize_message(deserialize_message(data, self.kind))
             cause = self.refused
             self._learn(data, len(data))
             return data
@@ -278,7 +279,7 @@ class _Decoder(Generic[Sample]):
             return None
 
     def _learn(self, data: bytes, spare: int) -> None:
-        layout = self._parse(data, spare)
+        layout = self.parse(data, spare)
         names = list(layout.names)
         if names != self._names:
             self._names = names
@@ -306,8 +307,7 @@ class _Decoder(Generic[Sample]):
 class JointStateDecoder(_Decoder[JointSample]):
     """Decodes the JointStates of one topic."""
 
-    def __init__(self, drops: Counter[str]) -> None:
-        super().__init__(JointState, joint_state_layout, drops)
+    kind, parse = JointState, staticmethod(joint_state_layout)
 
     def _read(self, data: bytes) -> JointSample:
         return JointSample(self._stamp(data), self._names, self._values(data, 'position'),
@@ -323,10 +323,12 @@ class ArrayDecoder(_Decoder[JointSample]):
     now: clock of the node [ns].
     """
 
+    kind, parse = Float64MultiArray, staticmethod(array_layout)
+
     def __init__(
         self, places: Mapping[str, int], now: Callable[[], int], drops: Counter[str],
     ) -> None:
-        super().__init__(Float64MultiArray, array_layout, drops)
+        super().__init__(drops)
         self._channels = list(places)
         self._places = list(places.values())
         self._now = now
@@ -343,10 +345,8 @@ class ArrayDecoder(_Decoder[JointSample]):
 class MotionDecoder(_Decoder[PointSample]):
     """Decodes the JointTrajectories of one topic, of which each has one point."""
 
+    kind, parse = JointTrajectory, staticmethod(motion_layout)
     refused = 'not_one_point'
-
-    def __init__(self, drops: Counter[str]) -> None:
-        super().__init__(JointTrajectory, motion_layout, drops)
 
     def _read(self, data: bytes) -> PointSample:
         return PointSample(
@@ -419,31 +419,17 @@ class ListenedPublisher:
     def __init__(self, publisher: Publisher) -> None:
         self.publisher = publisher
         self.encoder: Any = None
-        self.wanted = False
+        self._heard, self._looked = False, -math.inf
+
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody listens; counted again where the last count is too old."""
+        now = time.perf_counter()
+        if now - self._looked >= SUBSCRIPTIONS_LOOK:
+            self._heard, self._looked = self.publisher.get_subscription_count() > 0, now
+        return self._heard
 
     def publish(self, *values: Any) -> None:
         """Publish what the encoder makes of values, where it is wanted."""
         if self.wanted:
             self.publisher.publish(self.encoder.encode(*values))
-
-
-class ListenedPublishers:
-    """All such publishers of a node; `look`, called at every sample, counts from time to time."""
-
-    def __init__(self) -> None:
-        self._all: list[ListenedPublisher] = []
-        self._looked = -math.inf
-
-    def add(self, publisher: Publisher) -> ListenedPublisher:
-        """Add one."""
-        self._all.append(ListenedPublisher(publisher))
-        return self._all[-1]
-
-    def look(self, now: float) -> bool:
-        """Count where the last count is too old, and say so; ``now`` is monotonic [s]."""
-        if now - self._looked < SUBSCRIPTIONS_LOOK:
-            return False
-        self._looked = now
-        for item in self._all:
-            item.wanted = item.publisher.get_subscription_count() > 0
-        return True

@@ -25,7 +25,7 @@ from action_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import Inertia, InertiaStamped, Vector3
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray
+from std_msgs.msg import Bool
 
 from tudor_dynamics.arm.description import Arm, array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
@@ -292,10 +292,8 @@ class ModelNode(TudorNode):
     ) -> Subscription:
         """Subscribe to a topic of efforts or strains, of the type that the arm describes."""
         places = array_places(arm).get(topic)
-        if places is None:
-            return self.hear_joint_states(topic, callback)
-        return self.subscribe_raw(Float64MultiArray, topic, ArrayDecoder(
-            places, lambda: self.ros_time(), self.drops), callback)
+        return self.hear(topic, callback, None if places is None else ArrayDecoder(
+            places, lambda: self.ros_time(), self.drops))
 
     def about(self) -> dict[str, str]:
         arm = 'none' if self.bundle is None else self.bundle.arm.name

@@ -135,7 +135,8 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Answer no more, for good."""
         self.active, self.phase = False, 'finalized'
-        self.end(self.ending)
+        self.ended = self.ending
+        self.publish_diagnostics()
         return TransitionCallbackReturn.SUCCESS
 
     def _sources(

@@ -60,7 +60,7 @@ class Trial(Node):
         super().__init__(name, **kwargs)
         self.arm, self.steady = arm, steady_clock(self)
         self.drops: Counter[str] = Counter()
-        self.q: FloatArray | None = None
+        self.q: FloatArray = np.full(len(arm.active_joints), np.nan)  # until it is known
         self._reader = NamedReader(arm.active_joints, self.drops)
         self._executor = new_executor('single', self.context)
         self._executor.add_node(self)
@@ -92,7 +92,7 @@ class Trial(Node):
         return [
             (self._damping.service_is_ready, f'the node {DAMPER}'),
             (lambda: self._goals.get_subscription_count() > 0, 'the node reference_generator'),
-            (lambda: self.q is not None, f'positions on {self.arm.spec.joint_topic}')]
+            (lambda: bool(np.isfinite(self.q).all()), f'positions on {self.arm.spec.joint_topic}')]
 
     def wait(self) -> None:
         """Wait for the arm and the nodes; a TudorError says what is missing."""
@@ -113,10 +113,7 @@ class Trial(Node):
     def parameter(self, node: str, name: str) -> ParameterValue:
         """Read a parameter of another node."""
         client = self.create_client(GetParameters, f'{node}/get_parameters')
-        try:
-            return self.call(client, GetParameters.Request(names=[name]), node).values[0]
-        finally:
-            self.destroy_client(client)
+        return self.call(client, GetParameters.Request(names=[name]), node).values[0]
 
     def set_damping(self, share: float) -> None:
         """Set the share of the damper's gain."""
