@@ -35,8 +35,8 @@ from tudor_dynamics.signals.motion_profile import spline
 KNOWN = FlexibleTool.model_validate({
     'motion': 'planned', 'rings': 9, 'squares': [FREQUENCY**2, *GRAVITY.tolist()],
     'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': DAMPING,
-    'damping_error': 0.001, 'participation': [*PARTICIPATION, *PARTICIPATION, 0.0],
-    'participation_covariance': np.diag([1e-6] * 13).tolist(), 'scatter': 0.01, 'hidden': []})
+    'damping_error': 0.001, 'participation': PARTICIPATION.tolist(),
+    'participation_covariance': np.diag([1e-6] * 6).tolist(), 'scatter': 0.01, 'hidden': []})
 
 
 @pytest.mark.parametrize('seed', range(6))

@@ -306,9 +306,8 @@ RING_RATE = 80.0  # samples a second that are looked at [Hz]
 # What gravity does to the squared frequency of a mass on a beam of 0.5 m [Hz^2 per m/s^2], and the
 # part of it along the bending, where a tool sags.
 TOOL_GRAVITY, TOOL_ALONG = 0.08, 0.25
-# Expected difference of what drives a tool and what it shows; of its delay [s]; and participation
-# over that of drives which show the rings seen.
-TOOL_RECIPROCAL, TOOL_DELAY, TOOL_LARGE = 0.1, 0.03, 5.0
+# Expected delay of the motion [s]; and participation over that which shows the rings seen.
+TOOL_DELAY, TOOL_LARGE = 0.03, 5.0
 TOOL_LEVER = 0.3  # translation that counts as much as a rotation of 1 rad: half a long tool [m]
 # Error of a ring relative to it, which weighs rings, and least variance relative to that.
 TOOL_RELATIVE, TOOL_SURE = 0.1, 0.1

@@ -114,7 +114,7 @@ def fit_tool(arm: Arm, rests: Sequence[Heard], motion: str) -> FlexibleTool:
     for _ in range(2):  # gravity along the bending changes the frequency little
         squares, covariance = _squares(pairs, settings.TOOL_GRAVITY ** 2 * expected)
         found = _participation(pairs, squares, damping)
-        along = np.array(found['participation'][6:9])
+        along = np.array(found['participation'][:3])
         along /= np.linalg.norm(along)
         expected = np.eye(3) - (1.0 - settings.TOOL_ALONG ** 2) * np.outer(along, along)
     return FlexibleTool.model_validate({
@@ -139,31 +139,33 @@ def _squares(pairs: Pairs, expected: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def _participation(pairs: Pairs, squares: FloatArray, damping: float) -> dict[str, Any]:
-    """Find drive, show and delay, their covariance, the scatter, and what is hidden."""
+    """Find participation, its covariance, the scatter, and what is hidden."""
     from scipy.optimize import least_squares  # slow to import
 
     w = np.array([2.0 * math.pi * ring.frequency for _, ring in pairs])
-    free = np.array([free_ring(flange, squares, damping) for flange, _ in pairs]) * SIZES
+    # each by the frequency it was heard at: 1 % is 15 degrees after a second and a half
+    off = [ring.frequency ** 2 - float(squares @ [1.0, *flange.gravity[-1]])
+           for flange, ring in pairs]
+    free = np.array([free_ring(flange, squares + [more, 0.0, 0.0, 0.0], damping)
+                     for (flange, _), more in zip(pairs, off, strict=True)]) * SIZES
     levers = np.array([flange.jacobian.T for flange, _ in pairs]) * SIZES
     seen = np.array([ring.amplitude for _, ring in pairs])
     loud = np.abs(seen).max(axis=1)
     noise = np.array([np.sqrt(np.mean(ring.noise ** 2)) for _, ring in pairs])
     unit = (settings.TOOL_RELATIVE * loud + noise)[:, None]
-    # drives of this size would show rings as large as those seen
+    # what shows rings as large as those seen
     usual = math.sqrt(float(np.median(loud / np.linalg.norm(free, axis=1))))
 
-    def error(x: FloatArray) -> Any:
-        return (levers @ x[6:12]) * (free @ x[:6] * np.exp(1j * w * x[12]))[:, None] - seen
+    def error(x: FloatArray) -> Any:  # participation, then the delay of the motion
+        return (levers @ x[:6]) * (free @ x[:6] * np.exp(1j * w * x[6]))[:, None] - seen
 
     def whole(x: FloatArray, scale: float) -> FloatArray:
         misfit = (error(x) / unit / math.sqrt(scale)).ravel()
-        apart = (x[:6] - x[6:12]) / (settings.TOOL_RECIPROCAL * np.linalg.norm(x[6:12]) + 1e-9)
-        return np.concatenate([misfit.real, misfit.imag, apart, x[12:] / settings.TOOL_DELAY,
-                               x[6:12] / (settings.TOOL_LARGE * usual)])
+        return np.concatenate([misfit.real, misfit.imag, x[:6] / (settings.TOOL_LARGE * usual),
+                               x[6:] / settings.TOOL_DELAY])
 
     random, scale = np.random.default_rng(0), float(seen.shape[1])
-    starts = [np.append(np.tile(usual * random.normal(size=6), 2), 0.0)
-              for _ in range(settings.TOOL_STARTS)]
+    starts = [np.append(usual * random.normal(size=6), 0.0) for _ in range(settings.TOOL_STARTS)]
     for _ in range(3):  # what the model does not explain weighs against what is expected
         best = min((least_squares(whole, start, args=(scale,)) for start in starts),
                    key=lambda one: float(one.cost))
@@ -175,9 +177,8 @@ def _participation(pairs: Pairs, squares: FloatArray, damping: float) -> dict[st
              for name, part in KINDS.items()}
     most = max(float(size[0]) for size in sizes.values())
     errors = np.linalg.norm(error(best.x), axis=1) / np.linalg.norm(seen, axis=1)
-    back = np.append(np.tile(SIZES, 2), 1.0)
-    covariance = np.linalg.inv(best.jac.T @ best.jac) * np.outer(back, back)
-    return {'participation': (best.x * back).tolist(),
+    covariance = np.linalg.inv(best.jac.T @ best.jac)[:6, :6] * np.outer(SIZES, SIZES)
+    return {'participation': (best.x[:6] * SIZES).tolist(),
             'participation_covariance': covariance.tolist(),
             'scatter': max(float(np.sqrt(np.mean(errors ** 2))), 1e-3),
             'hidden': [name for name, size in sizes.items()

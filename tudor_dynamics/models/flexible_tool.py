@@ -36,9 +36,8 @@ from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.typing import FloatArray
 
 # One mode eta at the flange, the frame of the last joint, with its acceleration a and gravity g:
-#     eta'' + 2 zeta w eta' + w^2 eta = -drive . (a - g),   w^2 = w0^2 + gravity . g
-# Efforts have J' show eta''. By reciprocity drive is show in a rigid chain; joints that yield and
-# links that move along make a little difference, and a delay.
+#     eta'' + 2 zeta w eta' + w^2 eta = -p . (a - g),   w^2 = w0^2 + gravity . g
+# By reciprocity efforts have J' p eta''; p is the participation.
 
 LIKELY = 1.96  # standard deviations of an interval of 95 %
 
@@ -124,15 +123,15 @@ class FlexibleTool(BundlePart):
     squares_covariance: list[list[Finite]]
     damping: float = Field(ge=0.0, lt=1.0)  # damping ratio
     damping_error: float = Field(ge=0.0, lt=1.0)
-    # What drives it (6), what it shows in efforts (6) [kg^0.5, m kg^0.5], and its delay [s].
-    participation: list[Finite] = Field(min_length=13, max_length=13)
+    # What drives it, and what it shows in efforts, linear and angular [kg^0.5, m kg^0.5].
+    participation: list[Finite] = Field(min_length=6, max_length=6)
     participation_covariance: list[list[Finite]]
     scatter: Positive  # error of a predicted ring, relative to it
     hidden: list[Literal['translation', 'rotation']]  # what the moves do not show
 
     def model_post_init(self, _: Any) -> None:
         """Refuse what is no covariance, and no frequency."""
-        for name, size in (('squares', 4), ('participation', 13)):
+        for name, size in (('squares', 4), ('participation', 6)):
             rows = getattr(self, f'{name}_covariance')
             values = np.array(rows if {len(row) for row in rows} == {size} else [])
             if values.shape != (size, size) or not (
@@ -174,12 +173,12 @@ class FlexibleTool(BundlePart):
                                            TOOL_DRAWS, method='eigh')
         noise = random.normal(size=(3, len(drawn)))
         changed = free + noise[0, :, None] * 0.5 * (late - early)
-        modes = np.abs((drawn[:, :6] * changed).sum(axis=1) * (
+        modes = np.abs((drawn * changed).sum(axis=1) * (
             1.0 + self.scatter * math.sqrt(0.5) * (noise[1] + 1j * noise[2])))
-        mode = float(abs(self.participation[:6] @ free))
-        amplitude = np.abs(self.participation[6:12] @ flange.jacobian) * mode
+        mode = float(abs(self.participation @ free))
+        amplitude = np.abs(self.participation @ flange.jacobian) * mode
         loudest = int(np.argmax(amplitude))
-        shown = modes * np.abs(drawn[:, 6:12] @ flange.jacobian[:, loudest])
+        shown = modes * np.abs(drawn @ flange.jacobian[:, loudest])
         square = (2.0 * math.pi * frequency.value) ** 2
         return Oscillation(frequency, amplitude, loudest, *(
             Estimate(value, min(value, float(np.quantile(values, 0.025))),

@@ -141,7 +141,7 @@ class _Path:
                                ddq[:, moves] / most[moves], dq[:, moves] / most[moves]])
         # a motion that hardly rings by itself may go on as little as a larger one does
         rings = self.rings(t - t[0], self.rows, np.ones((count, 1)), np.zeros((count, 1)))
-        drive = np.abs(flange.acceleration @ np.array(tool.participation[:6]))
+        drive = np.abs(flange.acceleration @ np.array(tool.participation))
         gross = 2.0 * math.pi * self.frequency * float(drive.mean()) * self.seconds
         self.size = max(float(np.abs(rings[0])), TIMING_LEAST * gross, 1e-12)
 
@@ -159,7 +159,7 @@ class _Path:
         # the arm rests until it begins, maybe with a jump of the acceleration
         flange = Flange(np.append(t[0], t), np.vstack([0.0 * moving[:1], moving]), np.empty(0),
                         np.vstack([rows[:1, 12:15], rows[:, 12:15]]), np.empty(0))
-        return np.array([np.array(self.tool.participation[:6]) @ free_ring(
+        return np.array([np.array(self.tool.participation) @ free_ring(
             flange, np.array(self.tool.squares) + [off, 0.0, 0.0, 0.0], self.tool.damping)
             for off in self.off])
 
