@@ -144,7 +144,7 @@ def check_budget(what: str, steps: float, each: float = 8.0) -> None:
     if not (steps <= MAX_STEPS and steps * each <= MAX_BYTES):
         over = (f'{steps:.3g} steps, more than {MAX_STEPS:g}' if not steps <= MAX_STEPS else
                 f'{steps:.3g} steps need {steps * each:.2g} bytes, more than {MAX_BYTES:g}')
-        raise UsageError(f'{what}: {over}', remedy='ask for less, or larger steps')
+        raise UsageError(f'{what}: {over}', remedy='shorten it, or take larger steps')
 
 
 class TudorWarning(UserWarning):

@@ -117,7 +117,8 @@ def _replaceable(path: Path) -> Path:
     """Give the place that links lead to, unless something stands there that is no file."""
     place = Path(os.path.realpath(path))
     if place.exists() and not (place.is_file() or place.is_dir()):
-        raise OSError(errno.EINVAL, 'no regular file, left as it is', str(path))
+        raise OSError(errno.EINVAL, 'no regular file but a device, pipe or socket: left as it is',
+                      str(path))
     return place
 
 

@@ -86,7 +86,7 @@ def test_defaults() -> None:
     ('joints.0.limits', {'velocity': 0.0}, ['joints.0.limits.velocity', 'greater than 0']),
     ('joints.0.hold', float('nan'), ['joints.0.hold', 'finite number', 'nan']),
     ('joints.1.name', 'one', ['top level', "joint 'one' has two entries"]),
-    ('gravity', [0.0, -9.81], ['gravity.2', 'Field required']),
+    ('gravity', [0.0, -9.81], ['gravity.2', 'is missing; add it']),
     ('gravity', [0.0, 0.0, float('inf')], ['gravity.2', 'finite number', 'inf']),
     ('gravity', [0.0, 0.0, -1e300], ['gravity.2', 'greater than or equal to', '-1e+300']),
     ('active_joints', ['three'],
@@ -111,7 +111,7 @@ def test_defaults() -> None:
      ['kinematics.convention', "'standard' or 'modified'", "'craig'"]),
     ('kinematics', {'urdf': 'a.urdf', 'convention': 'modified'},
      ['kinematics', 'remove it, or give dh, not urdf']),
-    ('kinematics.dh.0', [0.0, 0.0, 0.0], ['kinematics.dh.0.3', 'Field required']),
+    ('kinematics.dh.0', [0.0, 0.0, 0.0], ['kinematics.dh.0.3', 'is missing; add it']),
     ('kinematics', {'urdf': 'nowhere.urdf'}, ['nowhere.urdf', 'check kinematics.urdf']),
     # positive, and no moment about an axis is too large; the principal ones are 1.9, 1 and 0.1
     ('payload', {'mass': 1.0, 'inertia': [1.0, 1.0, 1.0, 0.9, 0.0, 0.0]},
@@ -140,7 +140,7 @@ def test_several_mistakes_at_once() -> None:
     content = changed('gauges.0.distance', 'far')
     del content['name']
     message = refusal(content)
-    assert 'name: Field required' in message
+    assert 'name: is missing; add it' in message
     assert 'gauges.0.distance: Input should be a valid number' in message
     assert "found 'far'" in message
 

@@ -59,7 +59,7 @@ def _raise(err: BaseException) -> Any:
     (BagError('run1: no such bag'), 2, 'tudor evaluate: run1: no such bag'),
     (TudorError('two\n   lines'), 2, 'tudor evaluate: two lines'),
     (PermissionError(13, 'Permission denied', '/x/y'), 2,
-     'tudor evaluate: /x/y: Permission denied; check path, rights and disk'),
+     'tudor evaluate: /x/y: Permission denied; check the rights'),
     (OSError('odd'), 2, 'tudor evaluate: odd; check path, rights and disk'),
     (KeyboardInterrupt(), 130, 'tudor evaluate: interrupted')])
 def test_errors_are_one_line(
@@ -90,7 +90,8 @@ def test_mistakes_of_ours_are_one_line_and_a_file(
     assert 'call: tudor evaluate bag' in text and 'Traceback' in text and __version__ in text
     monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path / 'gone'))
     assert entry.main(['evaluate']) == 70
-    assert 'could not be written (No such file' in capsys.readouterr().err
+    assert ('run it again with --debug FILE and report it with that file (none could be written'
+            in capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(('err', 'code', 'ended'), [

@@ -23,6 +23,7 @@ default, and the string after it, of which ``docs/reference/arm_yaml.md`` is mad
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from difflib import get_close_matches
 import math
 from typing import Annotated, Any, get_args, Literal
 
@@ -573,8 +574,8 @@ class MaterialSpec(Spec):
 
     def mistakes(self) -> Iterator[str]:
         if (self.G is None) == (self.nu is None):
-            yield (f'{"neither" if self.G is None else "both"} the shear modulus G and '
-                   'the Poisson ratio nu: give one of them')
+            yield (f'shear modulus G and Poisson ratio nu are both '
+                   f'{"missing" if self.G is None else "given"}: give one of them')
 
 
 class InertiaPart(Spec):
@@ -820,6 +821,11 @@ class ArmSpec(Spec):
 MAX_PARTS = 8  # mistakes that one message names
 
 
+def _keys(part: type[Spec]) -> set[str]:
+    """Collect the keys of a part and of all that are made from it."""
+    return {*part.model_fields}.union(*(_keys(other) for other in part.__subclasses__()))
+
+
 def validation_message(err: ValidationError) -> str:
     """Put a pydantic error on one line: each key, what is wrong, what was found."""
     def short(text: str) -> str:
@@ -829,8 +835,13 @@ def validation_message(err: ValidationError) -> str:
     for item in err.errors(include_url=False):
         where = '.'.join(str(part) for part in item['loc']) or 'top level'
         text = str(item.get('ctx', {}).get('error', item['msg']))
+        text = text.replace('tuple', 'list').replace('Tuple', 'List')
+        if item['type'] == 'missing':
+            text = 'is missing; add it'
         if item['type'] == 'extra_forbidden':
-            text = 'unknown key (correct or remove it)'
+            near = get_close_matches(str(item['loc'][-1]), _keys(Spec), 1)
+            text = 'unknown key (correct or remove it)' + ''.join(
+                f'; did you mean {key}?' for key in near)
         found = item.get('input')
         shown = '' if isinstance(found, (dict, list)) or item['type'] == 'missing' else (
             f', found {short(repr(found))}')

@@ -26,6 +26,7 @@ import _thread
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, ExitStack, redirect_stderr, redirect_stdout, suppress
+import errno
 import gc
 from importlib import import_module
 import os
@@ -77,6 +78,8 @@ SUBCOMMANDS = {name: text for group in GROUPS.values() for name, text in group.i
 
 OK, NOT_GOOD_ENOUGH, WRONG_INPUT, DEFECT = 0, 1, 2, 70
 """Exit codes; the last one, EX_SOFTWARE of sysexits.h, is for errors that nobody expected."""
+REMEDIES = {errno.EINVAL: 'give another file', errno.EISDIR: 'give a file',
+            errno.ENOSPC: 'free some space', errno.EACCES: 'check the rights'}
 
 
 class Parser(argparse.ArgumentParser):
@@ -184,7 +187,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return OK
         except OSError as err:
             place = f'{err.filename}: ' if err.filename else ''
-            _complain(name, f'{place}{err.strerror or err}; check path, rights and disk')
+            _complain(name, f'{place}{err.strerror or err}; ' + REMEDIES.get(
+                err.errno or 0, 'check path, rights and disk'))
             try:
                 sys.stdout.flush()
             except OSError:
@@ -260,7 +264,8 @@ def _traceback_file(arguments: Sequence[str]) -> str:
         with open(number, 'w', encoding='utf-8', errors='replace') as file:
             file.write(report(arguments))
     except OSError as err:
-        return f'its traceback could not be written ({err.strerror}); add --debug FILE'
+        return (f'run it again with --debug FILE and report it with that file (none could be '
+                f'written to {tempfile.gettempdir()}: {err.strerror})')
     return f'please report it with {path}'
 
 

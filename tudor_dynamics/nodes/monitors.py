@@ -201,7 +201,8 @@ class MonitorsNode(TudorNode):
         if level == OK and faults:
             return ERROR, '; '.join(faults)
         if level == OK and failed:
-            return WARN, f'the monitor of {", ".join(failed)} failed and restarted; see the log'
+            return WARN, (f'the monitor of {", ".join(failed)} failed and runs again; if it '
+                          'repeats, see the log')
         return level, message
 
     def close(self) -> None:

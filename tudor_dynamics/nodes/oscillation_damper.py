@@ -242,8 +242,8 @@ class OscillationDamperNode(MovingNode):
                           f'full gain needs at most {1e3 * gains.full_delay:.0f} ms')
         gain = gains.position_gain_in_use
         if gain < gains.position_gain:
-            return WARN, (f'the position gain is {gain:.2g}, not {gains.position_gain:.2g} 1/s: '
-                          'the loop delay allows no more; shorten it (driver, network)')
+            return WARN, (f'the loop delay lowers the position gain from {gains.position_gain:g} '
+                          f'to {gain:.2g} 1/s; shorten it (driver, network)')
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
             return WARN, f'fixed gains: {adaptation.unknown}'

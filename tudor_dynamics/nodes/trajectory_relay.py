@@ -251,7 +251,8 @@ class TrajectoryRelayNode(TudorNode):
                 partial(convolved, shaper=impulses(
                     kind, frequency, self.value('shaping_damping'))))
             if np.abs(state.dq).max() > AT_REST:
-                raise SignalError('the arm still moves', remedy='send motions one by one')
+                raise SignalError('the arm had not stopped',
+                                  remedy='send a motion once the last one has ended')
             begin = max(since, 0.0)
             return shape(from_state(whole, state, begin) if whole.t[0] > begin else whole)
         except SignalError as err:

@@ -299,7 +299,8 @@ class Watch:
                 if factor > WIDENING_WARNING]
         return '' if not wide else (
             'weak collisions are missed: the motion differs from training, so thresholds widen '
-            f'({", ".join(wide)}); call ~/calibrate during such motion, or fit such bags')
+            f'({", ".join(wide)}); call ~/calibrate while the arm moves so untouched, '
+            'or add bags of this motion to the fit')
 
     @property
     def settle(self) -> float:
