@@ -79,12 +79,7 @@ def split_at_gaps(stamp: NDArray[np.int64]) -> tuple[slice, ...]:
 def interpolate(
     at: NDArray[np.int64], stamp: NDArray[np.int64], values: FloatArray,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """
-    Bring a stream onto other stamps.
-
-    Samples with the same stamp are taken as they are, others interpolated linearly between their
-    neighbours, unless there is a gap between these.
-    """
+    """Bring a stream onto other stamps, linearly between two of its own that no gap separates."""
     result = np.full((len(at), values.shape[1]), np.nan)
     right = np.minimum(np.searchsorted(stamp, at), len(stamp) - 1)
     left = np.maximum(right - 1, 0)

@@ -194,12 +194,7 @@ DEGREES = 180 / math.pi
 
 
 def velocity_ratio(recording: Recording, joint: int) -> tuple[float, float] | None:
-    """
-    Compare the position of a joint with its velocity.
-
-    Returns displacement over integrated velocity, the median over windows with movement, and the
-    median relative deviation from it; None where the joint moves too little.
-    """
+    """Give displacement over integrated velocity and its relative deviation; None at rest."""
     assert recording.dq is not None
     width = max(1, round(WINDOW / recording.dt))
     moved, integrated = [], []

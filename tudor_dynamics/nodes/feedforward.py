@@ -87,11 +87,7 @@ class FeedforwardNode(ModelNode):
         self._reader = NamedReader(self.ahead.joints, self.drops)
 
     def _along(self, read: Callable[[], Trajectory]) -> Trajectory | None:
-        """
-        Read a wanted motion and give it its efforts, with the load as it is known now.
-
-        Returns None if refused, which is counted; why is said once.
-        """
+        """Give a wanted motion its efforts, by the load as it is known; None if it is refused."""
         assert self.ahead is not None
         try:
             wanted, load = read(), self.port.load

@@ -79,11 +79,7 @@ class GuardedMonitorNode(MonitorNode):
 
 
 class WatchedArm:
-    """
-    The monitor of one arm: made, ended when it fails, and made again.
-
-    node: None while there is none; fault: empty where there is one.
-    """
+    """The monitor of one arm: made, ended when it fails, and made again."""
 
     def __init__(self, namespace: str, options: dict[str, Any]) -> None:
         self.namespace = namespace
@@ -91,7 +87,7 @@ class WatchedArm:
         self._options = {**options, 'cli_args': [
             '--ros-args', '-r', f'__ns:={namespace}', '-r', '__node:=monitor']}
         self.node: GuardedMonitorNode | None = None
-        self.fault = ''
+        self.fault = ''  # why there is no monitor
         self.failures = 0
         self._due = 0.0
         self._maker: Thread | None = None

@@ -202,11 +202,7 @@ class OscillationDamperNode(MovingNode):
             time.sleep(WATCH_PERIOD)
 
     def verdict(self) -> tuple[bytes, str]:
-        """
-        Say what matters most of what the arm does.
-
-        docs/explanation/safety.md has the causes: what to do, and the test that shows each.
-        """
+        """Say what matters most; docs/explanation/safety.md has causes, remedies and tests."""
         level, message = super().verdict()
         controller = self.controller
         if controller is None or not self.active:

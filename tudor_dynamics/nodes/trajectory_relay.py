@@ -276,12 +276,7 @@ class TrajectoryRelayNode(TudorNode):
             self._stop(self._refuse(why))
 
     def _stop(self, why: str) -> None:
-        """
-        Stop the controller.
-
-        A goal is canceled. Newer controllers refuse messages without points, which mean a stop in
-        older ones: where it is known how the arm is led, the message says where to rest.
-        """
+        """Stop the controller: cancel the goal, or say where to rest as far as that is known."""
         if self.follower is None:
             return
         state = self.follower.state
@@ -291,7 +286,7 @@ class TrajectoryRelayNode(TudorNode):
                 self._goal[0].cancel_goal_async()
         else:
             message = JointTrajectory(joint_names=list(self._names))
-            if state is not None:
+            if state is not None:  # newer controllers refuse to stop by a message of no points
                 time, q = braking(state, self._braking, SHORTEST_STOP)
                 put_trajectory(message, Trajectory(
                     self._names, np.array([time]), q[None], np.zeros((1, len(q)))))

@@ -106,11 +106,7 @@ class MessageRing:
 def write_events(
     folder: Path, series: list[RawMessages], records: list[dict[str, Any]],
 ) -> Path:
-    """
-    Write a bag of events into a folder, whole or not at all, or say why not by a BagError.
-
-    Of bags that hold such records the oldest goes, where there are too many.
-    """
+    """Write a bag of events, whole or not at all; the oldest goes where there are too many."""
     # by the clock on the wall: simulated time begins at 0 in every run
     path = folder / datetime.now().strftime('event_%Y%m%d_%H%M%S_%f')
     try:

@@ -77,14 +77,11 @@ class ContactEstimate:
 
 
 class ContactRecord:
-    """
-    What a contact comes to: its place does not change, so all samples of the touch count together.
-
-    together: samples that count as one, because the residual of a moving arm rings.
-    """
+    """What a contact comes to: its place does not change, so all samples of it count together."""
 
     def __init__(
-        self, spans: Sequence[Span], links: Sequence[str], together: float = 1.0,
+        self, spans: Sequence[Span], links: Sequence[str],
+        together: float = 1.0,  # samples that count as one: the residual of a moving arm rings
     ) -> None:
         self.spans, self.links, self.together = spans, links, together
         self._prior = np.log([span.weight for span in spans])
@@ -95,12 +92,7 @@ class ContactRecord:
         self._seen.append(estimate)
 
     def summary(self) -> dict[str, Any]:
-        """
-        Give link, forces [N], seconds of touch, places [m]; empty without a sample.
-
-        ``force`` is the mean over the touch, ``place`` that of the likeliest span, or None where
-        it is unknown; its deviation covers other spans of the link, of which ``or_place`` is one.
-        """
+        """Give link, forces [N], seconds of touch, places [m]; empty without a sample."""
         if not self._seen or not self.spans:
             return {}
         pressing = np.array([item.pressing for item in self._seen])
@@ -127,16 +119,13 @@ class ContactRecord:
                 'or_place': others[0] if known and others else None}
 
     def _place(self, k: int, kept: Sequence[ContactEstimate]) -> tuple[float, float]:
-        """
-        Give the place on a span and its standard deviation, by the line through (F, F a).
-
-        What the residual of free motion makes of it does not become less over a touch.
-        """
+        """Give the place on a span and its standard deviation, by the line through (F, F a)."""
         span, values = self.spans[k], np.array([item.pressing[k, :ALONG] for item in kept])
         squares, products = values[:, ACROSS] @ values
         if squares <= 0.0:
             return span.middle, span.spread
         line = np.array([-products / squares, 1.0])
+        # what the residual of free motion makes of it does not become less over a touch
         spread = math.sqrt(sum(max(float(line @ item.spread[k] @ line), 0.0) for item in kept)
                            / (self.together * squares))
         near = min(max(-line[0], span.inner), span.outer)

@@ -191,15 +191,9 @@ class ExcessStage:
 def judge(
     stamp: int, first: bool, step: float, row: FloatArray, value: FloatArray,
     counts: NDArray[np.int64], joints: FloatArray, channels: FloatArray, profile: FloatArray,
-    weights: FloatArray, past: FloatArray, out: FloatArray,
+    weights: FloatArray, past: FloatArray, out: FloatArray,  # past, weights: see `onset_now`
 ) -> None:
-    """
-    Compare one sample with thresholds, and remember what the next one needs.
-
-    stamp [ns]; first: whether nothing before it counts; step [s] of the onset statistic; row
-    (3 joints,), value (channels,): motion and residual; counts, joints, channels, past: see the
-    names of their rows, and `onset_now`; profile, weights: see `MethodThresholds`.
-    """
+    """Compare one sample with thresholds, and remember in named rows what the next one needs."""
     first = first or counts[COUNT] == 0 or stamp <= counts[LAST]
     last, dt = counts[LAST], (stamp - counts[LAST]) * 1e-9
     if first:
@@ -335,16 +329,11 @@ class _Onset:
     last: int = NEVER
 
     def grows(self, stamp: int, sudden: FloatArray, settings: DetectorSettings) -> bool:
-        """
-        Say whether a change has just become certain that adds to the residual.
-
-        One that takes from it is a force that goes. A change counts after a time without any:
-        the arm rings after each.
-        """
+        """Say whether a change has just become certain that adds to the residual."""
         if not largest_size(sudden, 0, len(sudden)) > 1.0:
             self.since = None
             return False
-        if (stamp - self.last) * 1e-9 < settings.rearm:
+        if (stamp - self.last) * 1e-9 < settings.rearm:  # the arm rings after each change
             self.since, self.last = None, stamp
             return False
         if self.since is None:
@@ -352,7 +341,7 @@ class _Onset:
         if (stamp - self.since) * 1e-9 < settings.debounce - 1e-9:
             return False
         self.last = stamp
-        return bool(sudden[np.argmax(np.abs(sudden))] > 0.0)
+        return bool(sudden[np.argmax(np.abs(sudden))] > 0.0)  # below, a force goes
 
 
 class CollisionDetector:
@@ -415,11 +404,6 @@ class CollisionDetector:
 
 
 def blame(links: Sequence[tuple[int, str]], contact: FloatArray) -> str:
-    """
-    Find the link that was touched.
-
-    A load on a link is felt by all gauges and joints between it and the base, and by none beyond
-    it: the outermost link that feels something is the one.
-    """
+    """Find the link that was touched: the outermost that feels it, as none beyond a load does."""
     felt = np.flatnonzero(contact > 1.0).tolist() or [int(np.argmax(contact))]
     return max(links[i] for i in felt)[1]

@@ -199,11 +199,7 @@ class MomentumObserver:
 
 
 class Watch:
-    """
-    Pairs, residuals, thresholds and detector: everything after the prediction.
-
-    contact: None where it is not asked for, or not possible; no_contact: empty where they are.
-    """
+    """Pairs, residuals, thresholds and detector: everything after the prediction."""
 
     def __init__(
         self,
@@ -233,8 +229,8 @@ class Watch:
                           for output in self.outputs}
         self.observer = (MomentumObserver(kinds['effort']['analytical'], settings.observer_gain,
                                           spec.settle) if 'momentum' in self.methods else None)
-        self.contact: AnyEstimator | None = None
-        self.no_contact = ''
+        self.contact: AnyEstimator | None = None  # none if not asked for, or not possible
+        self.no_contact = ''  # why it is not possible
         if settings.contact:
             try:
                 self.contact = contact_estimator(bundle, settings.kind, self.methods)

@@ -81,14 +81,10 @@ class Losses:
 
 
 class StampGate:
-    """
-    Lets increasing stamps pass and counts the others; a gap is what it is in recordings.
-
-    gap [s]: 0 for five periods, at least 20 ms.
-    """
+    """Lets increasing stamps pass and counts the others; a gap is what it is in recordings."""
 
     def __init__(self, gap: float = 0.0) -> None:
-        self.gap = gap
+        self.gap = gap  # [s]; 0 for five periods, at least 20 ms
         self.drops: Counter[str] = Counter()
         self._losses = Losses()
         self.last: int | None = None
@@ -114,12 +110,7 @@ class StampGate:
         return max(GAP_PERIODS * median(recent) * 1e-9, GAP_FLOOR)
 
     def step(self, stamp: int) -> float | None:
-        """
-        Judge the next stamp [ns]: give the time since the one before [s].
-
-        It is 0 where nothing before it counts: at the start, after a gap or a jump. None for a
-        stamp that is repeated or older than the newest.
-        """
+        """Give the time since the last stamp [s]; 0 where none counts, None if it is no newer."""
         if self.last is None:
             self.last = stamp
             return 0.0
@@ -250,12 +241,7 @@ def between(
 
 
 class Pairing:
-    """
-    Waits for the measurements that belong to motions.
-
-    Equal stamps go together as they are. A motion between two measurements gets their
-    interpolation once the second one is there; one without neighbours is dropped and counted.
-    """
+    """Waits for measurements at the stamps of motions, interpolated where none is equal."""
 
     def __init__(self) -> None:
         self.gate = StampGate()
@@ -310,12 +296,7 @@ class Pairing:
 
 
 class Gathering:
-    """
-    Puts readings of several topics together, on the stamps of the first topic.
-
-    Equal stamps go together as they are; where they differ, the other topics are interpolated
-    between their neighbours. Readings of a single topic pass as they are, in its order.
-    """
+    """Puts readings of several topics together, interpolated at the stamps of the first topic."""
 
     def __init__(self, channels: Sequence[str], topics: Mapping[str, Sequence[str]]) -> None:
         self.topics = tuple(topics)
@@ -334,7 +315,7 @@ class Gathering:
     ) -> list[tuple[int, FloatArray]]:
         """Take a message of its topic's channels into account; returns (channels,)."""
         if not self._stages:
-            return [(stamp, values)]
+            return [(stamp, values)]  # of a single topic, in its order
         place = self.topics.index(topic)
         if place:
             done = [(pair.motion.stamp, np.concatenate([pair.motion.row, pair.measured]))

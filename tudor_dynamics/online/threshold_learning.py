@@ -110,11 +110,7 @@ def thresholds_from_dict(
 
 
 def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresholds]:
-    """
-    Give the thresholds that a bundle has for one kind of model, by method.
-
-    Methods without any are left out; momentum always goes with the analytical model.
-    """
+    """Give the thresholds that a bundle has for one kind of model, by methods that have some."""
     stored = bundle.facts.get('thresholds')
     found: dict[str, MethodThresholds] = {}
     if not isinstance(stored, dict):

@@ -38,11 +38,7 @@ NEVER = -2**62  # a stamp before all others [ns]
 
 @compiled
 def motion_features(stamp: NDArray[np.int64], motion: FloatArray) -> FloatArray:
-    """
-    Evaluate the columns of a threshold along a gapless record, (samples, 1 + 4 joints).
-
-    They are: constant, speeds, accelerations now and lately, recent reversals.
-    """
+    """Give columns of a gapless record: 1, speeds, accelerations now, lately, recent reversals."""
     n, last = motion.shape[1] // 3, NEVER
     out = np.empty((len(motion), 1 + 4 * n))
     direction, lately, reversed_at = np.zeros(n), np.zeros(n), np.full(n, NEVER)
@@ -57,12 +53,7 @@ def evaluate_features(
     stamp: int, last: int, row: FloatArray, direction: FloatArray, lately: FloatArray,
     reversed_at: NDArray[np.int64], columns: FloatArray,
 ) -> None:
-    """
-    Evaluate the columns at one sample; stamps [ns] of it and the one before.
-
-    Remembered are signs of the speeds, decaying maxima of the accelerations, and stamps of the
-    last reversals [ns], (joints,).
-    """
+    """Evaluate the columns at a sample; direction, lately, reversed_at: remembered, (joints,)."""
     n = len(direction)
     decay = math.exp((last - stamp) * 1e-9 / ACCELERATION_MEMORY)
     columns[0] = 1.0

@@ -161,13 +161,9 @@ def _reach(errors: Sequence[FloatArray], percentile: float) -> float:
 
 def signal_figure(
     arm: Arm, output: str, judged: Mapping[str, Validation], channel: str,
-    stretch: tuple[float, float],
+    stretch: tuple[float, float],  # to be looked at first [s]
 ) -> Plot:
-    """
-    Draw measured against predicted, and the residual, of a channel of the first validation bag.
-
-    judged: what each kind of model makes of the output; stretch [s]: to be looked at first.
-    """
+    """Draw a channel of the first validation bag: measured against predicted, and the residual."""
     first, unit = next(iter(judged.values())), output_units(arm, output)[channel]
     i, kinds, shown = first.channels.index(channel), list(judged), first.traces[0]
     measured = shown.measured[:, i]
@@ -248,11 +244,7 @@ def joint_pairs(axes: Sequence[JointPositions]) -> list[tuple[JointPositions, Jo
 
 
 def coverage(result: FitResult) -> list[dict[str, Any]]:
-    """
-    Say where each joint has been and how fast, in training and, where there is a test bag, in it.
-
-    The share of the validation samples ``outside`` the training range is in percent.
-    """
+    """Say where each joint has been and how fast, in training and in the test, if there is one."""
     rows = []
     for axis in joint_axes(result):
         low, high = float(axis.training.min()), float(axis.training.max())

@@ -185,13 +185,9 @@ TITLES = {'effort': 'Effort', 'strain': 'Strain'}
 
 def render(
     result: FitResult, assessment: Assessment | None = None, planned: Comparison | None = None,
-    made: Mapping[str, str] | None = None, last: LastFit | None = None,
+    made: Mapping[str, str] | None = None, last: LastFit | None = None,  # made: provenance
 ) -> str:
-    """
-    Render the report of a fit: sections with their templates, and what all of them show.
-
-    made: provenance, in words; last: the fit that this one is compared with.
-    """
+    """Render the report of a fit: sections with their templates, and what all of them show."""
     assessment = assess(result) if assessment is None else assessment
     outputs = [_output(result, assessment, output) for output in
                dict.fromkeys(item.output for item in result.fitted)]

@@ -62,12 +62,7 @@ class Simple:
 def simple_friction(
     joint: JointSpec, terms: dict[str, float], speed: float, load: float = 0.0,
 ) -> Simple:
-    """
-    Bring friction to the two numbers that URDF and MJCF have for it.
-
-    Those that are nearest to all of its terms over the speeds of the joint, both ways, and take
-    energy: where viscous and Coulomb friction are all there is, these, or their means.
-    """
+    """Bring friction to the two numbers of URDF and MJCF that are nearest to it, both ways."""
     forward = np.linspace(0.0, speed, SPEEDS + 1)[1:]
     speeds = np.concatenate([-forward, forward])
     names = [name.partition('(')[0] for name in friction_names(joint)]
@@ -76,7 +71,7 @@ def simple_friction(
     wanted = friction_columns(joint, speeds, np.full(len(speeds), load)) @ own
     pair = joint.model_copy(update={'friction': (DAMPING, FRICTION), 'asymmetric': False})
     columns = friction_columns(pair, speeds)
-    (damping, friction), _ = optimize.nnls(columns, wanted)
+    (damping, friction), _ = optimize.nnls(columns, wanted)  # both take energy
     size = float(np.linalg.norm(wanted))
     missed = float(np.linalg.norm(columns @ (damping, friction) - wanted))
     return Simple(float(damping), float(friction), (

@@ -53,14 +53,10 @@ NAMES = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR', STALE: 'STALE'}
 
 
 class Meter:
-    """
-    Counts messages and takes their time; `report` gives the figures since the last one.
-
-    steady: clock of ages and rates, which never stops nor is set [s].
-    """
+    """Counts messages and takes their time; `report` gives the figures since the last one."""
 
     def __init__(self, steady: Callable[[], float] = time.monotonic) -> None:
-        self._steady = steady
+        self._steady = steady  # clock of ages and rates, which never stops nor is set [s]
         self.count = 0
         self.last_arrival: float | None = None
         self._latencies = np.zeros(LATENCIES)
@@ -188,14 +184,9 @@ def _descriptor(param: Param) -> ParameterDescriptor:
 
 @dataclass(frozen=True)
 class Figure:
-    """
-    A figure, or several alike, in a node's diagnostics.
+    """A figure, or several alike, in a node's diagnostics."""
 
-    A key with a word in capitals stands for several: ``give`` returns a mapping of what takes the
-    place of that word. Without a key ``give`` returns keys and texts.
-    """
-
-    key: str
+    key: str  # keys of a mapping stand for its word in capitals, or for all of it if it has none
     give: Callable[[Any], Any]  # from `of` to a text, a mapping, or None for no figure now
     of: str = ''  # attribute of the node that is asked, the node itself by default; None is not
 
@@ -243,17 +234,11 @@ def steady_clock(node: Node) -> Callable[[], float]:
 
 
 class TudorNode(Node):
-    """
-    Base of the nodes.
-
-    steady: clock by which the node takes ages, which never stops, see `SimulatedClock` [s];
-    ros_time: stands for stamps that are not there [ns]; fault: empty for nothing; ended: empty
-    while it may; robot, _own: arm and topic of its positions, once known; crowded: see `crowd`.
-    """
+    """Base of the nodes."""
 
     depth = DEPTH  # of its queues
-    robot = _own = ''
-    crowded: tuple[bytes, str] | None = None
+    robot = _own = ''  # arm and topic of its positions, once known
+    crowded: tuple[bytes, str] | None = None  # see `crowd`
     exit_code: int | None = None  # of the process, once a node ends by itself; set by any thread
     FIGURES: tuple[Figure, ...] = ()
 
@@ -262,11 +247,11 @@ class TudorNode(Node):
     ) -> None:
         super().__init__(name, **kwargs)
         self.steady = steady_clock(self) if steady is time.monotonic else steady
-        self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)
+        self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)  # [ns]
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.meter = Meter(lambda: self.steady())
         self.drops: Counter[str] = Counter()
-        self.fault = self.ended = self._unknown = ''
+        self.fault = self.ended = self._unknown = ''  # ended: why; all empty for nothing
         self._closing = Event()  # for what runs beside the executor
         self._beside: Thread | None = None
         self._logged: tuple[bytes | None, str, float] = None, '', 0.0  # level, text, when [s]

@@ -77,11 +77,7 @@ def tolerances_of(goal: Any, names: Sequence[str], default: Tolerances) -> Toler
 
 
 class FollowServer:
-    """
-    Offers the action over what a node does with trajectories; one goal is active at a time.
-
-    take: takes a goal, and gives why not; stop: brakes; action: None where there is none to offer.
-    """
+    """Offers the action over what a node does with trajectories; one goal is active at a time."""
 
     def __init__(self, node: Node, take: Callable[[Any], str], stop: Callable[[str], None],
                  ) -> None:

@@ -315,13 +315,7 @@ class JointStateDecoder(_Decoder[JointSample]):
 
 
 class ArrayDecoder(_Decoder[JointSample]):
-    """
-    Decodes the Float64MultiArrays of one topic into samples with names.
-
-    They have no stamp: when they arrive stands for it.
-
-    now: clock of the node [ns].
-    """
+    """Decodes Float64MultiArrays of one topic into samples with names, stamped as they arrive."""
 
     kind, parse = Float64MultiArray, staticmethod(array_layout)
 
@@ -331,7 +325,7 @@ class ArrayDecoder(_Decoder[JointSample]):
         super().__init__(drops)
         self._channels = list(places)
         self._places = list(places.values())
-        self._now = now
+        self._now = now  # clock of the node [ns]
 
     def _read(self, data: bytes) -> JointSample | None:
         values = self._values(data, DATA)
@@ -395,12 +389,7 @@ class JointStateEncoder(_Encoder):
 
 
 class MotionEncoder(_Encoder):
-    """
-    Encodes motions as JointTrajectories of one point.
-
-    ``time_from_start`` is the time since the filter began, or restarted after a gap: who reads
-    it knows whether the filters have settled.
-    """
+    """Encodes motions as JointTrajectories; ``time_from_start`` counts from the filter's start."""
 
     def __init__(self, names: Sequence[str]) -> None:
         point = JointTrajectoryPoint(**dict.fromkeys(MOTION, [0.0] * len(names)))

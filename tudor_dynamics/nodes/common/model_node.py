@@ -165,12 +165,7 @@ class PayloadPort:
 
 
 class ModelNode(TudorNode):
-    """
-    Base of nodes with a model.
-
-    A model that cannot be loaded does not end the node: it says why in its diagnostics, gives no
-    output, and tries again on ``~/reload``.
-    """
+    """Base of nodes with a model: until one can be loaded they say why, and wait for ~/reload."""
 
     depth = DEEP
     FIGURES: tuple[Figure, ...] = (
@@ -234,11 +229,7 @@ class ModelNode(TudorNode):
         self.robot = bundle.arm.name
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Any:
-        """
-        Build what works with a model; slow, in a thread of its own when reloading.
-
-        bundle: the model with the payload of the parameter, whole: as it was read.
-        """
+        """Build what works with a model, at its payload or as read; in a thread when reloading."""
         raise NotImplementedError
 
     def use(self, bundle: ModelBundle, prepared: Any) -> None:

@@ -35,12 +35,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 class MovingNode(LifecycleNodeMixin, TudorNode):
-    """
-    A managed node, because it commands motion; ``**kwargs`` go to rclpy's Node.
-
-    A subclass makes its controller in `build`, and moves the arm in `answer`.
-    gap [s]: longer between positions is an interruption.
-    """
+    """A managed node, because it commands motion; ``**kwargs`` go to rclpy's Node."""
 
     FIGURES: tuple[Figure, ...] = (Figure('phase', lambda node: node.phase),)
     feels = False  # whether efforts are heard
@@ -51,7 +46,7 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         TudorNode.__init__(self, name, **kwargs)
         LifecycleNodeMixin.__init__(self)
         self.controller: Any = None
-        self.gate = StampGate(gap)
+        self.gate = StampGate(gap)  # longer between positions is an interruption
         self.active = False
         self.phase = 'unconfigured'
         self._inputs: list[Subscription] = []

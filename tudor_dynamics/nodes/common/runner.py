@@ -79,13 +79,11 @@ class Halt:
 
 def spin_for(executor: Any, seconds: float, halt: Halt | None = None) -> None:
     """
-    Do what there is to do, for a while.
+    Do what there is to do, for some seconds.
 
     The events executor is not asked message by message, which would cost a way out to Python and
     back for each: it waits for a future. It looks at the clock only where nothing waits to be
     done, so that without that future a node with more to do than it can would never end.
-
-    seconds [s].
     """
     if isinstance(executor, SingleThreadedExecutor):
         executor.spin_once(timeout_sec=seconds)

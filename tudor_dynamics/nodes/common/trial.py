@@ -160,12 +160,7 @@ def run_trial(
     testable: Callable[[Arm], Sequence[str]], others: str, largest: tuple[float, float],
     args: Sequence[str] | None = None,
 ) -> int:
-    """
-    Run a test as a process.
-
-    testable: gives the joints that can be tested; others: what the others are; largest: step and
-    slide [deg, mm]; args: those of the process by default.
-    """
+    """Run a test as a process; others: what other joints are; largest: step, slide [deg, mm]."""
     words = list(sys.argv if args is None else args)
     options = parser.parse_args(rclpy.utilities.remove_ros_args(words)[1:])
     node: Trial | None = None
