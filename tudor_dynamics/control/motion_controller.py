@@ -230,17 +230,11 @@ class MotionController:
 
     def step(
         self, now: float, dt: float, q: FloatArray, strain: FloatArray, fresh: FloatArray, *,
-        age: float | None = None, dq: FloatArray | None = None, effort: FloatArray | None = None,
+        age: float | None = None,  # of its stamp by the node's clock, where that is known [s]
+        # What the driver itself says, None or no numbers where it says nothing.
+        dq: FloatArray | None = None, effort: FloatArray | None = None,
     ) -> FloatArray | None:
-        """
-        Give the commands for one sample.
-
-        now [s], q (joints,) [rad or m], strain, fresh (gauges,); dt [s]: 0 where nothing before it
-        counts; age [s]: of its stamp by the node's clock, None where that is not known; dq
-        (joints,) [rad/s or m/s]: what the driver itself says, None or no numbers where it says
-        nothing; effort (joints,): as dq; returns (joints,) [rad/s or m/s], None until it is known
-        how fast the arm is.
-        """
+        """Give the commands for one sample; None until it is known how fast the arm is."""
         gains = self.gains
         if math.isfinite(self._at):
             self._arrival = learned_period(self._arrival, now - self._at)
