@@ -126,12 +126,7 @@ class ReferenceGate:
 
 
 class Takeover:
-    """
-    Says when an arm of unknown motion can be commanded, and at which speed.
-
-    A command at the speed that was measured is a step up for an arm that has begun to brake
-    meanwhile; so one that brakes is left to stop.
-    """
+    """Says when an arm of unknown motion can be commanded at the speed that was measured."""
 
     def __init__(self, acceleration: FloatArray) -> None:
         self._acceleration = acceleration
@@ -142,13 +137,14 @@ class Takeover:
         self._seen.clear()
 
     def step(self, now: float, dq: FloatArray, delay: float) -> bool:
-        """Observe a sample: now, delay [s], dq (joints,) [rad/s]."""
+        """Observe a sample of a loop with a delay [s]; True where commands can begin."""
         self._seen.append((now, dq))
         while len(self._seen) > 2 and now - self._seen[1][0] >= settings.TAKEOVER_TIME + delay:
             self._seen.popleft()
         begin, before = self._seen[0]
         if now - begin < settings.TAKEOVER_TIME + delay:
             return False
+        # One that brakes is left to stop: the speed measured before would be a step up for it.
         slower = np.abs(before) - np.abs(dq)
         braking = settings.TAKEOVER_BRAKING * self._acceleration
         return not bool(np.any(slower > braking * (now - begin)))
