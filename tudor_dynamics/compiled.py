@@ -234,7 +234,7 @@ if PLAIN:
 
     @compiled
     def in_lanes(tables: Tables) -> Tables:
-        """Give the same arrays: they are those of one lane."""
+        """Take the last axis of float arrays for lanes, share those of integers; see `unowned`."""
         return tables
 else:
     @compiled

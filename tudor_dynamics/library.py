@@ -239,13 +239,10 @@ def fit_choices(
     preprocessing: PreprocessingSpec, settings: FitSettings, payloads: Mapping[str, float], *,
     ignore_payload: bool = False, plan: PlanFolder | None = None, out: Path | None = None,
     overwrite: bool = False, streaming: Streaming | None = None,
-    progress: Progress = lambda _: None, compare: Path | None = None,
+    progress: Progress = lambda _: None,
+    compare: Path | None = None,  # what the report compares with; by default what is replaced
 ) -> Fit:
-    """
-    Fit, judge and write: the one way from bags to a bundle, of ``td.fit`` and ``tudor fit``.
-
-    compare: bundle that the report compares with; by default that which is replaced.
-    """
+    """Fit, judge and write: the one way from bags to a bundle, of ``td.fit`` and ``tudor fit``."""
     check_choices(training, test)
     last = None if compare is None else (str(compare), read_facts(compare))
     if out is not None:

@@ -258,15 +258,10 @@ class JointSpec(Spec):
         return values
 
     def for_digest(self) -> dict[str, Any]:
-        """
-        Give the keys that a fitted model depends on, with their values.
-
-        A key that older versions did not have is left out where it does nothing, so that their
-        digests still hold.
-        """
+        """Give the keys that a fitted model depends on, with their values."""
         content = self.model_dump(mode='json', exclude={'effort', 'limits', 'planned'})
         for term, key in STATE_KEYS.items():
-            if term not in self.friction:
+            if term not in self.friction:  # digests of versions that did not have it still hold
                 del content[key]
         return {**content, 'effort': self.effort.for_digest()}
 

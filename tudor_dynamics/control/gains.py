@@ -82,12 +82,10 @@ class DelayMeter:
     delays it keeps, with forgetting, how much of the measured speeds the commands of that time ago
     leave unexplained; the least is at the delay. Times are those of the samples' stamps, to which
     commands are the answers: no other clock is needed.
-
-    speed (joints,) [rad/s].
     """
 
     def __init__(self, speed: FloatArray) -> None:
-        self._scale = np.where(np.isfinite(speed), speed, 1.0)
+        self._scale = np.where(np.isfinite(speed), speed, 1.0)  # speed: that joints may have
         self._lags = np.arange(0.0, settings.DELAY_LONGEST, settings.DELAY_STEP)
         self._errors = np.zeros(len(self._lags))
         self._energy = self._time = 0.0
@@ -142,12 +140,10 @@ class RingingWatch:
     While the reference rests, what they add must decay: an oscillation that keeps its size, or
     grows, is fed by them. Whether it rests or not, commands beyond the speed limit again and
     again, or far from the reference, are no damping either.
-
-    speed (joints,) [rad/s].
     """
 
     def __init__(self, speed: FloatArray) -> None:
-        self._scale = np.where(np.isfinite(speed), speed, 1.0)
+        self._scale = np.where(np.isfinite(speed), speed, 1.0)  # speed: that joints may have
         self._peaks: deque[float] = deque(maxlen=settings.RINGING_LASTS + 2)
         self.reset()
 

@@ -90,11 +90,8 @@ def _stuck(way: FloatArray, widths: FloatArray) -> FloatArray:
 
 
 def _lag(t: FloatArray, x: FloatArray, way: FloatArray) -> float:
-    """
-    Give how late positions x follow the way of commands, by their speeds [s].
-
-    What sticks changes speeds less than places, and late by nothing.
-    """
+    """Give how late positions x follow the way of commands [s]."""
+    # By speeds: what sticks changes them less than places, and late by nothing.
     lags = np.arange(0.0, settings.DELAY_LONGEST, settings.DELAY_STEP)
 
     def speed(values: FloatArray, times: FloatArray) -> FloatArray:
@@ -106,11 +103,7 @@ def _lag(t: FloatArray, x: FloatArray, way: FloatArray) -> float:
 
 
 def _fit(t: FloatArray, x: FloatArray, way: FloatArray, *, back: bool) -> _Fit:
-    """
-    Fit positions x by the way of commands, each (samples,) at times t [s].
-
-    back: they went there and back, which says what sticks.
-    """
+    """Fit positions x by commands; back: they went there and back, which says what sticks."""
     delay = _lag(t, x, way)
     way = np.interp(t - delay, t, way)
     best = (math.inf, 0.0, 0.0, 0.0, x)

@@ -126,12 +126,7 @@ class ReferenceGate:
 
 
 class Takeover:
-    """
-    Says when an arm of unknown motion can be commanded, and at which speed.
-
-    A command at the speed that was measured is a step up for an arm that has begun to brake
-    meanwhile; so one that brakes is left to stop.
-    """
+    """Says when an arm of unknown motion can be commanded at the speed that was measured."""
 
     def __init__(self, acceleration: FloatArray) -> None:
         self._acceleration = acceleration
@@ -142,13 +137,14 @@ class Takeover:
         self._seen.clear()
 
     def step(self, now: float, dq: FloatArray, delay: float) -> bool:
-        """Observe a sample: now, delay [s], dq (joints,) [rad/s]."""
+        """Observe a sample of a loop with a delay [s]; True where commands can begin."""
         self._seen.append((now, dq))
         while len(self._seen) > 2 and now - self._seen[1][0] >= settings.TAKEOVER_TIME + delay:
             self._seen.popleft()
         begin, before = self._seen[0]
         if now - begin < settings.TAKEOVER_TIME + delay:
             return False
+        # One that brakes is left to stop: the speed measured before would be a step up for it.
         slower = np.abs(before) - np.abs(dq)
         braking = settings.TAKEOVER_BRAKING * self._acceleration
         return not bool(np.any(slower > braking * (now - begin)))
@@ -230,17 +226,11 @@ class MotionController:
 
     def step(
         self, now: float, dt: float, q: FloatArray, strain: FloatArray, fresh: FloatArray, *,
-        age: float | None = None, dq: FloatArray | None = None, effort: FloatArray | None = None,
+        age: float | None = None,  # of its stamp by the node's clock, where that is known [s]
+        # What the driver itself says, None or no numbers where it says nothing.
+        dq: FloatArray | None = None, effort: FloatArray | None = None,
     ) -> FloatArray | None:
-        """
-        Give the commands for one sample.
-
-        now [s], q (joints,) [rad or m], strain, fresh (gauges,); dt [s]: 0 where nothing before it
-        counts; age [s]: of its stamp by the node's clock, None where that is not known; dq
-        (joints,) [rad/s or m/s]: what the driver itself says, None or no numbers where it says
-        nothing; effort (joints,): as dq; returns (joints,) [rad/s or m/s], None until it is known
-        how fast the arm is.
-        """
+        """Give the commands for one sample; None until it is known how fast the arm is."""
         gains = self.gains
         if math.isfinite(self._at):
             self._arrival = learned_period(self._arrival, now - self._at)

@@ -61,19 +61,15 @@ RADIANS = 'its driver takes radians for degrees, or the scale of its encoder is 
 
 @compiled
 def watch_law(
-    at: NDArray, way: NDArray, commands: NDArray, count: int, now: float, dt: float,
-    longer: float, lags: tuple[float, float, float], q: NDArray, effort: NDArray, limits: NDArray,
-    state: NDArray,
+    at: NDArray, way: NDArray, commands: NDArray, count: int,  # see `Commanded`
+    now: float, dt: float, longer: float,  # longer: of this sample and the one before [s]
+    # Earliest and latest of the motion, and for how long its driver may have taken no command [s].
+    lags: tuple[float, float, float],
+    q: NDArray, effort: NDArray,  # (joints,): effort is 1 at its end
+    limits: NDArray,  # (3, joints): lower, upper, speed
+    state: NDArray,  # (joints, WATCHED)
 ) -> bool:
-    """
-    Compare the readings of all joints with what commands can have made of them.
-
-    at, way, commands: see `Commanded`; longer: of this sample and the one before [s]; lags:
-    earliest and latest of the motion, and for how long its driver may have taken no command [s];
-    effort (joints,): 1 at its end; limits (3, joints): lower, upper, speed [rad, rad, rad/s];
-    state (joints, WATCHED). Returns whether a joint is beyond what is allowed, or stands still
-    though it is commanded.
-    """
+    """Compare readings with commands; True if a joint is beyond them, or frozen despite them."""
     found = False
     earliest, latest, unheard = lags
     lower, upper, speed = limits[0], limits[1], limits[2]
@@ -208,11 +204,7 @@ class MotionWatch:
         self.restart(None)
 
     def restart(self, q: FloatArray | None, free: float = 0.0) -> None:
-        """
-        Take a reading for the first one; what was confirmed stays.
-
-        free [s]: for which drives may have braked by themselves meanwhile.
-        """
+        """Take a reading for the first one; what was confirmed stays."""
         self.state[:, [EXCESS, SAME, STOOD, UNSURE, JERKED, WIDTH, AHEAD, BEYOND, UNHEARD]] = 0.0
         self.state[:, OFFSET] = math.nan
         self.state[:, [LOADED, PUSHED]] = -math.inf
@@ -221,7 +213,7 @@ class MotionWatch:
         self._onset = np.full(len(self._joints), -math.inf)
         if q is not None:
             self._seen.append((-math.inf, q, None))
-        self._free = free
+        self._free = free  # for which drives may have braked by themselves meanwhile [s]
         self._dt = 0.0
 
     def trust(self, speed: FloatArray) -> None:
@@ -245,17 +237,14 @@ class MotionWatch:
         return [f'{row[EXCESS]:.4f} of {row[ALLOWED]:.4f}' for row in self.state]
 
     def step(
-        self, now: float, dt: float, q: FloatArray, commanded: Commanded,
-        lags: tuple[float, float], dq: FloatArray | None = None, effort: FloatArray | None = None,
-        *, telling: bool = True, late: float = 0.0, recent: float = 0.0,
+        self, now: float, dt: float,  # by the clock of the commands
+        q: FloatArray, commanded: Commanded,
+        lags: tuple[float, float],  # shortest and longest from a command to its motion [s]
+        dq: FloatArray | None = None, effort: FloatArray | None = None,  # what the driver says
+        *, telling: bool = True,
+        late: float = 0.0, recent: float = 0.0,  # lateness of this sample, of others before [s]
     ) -> list[Doubt]:
-        """
-        Judge one reading; without telling, what is found is followed but not explained.
-
-        now, dt [s]: by the clock of the commands; q, dq (joints,): readings, and the driver's own
-        speeds; lags [s]: shortest and longest from a command to its motion; effort (joints,);
-        late, recent [s]: by how much this sample came late, and others just before.
-        """
+        """Judge one reading; without telling, what is found is followed but not explained."""
         longer, self._dt = max(dt, self._dt), dt
         outside = (q < self._lowest) | (q > self._highest)
         step = q - self._seen[-1][1] if self._seen else np.zeros_like(q)

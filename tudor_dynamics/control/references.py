@@ -303,17 +303,17 @@ class ReferenceSource:
         self._follow(target)
         return ''
 
-    def take(self, trajectory: Trajectory, since: float = 0.0,
-             tolerances: Tolerances | None = None) -> str:
+    def take(
+        self, trajectory: Trajectory,
+        since: float = 0.0,  # time since its start, below zero where that is to come [s]
+        tolerances: Tolerances | None = None,  # its own, those of the source by default
+    ) -> str:
         """
-        Take a trajectory, as a joint trajectory controller does.
+        Take a trajectory, as a joint trajectory controller does, or say why it is refused.
 
         One point is a goal, reached by a smooth move of its own time. Several are passed at their
         times. A new one takes over at its start; until then what is driven goes on. Points whose
         time is over are left out. Everything is checked before the first sample moves.
-
-        since: time since its start, below zero where that is to come [s]; tolerances: its own,
-        those of the source by default. Returns why it is refused; empty if it is taken.
         """
         if why := self._unable():
             return why

@@ -310,11 +310,8 @@ class Adaptation:
 
     @property
     def mean_frequency(self) -> float:
-        """
-        Corner of the DC blockers [Hz].
-
-        The weight of what was just picked up is in the strain, but not in its mean yet.
-        """
+        """Corner of the DC blockers [Hz]."""
+        # The weight of what was just picked up is in the strain, but not in its mean yet.
         own = self.schedule.content.mean_frequency
         if self.payload is None or math.isnan(self._reported):
             return own

@@ -40,14 +40,12 @@ WRONG_JOINTS, LATE = 'wrong joints', 'all points are in the past'
 """How the reasons begin for which a trajectory is refused by its names, and by its start."""
 
 
-def of_all(trajectory: Trajectory, names: Sequence[str], rest: FloatArray, partial: bool,
-           ) -> Trajectory:
-    """
-    Give a trajectory of all joints in their order.
-
-    rest: positions of those that it does not name; partial: whether it may leave some out.
-    SignalError where names are unknown, double or missing.
-    """
+def of_all(
+    trajectory: Trajectory, names: Sequence[str],
+    rest: FloatArray,  # positions of those that it does not name
+    partial: bool,  # whether it may leave some out
+) -> Trajectory:
+    """Give a trajectory of all joints in their order; SignalError where names do not fit."""
     given = trajectory.joints
     found = [f'{what}: {", ".join(some)}' for what, some in (
         ('unknown', [name for name in given if name not in names]),
@@ -77,18 +75,14 @@ def braking(state: MotionState, bounds: Limits, least: float) -> tuple[float, Fl
 
 
 def from_state(trajectory: Trajectory, state: MotionState, begin: float) -> Trajectory:
-    """
-    Give the path from a state, at a time since the start [s], through the points after it.
-
-    What the points do not have (velocities, accelerations) is not kept of the state. SignalError
-    where no point is to come.
-    """
+    """Give the path from a state, at a time since the start [s], through the points after it."""
     left = trajectory.t > begin
     if not left.any():
         msg = f'{LATE}: the last was due {begin - trajectory.t[-1]:.3g} s ago'
         raise SignalError(msg, remedy='set header.stamp to the start, or to 0 for now')
 
     def joined(first: FloatArray, rest: FloatArray | None) -> FloatArray | None:
+        # what the points do not have is not kept of the state
         return None if rest is None else np.vstack([first, rest[left]])
     return replace(
         trajectory, t=np.append(begin, trajectory.t[left]), effort=None,
@@ -97,18 +91,13 @@ def from_state(trajectory: Trajectory, state: MotionState, begin: float) -> Traj
 
 
 class Path:
-    """
-    Path from a state through the points of a trajectory, at rest after the last one.
-
-    begin: time of the state since the start of the trajectory [s]. SignalError where no point is
-    to come, or the last one is in motion.
-    """
+    """Path from a state through the points of a trajectory, at rest after the last one."""
 
     def __init__(self, state: MotionState, trajectory: Trajectory, begin: float = 0.0) -> None:
         joined = from_state(trajectory, state, begin)
         if joined.dq is not None and np.any(np.abs(joined.dq[-1]) > ROUNDING):
             raise SignalError('the last point is in motion', remedy='end the trajectory at rest')
-        self.begin, self.end = begin, float(trajectory.t[-1])
+        self.begin, self.end = begin, float(trajectory.t[-1])  # since the trajectory's start [s]
         self.target = trajectory.q[-1]
         self._names = trajectory.joints
         self._smooth = trajectory.dq is not None
@@ -124,14 +113,10 @@ class Path:
         return MotionState(self._q(time), self._dq(time), self._ddq(time))
 
     def beyond(self, limits: Limits) -> str:
-        """
-        Say where the path leaves limits; empty where it keeps to them.
-
-        Straight lines jump in velocity at the points: no acceleration is checked on them.
-        """
+        """Say where the path leaves limits; empty where it keeps to them."""
         parts = [('position', self._q, limits.lower, limits.upper),
                  ('velocity', self._dq, -limits.velocity, limits.velocity)]
-        if self._smooth:
+        if self._smooth:  # straight lines jump in velocity at the points
             parts.append(('acceleration', self._ddq, -limits.acceleration, limits.acceleration))
         for what, curve, lower, upper in parts:
             lower, upper = lower - ROUNDING, upper + ROUNDING
@@ -192,12 +177,7 @@ class Follower:
         self.path = self.coming = None
 
     def step(self, dt: float, state: MotionState) -> tuple[MotionState | None, str]:
-        """
-        Advance by a step [s] from where the reference is.
-
-        Returns the state to go to, None where no trajectory is driven, and why one that was to
-        begin now does not; then none is driven any more.
-        """
+        """Give the next state, None without a trajectory, and why one due now does not begin."""
         if self.coming is not None:
             trajectory = self.coming
             self._since += dt

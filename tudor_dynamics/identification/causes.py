@@ -272,15 +272,11 @@ class Cause:
 
 
 def explain(
-    bag: Bag, whole: ModelBundle, settings: MonitorSettings, source: str, payload: float,
-    records: list[dict[str, Any]],
+    bag: Bag, whole: ModelBundle, settings: MonitorSettings,
+    source: str, payload: float,  # where the node knew the load from, and which [kg]
+    records: list[dict[str, Any]],  # its events, to be explained; empty for all that come
 ) -> list[Cause]:
-    """
-    Replay what a monitor heard, and name the cause of each event.
-
-    source, payload [kg]: where the node knew the load from, and which; records: its events, which
-    are those explained, or none for all that come.
-    """
+    """Replay what a monitor heard, and name the cause of each event."""
     bundle = whole.beside_robot()
     messages = messages_of(bag, bundle.arm)
 

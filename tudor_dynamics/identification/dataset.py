@@ -48,14 +48,9 @@ STANDSTILL_KEPT = 0.5
 
 
 def motion_span(recording: Recording) -> tuple[float, float]:
-    """
-    Find where a recording moves, but for standstill in the middle.
-
-    A joint that stands is held by friction that no model knows the sign of, and a long wait
-    before or after the motion would count as much as the motion.
-
-    Returns begin, end [s].
-    """
+    """Find begin and end of the motion of a recording [s]; standstill in the middle counts."""
+    # Friction that holds a joint has a sign that no model knows, and a long wait before or after
+    # the motion would count as much as the motion.
     t, q = recording.t, recording.q
     bound = STANDSTILL * max(float(np.ptp(q, axis=0).max(initial=0.0)), 1e-300)
     away = np.flatnonzero(np.any(np.abs(q - q[0]) > bound, axis=1))

@@ -83,14 +83,12 @@ class Truth:
 FREE = Truth('nothing touched the arm')  # truth of a recording of free motion
 
 
-def find_truth(path: str, topic: str | None = None, clock: str = 'joint_states') -> Truth:
-    """
-    Read the pushes of a bag from a topic.
-
-    topic: WrenchStamped, or Bool that is true while the arm is touched; by default
-    ``applied_wrench``, without which nothing is known; clock: JointState topic with the stamps of
-    the recording.
-    """
+def find_truth(
+    path: str,
+    topic: str | None = None,  # of WrenchStamped, or of Bool, true while the arm is touched
+    clock: str = 'joint_states',  # topic with the stamps of the recording
+) -> Truth:
+    """Read the pushes of a bag, by default of ``applied_wrench``; without it nothing is known."""
     name = topic or TOPIC
     bag = open_bag(path)
     found = bag.find({name: JOINT_STATE})[name]

@@ -180,17 +180,14 @@ def records_of(bags: Sequence[BagData]) -> list[Record]:
 # -- Simulations of an elastic arm along recordings, for several choices of parameters at once
 
 class Simulations:
-    """
-    Arms that follow recordings, in threads and side by side.
-
-    inner: longest inner step, which may be changed [s]; runs: simulations done so far.
-    """
+    """Arms that follow recordings, in threads and side by side."""
 
     def __init__(
         self, arm: Arm, records: Sequence[Record], names: tuple[str, ...],
         fixed: dict[str, float], inner: float,
     ) -> None:
-        self.inner, self.runs = inner, 0
+        self.inner = inner  # longest inner step, which may be changed [s]
+        self.runs = 0  # simulations done so far
         self._arm, self._records, self._names, self._fixed = arm, records, names, fixed
         self._threads = max(1, min(8, len(os.sched_getaffinity(0))))
         self._idle: list[list[DrivenArm]] = []

@@ -198,13 +198,8 @@ def shared(
 def compare_starts(
     arm: Arm, records: Sequence[Record], names: tuple[str, ...], center: FloatArray,
     width: FloatArray, progress: Progress,
-) -> tuple[list[FloatArray], tuple[Start, ...], int]:
-    """
-    Find where to start: center, width (names,).
-
-    Returns the logarithms (names,) of the best start as described, then of each other share,
-    better ones first; what was improved and compared; simulations done in all.
-    """
+) -> tuple[list[FloatArray], tuple[Start, ...], int]:  # and those tried, simulations done
+    """Find where to start: logarithms (names,), the best as described, then of other shares."""
     pieces = _pieces(records)
     scan = Problem(arm, pieces, names, {}, center, width, inner=COARSE)
     some = tuple(name for name in names if kind_of(name).early)
@@ -365,12 +360,7 @@ def identify(
 def simple_gears(
     arm: Arm, known: Knowledge, x: FloatArray,
 ) -> tuple[Knowledge, FloatArray]:
-    """
-    Say which gears may be simpler than described, and where a search with them begins.
-
-    A gear that hardly gives way beside its link is rigid; one whose play is far from what was
-    described has none. What they have no longer is held: x (names,); returns (fewer names,).
-    """
+    """Say which gears may be simpler than described, and where a search with them begins."""
     mechanism, values = reduced_mechanism(arm), dict(zip(known.names, np.exp(x), strict=True))
     held: dict[str, float] = {}
     for joint in mechanism.beams:
@@ -437,11 +427,7 @@ def _descended(
 
 
 def taken_over(arm: Arm, records: Sequence[Record], found: Identified) -> Identified:
-    """
-    Take over what a search found out of the same bags after another filter.
-
-    The arm is the same whatever its recordings pass; gauges and errors are those of these records.
-    """
+    """Take over a search after another filter; gauges and errors are those of these records."""
     known = knowledge_of(arm, payload=any(record.payload is None for record in records))
     values = {p.name: p.value for p in found.physical}
     known = known if 'lag' in values else known.without('lag')

@@ -146,16 +146,13 @@ def blank(kind: str, arm: Arm, output: str, settings: ModelSettings) -> Memoryle
 
 @dataclass(eq=False)
 class RowTrainer:
-    """
-    Fits models without a memory to what parts of the data, such as bags, come to.
-
-    Sums of an analytical model are kept by output, name of the part, and whether they have
-    triangular factors; those that are there already need no data.
-    """
+    """Fits models without a memory to what parts of the data, such as bags, come to."""
 
     kind: str
     arm: Arm
     settings: ModelSettings
+    # Of an analytical model, by output, part, and whether they have triangular factors; parts that
+    # are there already need no data.
     sums: dict[str, dict[tuple[str, bool], Any]] = field(default_factory=dict)
 
     def fit(self, bags: Sequence[BagData], output: str) -> MemorylessModel:

@@ -130,12 +130,7 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
 
 
 class ManyBags:
-    """
-    Bags of a fit that are gone through one by one.
-
-    Models and validation are of all of them. A sample stays in memory, for choices, thresholds
-    and figures.
-    """
+    """Bags of a fit, one by one; a sample stays in memory for choices, thresholds and figures."""
 
     def __init__(
         self, arm: Arm, training: Sequence[BagChoice], test: Sequence[BagChoice],

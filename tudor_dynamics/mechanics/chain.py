@@ -336,8 +336,6 @@ def forward(z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, damped: float) 
 
     The frame of the next link takes the full rotation of the node, not its linear part, so that
     links of large elastic rotation carry the others where they really are.
-
-    z, dz, ddz (n,); damped: 0 for true accelerations.
     """
     body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
     for b in range(body_int.shape[0]):
@@ -360,7 +358,7 @@ def forward(z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, damped: float) 
                 turned, jacobian = exponential(theta), left_jacobian(theta)
                 node_at = (node * body_float[parent, LENGTH] + z[k], z[k + 1], z[k + 2])
                 moved = vector_at(dz, k)
-                alpha = damped * body_float[parent, ALPHA]
+                alpha = damped * body_float[parent, ALPHA]  # 0 for true accelerations
                 rise_at = add(vector_at(ddz, k), times(alpha, moved))
                 twist_at = add(vector_at(ddz, k + 3), times(alpha, rate))
                 spin = turn(jacobian, rate)

@@ -93,12 +93,7 @@ def rotor_law(drive: NDArray, state: NDArray, dt: float, current: float) -> None
 
 @compiled
 def bristle_holds(drive: NDArray, state: NDArray, dt: float, free: float) -> bool:
-    """
-    Advance a rotor whose friction gives way but does not slide; False where it slides.
-
-    Then the bristle is deflected to its end in the direction of motion: ``state[BRISTLE]`` is 1
-    or -1.
-    """
+    """Advance a rotor whose friction gives way but does not slide; False where it slides."""
     deflection = state[BRISTLE]
     side = 0 if deflection > 0.0 or (deflection == 0.0 and free >= 0.0) else 1
     grip = drive[COULOMB + side] + drive[LOADED] * abs(state[GEAR])
@@ -109,7 +104,7 @@ def bristle_holds(drive: NDArray, state: NDArray, dt: float, free: float) -> boo
         1.0 + per * (drive[VISCOUS + side] + dt * grip / drive[PRESLIDING]))
     further = deflection + dt * speed / drive[PRESLIDING]
     if abs(further) > most:
-        state[BRISTLE] = 1.0 if further > 0.0 else -1.0
+        state[BRISTLE] = 1.0 if further > 0.0 else -1.0  # deflected to its end
         return False
     state[BRISTLE], state[SPEED] = further, speed
     state[ANGLE] += dt * speed

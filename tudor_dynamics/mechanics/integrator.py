@@ -101,12 +101,8 @@ def extrapolated(past: NDArray, order: int, i: int) -> float:
 
 @compiled
 def best_order(found: NDArray, past: NDArray, prescribed: NDArray, factor: NDArray) -> int:
-    """
-    Say which order would have come nearest to what a step has found.
-
-    What moves smoothly is met best by a high one, what rings in modes that a step cannot follow by
-    a low one.
-    """
+    """Say which order would have come nearest to what a step has found."""
+    # a high one suits what moves smoothly, a low one what rings in modes beyond the step
     errors = (0.0, 0.0, 0.0, 0.0)
     for i in range(found.shape[0]):
         if not prescribed[i]:

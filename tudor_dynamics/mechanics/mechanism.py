@@ -98,12 +98,7 @@ def beam_properties(beam: BeamSpec) -> BeamProperties:
 # -- Drives as parts of the links: rotor, gear and viscous friction of ``motors``
 
 def with_motors(arm: Arm) -> Arm:
-    """
-    Put what ``motors`` say of each joint into its link, for a mechanism driven by torques.
-
-    The rotor's inertia seen through the gear goes to the hub, the gear between hub and link, and
-    viscous friction to the joint: the mean of both directions.
-    """
+    """Put what ``motors`` say of each joint into its link, for a mechanism driven by torques."""
     if not arm.spec.motors:
         return arm
     links = {link.joint: link for link in arm.spec.links}

@@ -173,17 +173,12 @@ def _tip(mechanism: Mechanism) -> int:
 
 
 class InertialSensors:
-    """
-    Sensors at the far end of each beam, named by the joint before it, and at the tip.
-
-    They measure in axes of the beam's end, x along it, or of the tip frame: at rest the
-    acceleration points upwards.
-    """
+    """Sensors at the far end of each beam, in its axes, x along it, and at the tip, in its own."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         points = {mechanism.point(joint): joint for joint in mechanism.beams}
         points[_tip(mechanism)] = TIP  # in place of the last beam where that ends there
-        self.names = tuple(points.values())
+        self.names = tuple(points.values())  # joints before the beams
         self._bodies = np.array([mechanism.body_at(point) for point in points])
         self._nodes = np.array(list(points)) - mechanism.body_int[self._bodies, at.POINT]
         count = len(self.names)

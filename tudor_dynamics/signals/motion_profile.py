@@ -295,11 +295,7 @@ class MotionPlanner:
         self._plans[:, Q] = self._plans[:, TARGET] = self.q
 
     def brake(self, q: ArrayLike | None = None, dq: ArrayLike | None = None) -> None:
-        """
-        Come to rest by one pulse of the planned acceleration a joint, from this moment on.
-
-        From ``q`` [rad] and ``dq`` [rad/s], shape (n_joints,); by default the present ones.
-        """
+        """Brake by one pulse of the planned acceleration a joint; by default from where it is."""
         self.move(self.q if q is None else q, self.dq if dq is None else dq)
         self.go([q + stopping_distance(float(dq), float(a)) for q, dq, a in zip(
             self.q, self.dq, self.limits.acceleration, strict=True)])

@@ -352,11 +352,7 @@ def largest_oscillation(oscillations: FloatArray) -> FloatArray:
 
 
 def refine(profile: Profile, limits: Limits, oscillations: Oscillations) -> Profile:
-    """
-    Refine a move, if it can be, until next to nothing oscillates after it.
-
-    Length and ends stay, no joint goes back, and limits hold as before.
-    """
+    """Refine a move until next to nothing oscillates after it; limits, length and ends hold."""
     room = _Room(profile, limits)
     farthest = settings.FARTHEST
     here = oscillations([profile])[0]
@@ -424,7 +420,7 @@ class _Room:
                     (self._change, ddq / self._most[j], -1.0, 1.0),
                     (self._change, 0.0 * ddq, -farthest, farthest),
                     (sign * speed @ self._change * (self._most[j] / self._fastest[j]),
-                     sign * speed @ ddq / self._fastest[j], 0.0, 1.0)):
+                     sign * speed @ ddq / self._fastest[j], 0.0, 1.0)):  # none goes back
                 block = np.zeros((len(table), self.size + channels + 1))
                 block[:, n * count:(n + 1) * count] = table
                 bound += [block, -block]
