@@ -63,26 +63,8 @@ def still_timing(arm: Arm, tool: FlexibleTool, given: Trajectory) -> StillTiming
     """
     Change when a trajectory passes its path, so that a tool at the flange is still at its end.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that carries the tool.
-    tool : FlexibleTool
-        What rings.
-    given : Trajectory
-        From rest to rest, with velocities, of the joints of the arm and any others.
-
-    Returns
-    -------
-    StillTiming
-        No joint is faster than at the same place of the given trajectory, nor accelerates more
-        than it does anywhere.
-
-    Raises
-    ------
-    SignalError
-        If the trajectory is none from rest to rest, or no timing leaves the tool still.
-
+    No joint is faster than at the same place of the given trajectory, nor accelerates more than it
+    does anywhere. A SignalError if it does not lead from rest to rest, or no timing is found.
     """
     if given.dq is None or len(given.t) < 2:
         raise SignalError('the trajectory has no velocities',
