@@ -58,6 +58,8 @@ CONTENT = {
     'effort_ratios': (STATE, 'ratio of each channel to a collision, which it is above 1'),
     'strain_ratios': (STATE, 'the same'),
     'momentum_ratios': (STATE, 'the same'),
+    'ringing': (STATE, 'amplitude of a ringing tool in each effort, where the model knows the '
+                       'tool (`--models vibration`)'),
     'collision': ('std_msgs/Bool',
                   'state of the detector, which is no safety function; latched, on change'),
     'contact': ('std_msgs/Bool', 'the more sensitive level; latched, on change'),
@@ -103,7 +105,7 @@ MEASURED = ('joint_states', 'motor_currents', 'link_strains')
 PREDICTED = ('predicted_efforts', 'predicted_strains')
 JUDGED = ('effort_residuals', 'strain_residuals', 'momentum_residuals', 'effort_thresholds',
           'strain_thresholds', 'momentum_thresholds', 'effort_ratios', 'strain_ratios',
-          'momentum_ratios', 'collision', 'contact', 'contact_wrench',
+          'momentum_ratios', 'ringing', 'collision', 'contact', 'contact_wrench',
           'contact_point', 'contact_marker', 'collision_event', 'collision_record')
 TOPICS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     'joint_state_filter': (('joint_states',), ('filtered_joint_states', 'joint_motion')),
@@ -203,6 +205,7 @@ MEANING = {
     'refused': 'why, the last time', 'efforts': 'their units',
     'simulated time [s]': 'since the start', 'gave up real time': 'how often',
     'bag': 'that is played or recorded', 'skipped': 'topics without an installed type',
+    'rings': 'how a flexible tool rings, and for how long',
     'messages in the bag': 'of all topics', 'topics': 'that are recorded',
 }
 """Key of a figure in the diagnostics to what it is."""

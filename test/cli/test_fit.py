@@ -381,7 +381,7 @@ def test_a_flexible_tool_with_the_models(
         'motion': 'measured', 'rings': 4, 'squares': [9.0, 0.0, 0.0, 0.0],
         'squares_covariance': np.eye(4).tolist(), 'damping': 0.02, 'damping_error': 0.01,
         'participation': [1.0] * 6, 'participation_covariance': np.eye(6).tolist(),
-        'scatter': 0.1, 'hidden': ['rotation']})
+        'quiet': 0.02, 'scatter': 0.1, 'hidden': ['rotation']})
     monkeypatch.setattr(library, 'check_efforts', lambda arm: None)
     monkeypatch.setattr(library, 'tool_of_bags', lambda arm, bags: tool)
     assert main(words) == 0

@@ -36,7 +36,8 @@ KNOWN = FlexibleTool.model_validate({
     'motion': 'planned', 'rings': 9, 'squares': [FREQUENCY**2, *GRAVITY.tolist()],
     'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': DAMPING,
     'damping_error': 0.001, 'participation': PARTICIPATION.tolist(),
-    'participation_covariance': np.diag([1e-6] * 6).tolist(), 'scatter': 0.01, 'hidden': []})
+    'participation_covariance': np.diag([1e-6] * 6).tolist(), 'quiet': 0.02,
+    'scatter': 0.01, 'hidden': []})
 
 
 @pytest.mark.parametrize('seed', range(6))

@@ -259,7 +259,7 @@ def tool_bundle(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         'motion': 'planned', 'rings': 9, 'squares': [4.0, 0.0, 0.0, 0.0],
         'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': 0.05,
         'damping_error': 0.001, 'participation': turns,
-        'participation_covariance': np.diag([1e-6] * 6).tolist(), 'scatter': 0.01,
+        'participation_covariance': np.diag([1e-6] * 6).tolist(), 'quiet': 0.02, 'scatter': 0.01,
         'hidden': []})), path)
     return path
 

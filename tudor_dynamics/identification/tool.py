@@ -180,6 +180,7 @@ def _participation(pairs: Pairs, squares: FloatArray, damping: float) -> dict[st
     covariance = np.linalg.inv(best.jac.T @ best.jac)[:6, :6] * np.outer(SIZES, SIZES)
     return {'participation': (best.x[:6] * SIZES).tolist(),
             'participation_covariance': covariance.tolist(),
+            'quiet': max(float(np.median(noise)), 1e-9),
             'scatter': max(float(np.sqrt(np.mean(errors ** 2))), 1e-3),
             'hidden': [name for name, size in sizes.items()
                        if len(size) < 3 or size[2] < settings.TOOL_HIDDEN * most]}

@@ -126,6 +126,7 @@ class FlexibleTool(BundlePart):
     # What drives it, and what it shows in efforts, linear and angular [kg^0.5, m kg^0.5].
     participation: list[Finite] = Field(min_length=6, max_length=6)
     participation_covariance: list[list[Finite]]
+    quiet: Positive  # ring that was not heard in the rests [N m or N]
     scatter: Positive  # error of a predicted ring, relative to it
     hidden: list[Literal['translation', 'rotation']]  # what the moves do not show
 

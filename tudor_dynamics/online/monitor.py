@@ -33,6 +33,7 @@ from tudor_dynamics.online.contact import AnyEstimator, contact_estimator, Conta
 from tudor_dynamics.online.detector import (
     channel_links, CollisionDetector, CollisionEvent, DetectorSettings, Excess, ExcessStage, Level,
     Rates)
+from tudor_dynamics.online.ringing import RingObserver
 from tudor_dynamics.online.settings import (
     LAGS, MOMENTUM_LAGS, MOMENTUM_STEP, OBSERVER_GAIN, STEP, WIDENING_WARNING, WINDOW)
 from tudor_dynamics.online.streams import (
@@ -106,6 +107,8 @@ class Found:
     loads: list[LoadFound] = field(default_factory=list)  # once taken for collisions
     # What touches the arm, where that is estimated.
     contacts: list[ContactEstimate] = field(default_factory=list)
+    # How a tool rings, where the model knows it: stamps [ns], amplitudes in efforts (joints,).
+    rings: list[tuple[int, FloatArray]] = field(default_factory=list)
 
 
 # Momentum observer: the external effort without any acceleration.
@@ -236,6 +239,8 @@ class Watch:
                 self.contact = contact_estimator(bundle, settings.kind, self.methods)
             except ModelError as err:
                 self.no_contact = str(err)
+        self.ringing = (None if bundle.tool is None or 'effort' not in self.outputs else
+                        RingObserver(bundle.arm, bundle.tool))
         self._load_method = None if payload is None else self._follows(payload)
         self.use_thresholds(thresholds, settings)
 
@@ -329,6 +334,10 @@ class Watch:
         for pair in pairs:
             before = len(found.excesses)
             plain = self._residual[output].step(pair)
+            if self.ringing is not None and output == 'effort' and plain is not None:
+                motion = plain.motion
+                found.rings.append((motion.stamp, self.ringing.step(
+                    motion.dt, motion.row[:len(plain.value)], plain.value)))
             for method in self._methods_of[output]:
                 if pair.motion.dt == 0.0:
                     self._restart[method] = True

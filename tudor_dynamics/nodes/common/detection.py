@@ -34,7 +34,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, COLLISION_RECORD, CONTACT, CONTACT_MARKER,
-    CONTACT_POINT, CONTACT_WRENCH, RATIOS, RESET, RESIDUALS, THRESHOLDS)
+    CONTACT_POINT, CONTACT_WRENCH, RATIOS, RESET, RESIDUALS, RINGING, THRESHOLDS)
 from tudor_dynamics.nodes.common.messages import (
     force_marker, JointSample, JointStateEncoder, ListenedPublisher, NamedReader, set_vector,
     time_message, wrench_stamped)
@@ -163,6 +163,7 @@ class DetectNode(ModelNode):
         Figure('not judged: CAUSE', lambda node: node.watch and {
             cause: f'{100.0 * share:.1f}'
             for cause, share in sorted(node.coverage.verdict.causes.items())}),
+        Figure('rings', lambda watch: watch.ringing, 'watch'),
         Figure('thresholds widened: METHOD', lambda watch: {
             method: f'{factor:.2f} ({channel})'
             for method, (factor, channel) in watch.widened.items()}, 'watch'),
@@ -179,6 +180,7 @@ class DetectNode(ModelNode):
         self._residuals, self._thresholds, self._ratios = (
             {method: ListenedPublisher(self.publish_on(JointState, topics[method]))
              for method in METHODS} for topics in (RESIDUALS, THRESHOLDS, RATIOS))
+        self._ringing = ListenedPublisher(self.publish_on(JointState, RINGING))
         self.collision_output = CollisionOutput(self)
         self.contact_output = ContactOutput(self)
         self.serve(RESET, self._reset)
@@ -211,6 +213,7 @@ class DetectNode(ModelNode):
             for publishers in (self._residuals, self._thresholds, self._ratios):
                 publishers[method].encoder = JointStateEncoder(
                     names[SOURCE[method]], (FIELD[method],), base_frame(bundle.arm.full_model))
+        self._ringing.encoder = JointStateEncoder(bundle.arm.active_joints, ('effort',))
         self.coverage.begin()
         for output, of in topics.items():
             self.coverage.add(
@@ -281,6 +284,8 @@ class DetectNode(ModelNode):
             stamp = excess.residual.motion.stamp
             self._thresholds[method].publish(stamp, excess.threshold)
             self._ratios[method].publish(stamp, excess.collision)
+        for stamp, amplitude in found.rings:
+            self._ringing.publish(stamp, amplitude)
         for event in found.events:
             record = record_of(event, next(
                 excess for method, excess in found.excesses if method == event.method

@@ -34,6 +34,7 @@ RESIDUALS = {'effort': 'effort_residuals', 'strain': 'strain_residuals',
 THRESHOLDS = {'effort': 'effort_thresholds', 'strain': 'strain_thresholds',
               'momentum': 'momentum_thresholds'}
 RATIOS = {'effort': 'effort_ratios', 'strain': 'strain_ratios', 'momentum': 'momentum_ratios'}
+RINGING = 'ringing'
 COLLISION = 'collision'
 CONTACT = 'contact'
 COLLISION_EVENT = 'collision_event'

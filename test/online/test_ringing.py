@@ -1,0 +1,84 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How a tool rings beside the robot: amplitude, and when it is quiet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tool_making import ARM, DAMPING, FREQUENCY, GRAVITY, moves, PARTICIPATION, RATE, tool_efforts
+
+from tudor_dynamics.models.flexible_tool import FlexibleTool
+from tudor_dynamics.online.ringing import RingObserver
+from tudor_dynamics.typing import FloatArray
+
+TOOL = FlexibleTool.model_validate({
+    'motion': 'planned', 'rings': 9, 'squares': [FREQUENCY**2, *GRAVITY.tolist()],
+    'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': DAMPING,
+    'damping_error': 0.001, 'participation': PARTICIPATION.tolist(),
+    'participation_covariance': np.diag([1e-6] * 6).tolist(), 'quiet': 0.02,
+    'scatter': 0.01, 'hidden': []})
+
+
+def watched(q: FloatArray, residual: FloatArray, tool: FlexibleTool = TOOL,
+            ) -> tuple[RingObserver, FloatArray]:
+    """Let the observer follow a record; give it with the amplitudes (samples, joints)."""
+    observer = RingObserver(ARM, tool)
+    return observer, np.array([
+        observer.step(1.0 / RATE if k else 0.0, q[k], residual[k]) for k in range(len(q))])
+
+
+@pytest.mark.parametrize(('off', 'mean'), [(1.0, 0.0), (0.97, 0.0), (1.0, 0.6)])
+def test_amplitude_after_a_move(off: float, mean: float) -> None:
+    """It is that of the efforts within 15 %, also in noise, beside a mean, and 3 % off."""
+    for seed in (2, 3):
+        q = moves(seed, count=1, rest=4.0)
+        efforts = tool_efforts(ARM, q)
+        noisy = efforts + mean + np.random.default_rng(seed).normal(0.0, 0.02, efforts.shape)
+        squares = [off**2 * FREQUENCY**2, *(off**2 * GRAVITY).tolist()]
+        _, found = watched(q, noisy, TOOL.model_copy(update={'squares': squares}))
+        late = slice(len(q) - int(2.5 * RATE), len(q) - int(2.5 * RATE) + int(RATE / FREQUENCY))
+        truth = np.abs(efforts[late]).max(axis=0)
+        loudest = int(truth.argmax())
+        assert found[late, loudest].mean() == pytest.approx(truth[loudest], rel=0.15)
+
+
+def test_when_it_is_quiet() -> None:
+    """The time that is told is that which passes, within a fifth; then it says so."""
+    q = moves(3, count=1, rest=14.0)
+    efforts = tool_efforts(ARM, q)
+    observer = RingObserver(ARM, TOOL)
+    told, quiet = 0.0, 0.0
+    for k, residual in enumerate(efforts):
+        observer.step(1.0 / RATE if k else 0.0, q[k], residual)
+        if k == len(q) - 12 * RATE:
+            text = str(observer)
+            assert ' N m at j' in text
+            told = float(text.rsplit('in ', 1)[1].removesuffix(' s'))
+        if told and not quiet and str(observer) == 'quiet':
+            quiet = k / RATE - (len(q) / RATE - 12.0)
+    assert told > 2.0 and quiet == pytest.approx(told, rel=0.2)
+
+
+def test_a_still_arm_and_a_new_beginning() -> None:
+    """Noise alone is quiet; after a gap nothing is left of what rang before it."""
+    q = np.zeros((600, 5))
+    noise = np.random.default_rng(0).normal(0.0, 0.01, q.shape)
+    observer, _ = watched(q, noise)
+    assert str(observer) == 'quiet'
+    rings = np.sin(2.0 * np.pi * FREQUENCY * np.arange(600.0) / RATE)[:, None] * np.ones(5)
+    observer, found = watched(q, rings)
+    assert found[-1].max() > 0.3
+    assert not observer.step(0.0, q[0], 0.0 * rings[0]).any()
