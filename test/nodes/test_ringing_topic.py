@@ -47,7 +47,7 @@ def test_amplitudes_of_all_joints(world: World, root: Path, model: Path, tmp_pat
                      event_bags='none')
     rings = world.listen('ringing', JointState)
     world.meet('joint_states', 'motor_currents')
-    feed(world, recording, lambda: node.meter.count // 3 + 1, last=600)
+    feed(world, recording, lambda: node.meter.count // 2 + 1, last=600)
     assert world.spin(lambda: len(rings) > 300)
     assert list(rings[-1].name) == JOINTS
     efforts = np.array([message.effort for message in rings[-200:]])
