@@ -60,19 +60,24 @@ def test_the_doctor_says_so_and_finds_no_fault() -> None:
     assert item.unit == 'Hz' and item.size == pytest.approx(FREQUENCY, abs=0.1)
 
 
-@pytest.mark.parametrize(('error', 'kinds'), [(0.5, ['load_unknown']), (3.0, [])])
+@pytest.mark.parametrize(('error', 'back', 'kinds'), [
+    (0.5, -1.0, ['load_unknown']), (3.0, -1.0, []), (0.5, 1.0, [])])
 def test_poor_bags_do_not_compare_loads(
-    error: float, kinds: list[str], monkeypatch: pytest.MonkeyPatch,
+    error: float, back: float, kinds: list[str], monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A bag that predicts another worse than nothing does says nothing of what that carries."""
+    """
+    A bag that predicts another worse than nothing does says nothing of what that carries.
+
+    Nor do bags of which each carries more than the other, as one of a ringing beam did.
+    """
     q = moves(1, count=2)
     own = recording(q, tool_efforts(ARM, q))
     cases = [seen.case for seen in examine_all(ARM, [
         BagData(BagChoice(name), own, ()) for name in ('one', 'two')])]
     ones = np.ones(5)
 
-    def pair(*_: Any) -> Pair:
-        return Pair(ones, ones, ones, 0.1, error)
+    def pair(one: Any, *_: Any) -> Pair:
+        return Pair(ones, ones, ones if one is cases[0] else back * ones, 0.1, error)
     monkeypatch.setattr(between, 'pair', pair)
     found = between.compare([(case, None) for case in cases if case is not None])
     assert [item.kind for item in found] == kinds

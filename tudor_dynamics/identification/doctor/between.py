@@ -222,7 +222,8 @@ def _heavier(
     change: dict[tuple[int, int], float],
 ) -> list[Finding]:
     for (i, j), differs in differ.items():
-        if differs and differ[j, i]:
+        # where each bag carries more than the other it is no load: tools ring, drives drift
+        if differs and differ[j, i] and change[i, j] * change[j, i] < 0.0:
             heavy, light = (j, i) if change[i, j] > 0.0 else (i, j)
             return [found(
                 'load_unknown', f'the arm carries more in {names[heavy]} than in {names[light]}',
