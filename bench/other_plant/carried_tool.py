@@ -86,6 +86,7 @@ class Options:
     one_plane: bool = False  # the tool bends in one plane only
     yielding: float = 1.0  # frequency of the drives over STIFF, upside down: 0.2 is five times
     rubbing: float = 1.0  # dry friction over COULOMB
+    gravity: float = 9.81  # [m/s^2]
 
 
 def draw_tools(count: int, seed: int) -> list[Tool]:
@@ -198,8 +199,9 @@ class CarriedTool:
             '' if bare else '<framepos objtype="site" objname="tip" reftype="site" '
             'refname="flange"/>')
         return (f'<mujoco><compiler angle="radian"/><option timestep="{DT}" '
-                f'integrator="implicitfast" gravity="0 0 -9.81"/><worldbody>{text}</worldbody>'
-                f'<actuator>{drives}</actuator><sensor>{sensors}</sensor></mujoco>')
+                f'integrator="implicitfast" gravity="0 0 {-self.options.gravity}"/>'
+                f'<worldbody>{text}</worldbody><actuator>{drives}</actuator>'
+                f'<sensor>{sensors}</sensor></mujoco>')
 
     def _chain(self, stiff: FloatArray, ratio: float) -> str:
         """Write the tool: rigid pieces along z, bent about x and y between them."""
@@ -222,8 +224,8 @@ class CarriedTool:
                 text = f'<body name="piece{k}" pos="0 0 {sizes[k - 1]}">{own}{text}</body>'
             else:
                 a, alpha, d, _ = DH[7]
-                text = (f'<body name="piece0" pos="{a} {-d * math.sin(alpha)} '
-                        f'{d * math.cos(alpha)}" quat="{_row(_mount(tool))}">'
+                place = _row((a, -d * math.sin(alpha), d * math.cos(alpha)))
+                text = (f'<body name="piece0" pos="{place}" quat="{_row(_mount(tool))}">'
                         f'{own}{text}</body>')
         return text
 
