@@ -292,7 +292,8 @@ def _mm(metres: float) -> float:
 
 def tests(plant: CarriedTool, seed: list[int], count: int) -> tuple[list[Trajectory], int]:
     """Plan moves that rotate the tool and let it ring; how many did not ring, beside them."""
-    random, found, quiet = np.random.default_rng(seed), [], 0
+    random, quiet = np.random.default_rng(seed), 0
+    found: list[Trajectory] = []
     while len(found) < count:
         start, target = HOME + random.uniform(-SPAN, SPAN, (2, 7))
         given = move(start, target, random)
@@ -340,8 +341,9 @@ def _quantile(values: list[float], share: float) -> float | None:
 
 def variant(arm: Arm, options: Options, args: argparse.Namespace) -> dict[str, Any]:
     """Measure one plant."""
-    tools, rows = [], []
-    for number, drawn in enumerate(draw_tools(6, SEED)):
+    tools: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
+    for number, drawn in enumerate(draw_tools(6, args.seed)):
         if number >= args.tools:
             break
         plant = CarriedTool(drawn, options)
@@ -350,9 +352,9 @@ def variant(arm: Arm, options: Options, args: argparse.Namespace) -> dict[str, A
             'apart': round(drawn.apart, 2), 'length': round(drawn.length, 3),
             'mass': round(drawn.mass, 2)}}
         tools.append(about)
-        moves, about['quiet_moves_left_out'] = tests(plant, [SEED, 1, number], args.moves)
+        moves, about['quiet_moves_left_out'] = tests(plant, [args.seed, 1, number], args.moves)
         try:
-            tool = learned(arm, plant, [SEED, 2, number], args.by, args.learned, args.noise)
+            tool = learned(arm, plant, [args.seed, 2, number], args.by, args.learned, args.noise)
         except TudorError as err:
             about['not_learned'] = str(err)
             rows += [{'tool': number, **dict.fromkeys(
@@ -385,6 +387,7 @@ def main() -> int:
     parser.add_argument('--moves', type=int, default=5, help='of each tool')
     parser.add_argument('--by', choices=('planned', 'measured'), default='planned',
                         help='the motion that the tool is learned from')
+    parser.add_argument('--seed', type=int, default=SEED, help='of tools and moves')
     parser.add_argument('--learned', type=int, default=LEARNED, help='moves to learn from')
     parser.add_argument('--noise', type=float, default=1.0, help='times that of the recordings')
     parser.add_argument('--verbose', action='store_true', help='say each move as it is done')
