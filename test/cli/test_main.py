@@ -284,7 +284,7 @@ def test_full_output(root: Path) -> None:
             [sys.executable, '-m', 'tudor_dynamics', 'info', 'bags/two_blade_test'], cwd=root,
             stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr == 'tudor info: No space left on device; check path, rights and disk\n'
+    assert done.stderr == 'tudor info: No space left on device; free some space\n'
 
 
 @pytest.mark.parametrize(('command', 'slow'), [
@@ -304,7 +304,7 @@ def test_commands_begin_lean(command: str, slow: set[str]) -> None:
 
 @pytest.mark.parametrize(('typed', 'answers'), [
     ('tudor fi', {'fit'}), ('tudor fit --mod', {'--models'}),
-    ('tudor shape path.csv --by ', {'zv', 'zvd'})])
+    ('tudor shape path.csv --by ', {'zv', 'zvd', 'timing'})])
 def test_a_shell_completes(typed: str, answers: set[str]) -> None:
     """Commands, options and choices, by the protocol of argcomplete: words on descriptor 8."""
     asked = {'COMP_LINE': typed, 'COMP_POINT': str(len(typed)), 'COMP_TYPE': '9',

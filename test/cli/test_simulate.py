@@ -251,5 +251,5 @@ def test_files_that_cannot_be_written(root, tmp_path, capsys, monkeypatch, name)
                  str(out), '--animate', str(out / 'a.gif')])
     err = capsys.readouterr().err
     assert code == 2
-    assert err.endswith(f'{name}: No space left on device; check path, rights and disk\n')
+    assert err.endswith(f'{name}: No space left on device; free some space\n')
     assert not [item for item in out.iterdir() if item.name.startswith('.') or item.name == name]

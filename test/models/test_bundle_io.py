@@ -195,7 +195,8 @@ def _coefficient(**changes: Any) -> Callable[[dict[str, Any]], None]:
 @pytest.mark.parametrize(('change', 'message'), [
     (lambda head: head.update(version=2), 'bundle version 2; this program reads version 1'),
     (lambda head: head.update(format='other'), 'not a model bundle'),
-    (lambda head: head.pop('outputs'), 'model.yaml: outputs: is missing; add it; fit the model again'),
+    (lambda head: head.pop('outputs'),
+     'model.yaml: outputs: is missing; add it; fit the model again'),
     (lambda head: head.update(preprocessing={'rate': -1}), 'greater than 0'),
     (lambda head: head['files'].update({'../x': 'y'}), 'lists an unknown file'),
     (lambda head: head['files'].pop('arm.yaml'), 'arm'),

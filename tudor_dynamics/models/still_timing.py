@@ -19,6 +19,9 @@ The path ``q(s)`` stays, with ``s`` the time of the given trajectory; ``s(t)`` i
 flange's acceleration ``a(s)`` and twist ``v(s)`` of the given trajectory, that of the new one is
 ``a s'^2 + v s''``. The ring that this leaves (``flexible_tool.free_ring``) is linear in small
 changes of ``s'``, so that linear programmes in turn reduce it, as in ``signals/shaping.py``.
+
+It is reduced not only in the direction of the participation but, less strictly, in each of the six
+of the flange: tools bend in a second plane too, and planes exchange their rings where they turn.
 """
 
 from __future__ import annotations
@@ -35,9 +38,9 @@ from tudor_dynamics.errors import SignalError
 from tudor_dynamics.models.flexible_tool import (
     Flange, flange_motion, FlexibleTool, free_ring, LIKELY)
 from tudor_dynamics.models.settings import (
-    TIMING_EVERY, TIMING_FEWEST, TIMING_GOOD, TIMING_KNOT, TIMING_LEAST, TIMING_LONGER,
-    TIMING_MOST, TIMING_NUDGE, TIMING_OFF, TIMING_RADII, TIMING_ROUNDS, TIMING_SLOWEST,
-    TIMING_SPREAD, TOOL_STEP)
+    TIMING_ASIDE, TIMING_EVERY, TIMING_FEWEST, TIMING_GOOD, TIMING_KNOT, TIMING_LEAST,
+    TIMING_LONGER, TIMING_MOST, TIMING_NUDGE, TIMING_OFF, TIMING_RADII, TIMING_ROUNDS,
+    TIMING_SLOWEST, TIMING_SPREAD, TOOL_STEP)
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.signals.settings import AT_REST, ROUNDING
@@ -45,8 +48,8 @@ from tudor_dynamics.signals.shaping import convolved, impulses, solved
 from tudor_dynamics.typing import FloatArray
 
 TIMING = 'timing'  # the kind of shaping beside those by impulses
-WEIGHT = np.array([1.0, TIMING_GOOD / TIMING_OFF, TIMING_GOOD / TIMING_OFF])
-"""Of the ring at the frequency expected, at a lower and at a higher one."""
+WEIGHT = np.repeat([1.0, TIMING_GOOD / TIMING_OFF, TIMING_GOOD / TIMING_OFF], 7)
+"""Of the rings at the frequency expected, at a lower and at a higher one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +91,8 @@ def still_timing(arm: Arm, tool: FlexibleTool, given: Trajectory) -> StillTiming
         raise SignalError(f'no timing of this path leaves the tool still: {100.0 * left:.0f} % of '
                           'the ring remain', remedy='begin more slowly, or shape it by zv or zvd')
     rings = np.abs(timing.rings(rate)) / path.size
-    return StillTiming(timing.trajectory(given, rate), float(rings[0]), float(rings[1:].max()))
+    return StillTiming(timing.trajectory(given, rate), float(rings[0]),
+                       float(rings[[7, 14]].max()))
 
 
 def shaped_for(arm: Arm, tool: FlexibleTool, given: Trajectory, kind: str) -> Trajectory:
@@ -125,7 +129,7 @@ class _Path:
         rings = self.rings(t - t[0], self.rows, np.ones((count, 1)), np.zeros((count, 1)))
         drive = np.abs(flange.acceleration @ np.array(tool.participation))
         gross = 2.0 * math.pi * self.frequency * float(drive.mean()) * self.seconds
-        self.size = max(float(np.abs(rings[0])), TIMING_LEAST * gross, 1e-12)
+        self.size = max(float(np.abs(rings[:7]).max()), TIMING_LEAST * gross, 1e-12)
 
     def at(self, s: FloatArray) -> FloatArray:
         """Give the rows at times of the given trajectory [s]."""
@@ -136,14 +140,17 @@ class _Path:
 
     def rings(self, t: FloatArray, rows: FloatArray, rate: FloatArray, slope: FloatArray,
               ) -> FloatArray:
-        """Give the rings at the end, complex (3,), of rows passed at a rate (samples, 1)."""
+        """Give the rings at the end, complex (21,), of rows passed at a rate (samples, 1)."""
         moving = rows[:, :6] * rate**2 + rows[:, 6:12] * slope
         # the arm rests until it begins, maybe with a jump of the acceleration
         flange = Flange(np.append(t[0], t), np.vstack([0.0 * moving[:1], moving]), np.empty(0),
                         np.vstack([rows[:1, 12:15], rows[:, 12:15]]), np.empty(0))
-        return np.array([np.array(self.tool.participation) @ free_ring(
+        parts = np.array([free_ring(
             flange, np.array(self.tool.squares) + [off, 0.0, 0.0, 0.0], self.tool.damping)
             for off in self.off])
+        own = np.array(self.tool.participation)
+        sizes = np.repeat(np.linalg.norm(own.reshape(2, 3), axis=1), 3)
+        return np.hstack([parts @ own[:, None], TIMING_ASIDE * parts * sizes]).ravel()
 
 
 class _Timing:
@@ -163,7 +170,7 @@ class _Timing:
         return (self.path.at(self.place @ c), (self.rate @ c)[:, None], (self.slope @ c)[:, None])
 
     def rings(self, c: FloatArray) -> FloatArray:
-        """Give the rings of a timing, complex (3,)."""
+        """Give the rings of a timing, complex (21,)."""
         return self.path.rings(self.t, *self.parts(c))
 
     def allowed(self, c: FloatArray) -> bool:
@@ -174,7 +181,7 @@ class _Timing:
         return bool(used.max() <= 1.0 and rate.max() <= 1.0 and rate.min() > 0.0)
 
     def search(self) -> tuple[FloatArray, FloatArray]:
-        """Search the timing after which least rings; with the rings, over that given (3,)."""
+        """Search the timing after which least rings; with the rings, over those given."""
         c = np.full(self.count, self.path.seconds / self.t[-1])
         here = self.rings(c) / self.path.size
         radius = 0
