@@ -41,7 +41,7 @@ from tudor_dynamics.arm.description import Arm, load_arm  # noqa: E402
 from tudor_dynamics.bags.reader import read_recording  # noqa: E402
 from tudor_dynamics.bags.recording import Recording  # noqa: E402
 from tudor_dynamics.identification.ringdowns import block_means  # noqa: E402
-from tudor_dynamics.identification.tool import fit_tool, Heard, heard, REFERENCE  # noqa: E402
+from tudor_dynamics.identification.tool import find_rests, fit_tool, REFERENCE, Rest  # noqa: E402
 from tudor_dynamics.models.flexible_tool import FlexibleTool  # noqa: E402
 from tudor_dynamics.typing import FloatArray  # noqa: E402
 
@@ -49,7 +49,7 @@ DATA = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT / '../shared/data'))
 FREQUENCY = {'up': 2.770, 'level': 2.943, 'down': 3.039}
 
 
-def amplitude(rest: Heard, recording: Recording, tool: FlexibleTool) -> FloatArray:
+def amplitude(rest: Rest, recording: Recording, tool: FlexibleTool) -> FloatArray:
     """Measure a ring where a rest begins, one too small to be found by the tool's frequency."""
     if rest.ring is not None:
         return np.abs(rest.ring.amplitude)
@@ -65,7 +65,7 @@ def amplitude(rest: Heard, recording: Recording, tool: FlexibleTool) -> FloatArr
     return np.asarray(np.hypot(values[0], values[1]))
 
 
-def compared(tool: FlexibleTool, rest: Heard, recording: Recording) -> dict[str, Any]:
+def compared(tool: FlexibleTool, rest: Rest, recording: Recording) -> dict[str, Any]:
     """Compare a prediction with what was measured, at the joint that shows most."""
     found = tool.ring(rest.flange)
     size = float(amplitude(rest, recording, tool)[found.loudest])
@@ -94,7 +94,7 @@ def figures(
     arm: Arm, bags: dict[str, tuple[Recording, Recording | None]], kind: str,
 ) -> dict[str, Any]:
     """Measure with one kind of motion."""
-    rests = {name: heard(arm, *pair)[0] for name, pair in bags.items()}
+    rests = {name: find_rests(arm, *pair)[0] for name, pair in bags.items()}
     runs = {name: rest for name, rest in rests.items() if name.startswith('est_')}
     tool = fit_tool(arm, list(runs.values()), kind)
     frequency = {}

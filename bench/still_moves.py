@@ -54,7 +54,7 @@ from tudor_dynamics.arm.description import Arm, arm_from_dict  # noqa: E402
 from tudor_dynamics.bags.recording import Recording  # noqa: E402
 from tudor_dynamics.bags.trajectory import Trajectory  # noqa: E402
 from tudor_dynamics.errors import TudorError  # noqa: E402
-from tudor_dynamics.identification.tool import fit_tool, heard  # noqa: E402
+from tudor_dynamics.identification.tool import find_rests, fit_tool  # noqa: E402
 from tudor_dynamics.models.still_timing import shaped_for, still_timing  # noqa: E402
 
 JOINTS = tuple(f'j{k}' for k in range(1, 8))
@@ -208,7 +208,7 @@ def learned(
 ) -> Any:
     """Learn the tool."""
     rests = [rest for recorded, planned in recordings(plant, seed, moves, noise)
-             for rest in heard(arm, recorded, planned if by == 'planned' else None)]
+             for rest in find_rests(arm, recorded, planned if by == 'planned' else None)]
     return fit_tool(arm, rests, by)
 
 

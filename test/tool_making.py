@@ -24,6 +24,7 @@ import pinocchio as pin
 from tudor_dynamics.arm.description import Arm, arm_from_dict
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.models.flexible_tool import FlexibleTool
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.typing import FloatArray
 
@@ -38,6 +39,12 @@ PARTICIPATION = np.array([0.1, 0.5, 0.05, 0.02, -0.01, 0.12])
 FREQUENCY, DAMPING = 3.0, 0.02
 GRAVITY = np.array([0.06, 0.0, 0.0])
 RATE = 200.0
+KNOWN = FlexibleTool.model_validate({
+    'motion': 'planned', 'rings': 9, 'squares': [FREQUENCY**2, *GRAVITY.tolist()],
+    'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': DAMPING,
+    'damping_error': 0.001, 'participation': PARTICIPATION.tolist(),
+    'participation_covariance': np.diag([1e-6] * 6).tolist(), 'quiet': 0.02,
+    'scatter': 0.01, 'hidden': []})
 
 
 def moves(seed: int, count: int = 4, rest: float = 5.0) -> FloatArray:

@@ -27,7 +27,7 @@ from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import FitError, ModelError
-from tudor_dynamics.identification.tool import check_efforts, fit_tool, Heard, heard
+from tudor_dynamics.identification.tool import check_efforts, find_rests, fit_tool, Rest
 from tudor_dynamics.models.base import read
 from tudor_dynamics.models.flexible_tool import flange_motion, FlexibleTool
 from tudor_dynamics.signals.filters import zero_phase
@@ -47,13 +47,13 @@ def run(seed: int, count: int = 3) -> Recording:
 
 
 @pytest.fixture(scope='module')
-def rests() -> list[list[Heard]]:
+def rests() -> list[list[Rest]]:
     """Rests of seven recordings."""
-    return [heard(ARM, run(seed)) for seed in range(1, 8)]
+    return [find_rests(ARM, run(seed)) for seed in range(1, 8)]
 
 
 @pytest.fixture(scope='module')
-def tool(rests: list[list[Heard]]) -> FlexibleTool:
+def tool(rests: list[list[Rest]]) -> FlexibleTool:
     """Give the tool of the first four."""
     return fit_tool(ARM, [rest for found in rests[:4] for rest in found], 'measured')
 
@@ -81,7 +81,7 @@ def test_participation(tool: FlexibleTool) -> None:
     assert tool.hidden == [] and tool.scatter < 0.15
 
 
-def test_rings_of_other_motion(tool: FlexibleTool, rests: list[list[Heard]]) -> None:
+def test_rings_of_other_motion(tool: FlexibleTool, rests: list[list[Rest]]) -> None:
     """Each is predicted within 15 %, and its interval holds the truth."""
     others = [rest for found in rests[4:] for rest in found if rest.ring is not None]
     assert len(others) > 4
@@ -98,7 +98,7 @@ def test_a_trajectory_of_positions(tool: FlexibleTool) -> None:
     """What rings after a trajectory is what a recording of it shows, noise aside."""
     q = moves(13, count=1)
     points = q[::4]
-    (rest,) = heard(ARM, recording(q, tool_efforts(ARM, q)))
+    (rest,) = find_rests(ARM, recording(q, tool_efforts(ARM, q)))
     assert rest.ring is not None
     trajectory = Trajectory(ARM.active_joints, np.arange(len(points)) * 4.0 / RATE, points)
     # the trajectory lasts as long as the rest does: it is cut where the arm stops
@@ -119,7 +119,7 @@ def test_rotation_that_moves_do_not_show() -> None:
     for _ in range(6):
         s = np.clip((t - 0.5) / 0.8, 0.0, 1.0)[:, None]
         q = s**3 * (10.0 - s * (15.0 - 6.0 * s)) * random.uniform(-0.5, 0.5, 3)
-        found += heard(GANTRY, recording(q, tool_efforts(GANTRY, q)))
+        found += find_rests(GANTRY, recording(q, tool_efforts(GANTRY, q)))
     tool = fit_tool(GANTRY, found, 'planned')
     assert tool.hidden == ['rotation']
     ring = found[0].ring
@@ -134,14 +134,14 @@ def test_rotation_that_moves_do_not_show() -> None:
     assert (other.high - other.low) / other.value > 3.0 * (one.high - one.low) / one.value
 
 
-def test_planned_motion(rests: list[list[Heard]]) -> None:
+def test_planned_motion(rests: list[list[Rest]]) -> None:
     """A recording of the reference takes the place of the measured motion."""
     own = run(1)
-    (first, *_) = heard(ARM, own, own)
+    (first, *_) = find_rests(ARM, own, own)
     assert np.allclose(first.flange.acceleration, rests[0][0].flange.acceleration, atol=1e-6)
 
 
-def test_too_few_rings_and_efforts_in_ampere(rests: list[list[Heard]]) -> None:
+def test_too_few_rings_and_efforts_in_ampere(rests: list[list[Rest]]) -> None:
     """They are refused, with what is needed."""
     with pytest.raises(FitError, match='0 rests have a clear ring; a flexible tool needs 3'):
         fit_tool(ARM, rests[0][:1], 'measured')

@@ -22,22 +22,13 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from tool_making import (
-    ARM, curved, DAMPING, FREQUENCY, GRAVITY, moves, PARTICIPATION, recording, ring_after,
-    tool_efforts)
+    ARM, curved, FREQUENCY, GRAVITY, KNOWN, moves, recording, ring_after, tool_efforts)
 
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.identification.tool import fit_tool, heard
-from tudor_dynamics.models.flexible_tool import FlexibleTool
+from tudor_dynamics.identification.tool import find_rests, fit_tool
 from tudor_dynamics.models.still_timing import shaped_for, still_timing
 from tudor_dynamics.signals.motion_profile import spline
-
-KNOWN = FlexibleTool.model_validate({
-    'motion': 'planned', 'rings': 9, 'squares': [FREQUENCY**2, *GRAVITY.tolist()],
-    'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': DAMPING,
-    'damping_error': 0.001, 'participation': PARTICIPATION.tolist(),
-    'participation_covariance': np.diag([1e-6] * 6).tolist(), 'quiet': 0.02,
-    'scatter': 0.01, 'hidden': []})
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -64,7 +55,7 @@ def test_a_frequency_that_is_off(factor: float) -> None:
 def test_a_tool_by_its_recordings() -> None:
     """One that was fitted to noisy recordings does as well, and says what is left."""
     motions = [moves(seed, count=3) for seed in (1, 2, 3, 4)]
-    tool = fit_tool(ARM, [rest for q in motions for rest in heard(
+    tool = fit_tool(ARM, [rest for q in motions for rest in find_rests(
         ARM, recording(q, tool_efforts(ARM, q)))], 'measured')
     for seed in range(6, 9):
         wanted = curved(seed)

@@ -18,21 +18,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tool_making import ARM, DAMPING, FREQUENCY, GRAVITY, moves, PARTICIPATION, RATE, tool_efforts
+from tool_making import ARM, FREQUENCY, GRAVITY, KNOWN, moves, RATE, tool_efforts
 
 from tudor_dynamics.models.flexible_tool import FlexibleTool
 from tudor_dynamics.online.ringing import RingObserver
 from tudor_dynamics.typing import FloatArray
 
-TOOL = FlexibleTool.model_validate({
-    'motion': 'planned', 'rings': 9, 'squares': [FREQUENCY**2, *GRAVITY.tolist()],
-    'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': DAMPING,
-    'damping_error': 0.001, 'participation': PARTICIPATION.tolist(),
-    'participation_covariance': np.diag([1e-6] * 6).tolist(), 'quiet': 0.02,
-    'scatter': 0.01, 'hidden': []})
 
-
-def watched(q: FloatArray, residual: FloatArray, tool: FlexibleTool = TOOL,
+def watched(q: FloatArray, residual: FloatArray, tool: FlexibleTool = KNOWN,
             ) -> tuple[RingObserver, FloatArray]:
     """Let the observer follow a record; give it with the amplitudes (samples, joints)."""
     observer = RingObserver(ARM, tool)
@@ -48,7 +41,7 @@ def test_amplitude_after_a_move(off: float, mean: float) -> None:
         efforts = tool_efforts(ARM, q)
         noisy = efforts + mean + np.random.default_rng(seed).normal(0.0, 0.02, efforts.shape)
         squares = [off**2 * FREQUENCY**2, *(off**2 * GRAVITY).tolist()]
-        _, found = watched(q, noisy, TOOL.model_copy(update={'squares': squares}))
+        _, found = watched(q, noisy, KNOWN.model_copy(update={'squares': squares}))
         late = slice(len(q) - int(2.5 * RATE), len(q) - int(2.5 * RATE) + int(RATE / FREQUENCY))
         truth = np.abs(efforts[late]).max(axis=0)
         loudest = int(truth.argmax())
@@ -59,7 +52,7 @@ def test_when_it_is_quiet() -> None:
     """The time that is told is that which passes, within a fifth; then it says so."""
     q = moves(3, count=1, rest=14.0)
     efforts = tool_efforts(ARM, q)
-    observer = RingObserver(ARM, TOOL)
+    observer = RingObserver(ARM, KNOWN)
     told, quiet = 0.0, 0.0
     for k, residual in enumerate(efforts):
         observer.step(1.0 / RATE if k else 0.0, q[k], residual)

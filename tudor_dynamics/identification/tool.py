@@ -45,7 +45,7 @@ SIZES = np.array([1.0] * 3 + [settings.TOOL_LEVER] * 3)
 
 
 @dataclass(frozen=True, eq=False)
-class Heard:
+class Rest:
     """What rings in a rest, after a motion; None where nothing clear does."""
 
     flange: Flange
@@ -55,7 +55,7 @@ class Heard:
 Pairs = Sequence[tuple[Flange, Ring]]
 
 
-def heard(arm: Arm, recording: Recording, planned: Recording | None = None) -> list[Heard]:
+def find_rests(arm: Arm, recording: Recording, planned: Recording | None = None) -> list[Rest]:
     """Find the rests of a recording, each with its motion: as planned, where that is there."""
     found = []
     for part in recording.segments:
@@ -73,7 +73,7 @@ def heard(arm: Arm, recording: Recording, planned: Recording | None = None) -> l
             means = block_means(t[rest], recording.effort[part][rest])
             at = means[0][0]
             own = slice(*np.searchsorted(t, [at - TOOL_MEMORY, at], side='right'))
-            found.append(Heard(flange_motion(arm, t[own], MotionState(
+            found.append(Rest(flange_motion(arm, t[own], MotionState(
                 motion.q[own], motion.dq[own], motion.ddq[own])), ring_of(*means)))
     return found
 
@@ -95,11 +95,11 @@ def tool_of_bags(arm: Arm, bags: Sequence[BagData]) -> FlexibleTool:
         reference = arm.changed(joint_topic=REFERENCE)
         plans = [read_recording(bag.choice.path, reference) for bag in bags]
     rests = [rest for bag, plan in zip(bags, plans, strict=True)
-             for rest in heard(arm, bag.recording, plan)]
+             for rest in find_rests(arm, bag.recording, plan)]
     return fit_tool(arm, rests, 'planned' if all(plans) else 'measured')
 
 
-def fit_tool(arm: Arm, rests: Sequence[Heard], motion: str) -> FlexibleTool:
+def fit_tool(arm: Arm, rests: Sequence[Rest], motion: str) -> FlexibleTool:
     """Fit a tool to rests of recordings, their motion `planned` or `measured`."""
     pairs = [(rest.flange, rest.ring) for rest in rests if rest.ring is not None]
     if len(pairs) < settings.TOOL_LEAST:
@@ -118,7 +118,7 @@ def fit_tool(arm: Arm, rests: Sequence[Heard], motion: str) -> FlexibleTool:
         along /= np.linalg.norm(along)
         expected = np.eye(3) - (1.0 - settings.TOOL_ALONG ** 2) * np.outer(along, along)
     return FlexibleTool.model_validate({
-        'arm': arm.name, 'motion': motion, 'rings': len(pairs), 'squares': squares.tolist(),
+        'motion': motion, 'rings': len(pairs), 'squares': squares.tolist(),
         'squares_covariance': covariance.tolist(), 'damping': damping,
         'damping_error': max(spread, float(weights.sum() ** -0.5)), **found})
 

@@ -95,10 +95,16 @@ def flange_motion(arm: Arm, t: FloatArray, motion: MotionState) -> Flange:
     return Flange(t, acceleration, twist, gravity, jacobian[:, arm.velocity_index])
 
 
+def angular_frequency(squares: FloatArray, gravity: FloatArray) -> FloatArray:
+    """Give the frequency [rad/s] where gravity (..., 3) has a direction in the flange."""
+    return np.asarray(2.0 * math.pi * np.sqrt(np.maximum(
+        squares[0] + gravity @ squares[1:], 1e-6)))
+
+
 def free_ring(flange: Flange, squares: FloatArray, damping: float) -> Any:
     """Give eta'' at the end of a motion, complex, by each part of the drive (6,)."""
     # the solution of slow changes, as in signals/shaping.py; before the motion the tool hangs
-    w = 2.0 * math.pi * np.sqrt(np.maximum(squares[0] + flange.gravity @ squares[1:], 1e-6))
+    w = angular_frequency(squares, flange.gravity)
     pole = w * complex(-damping, math.sqrt(1.0 - damping**2))
     step = np.diff(flange.t)
     left = np.append(np.cumsum((0.5 * step * (pole[1:] + pole[:-1]))[::-1])[::-1], 0.0)

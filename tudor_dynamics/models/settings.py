@@ -141,7 +141,7 @@ TOOL_CUTOFF = 25.0  # corner of the zero-phase filter of motion [Hz]
 TOOL_STEP, TOOL_MEMORY = 0.004, 60.0
 TOOL_DRAWS = 400  # random tools within the uncertainty, for an interval
 
-# -- Another timing of a path (still_timing.py); measured by bench/still_timing.py
+# -- Another timing of a path (still_timing.py); measured by bench/still_moves.py
 # Of a period that a motion may be longer, tried in turn: as much as ZV takes, and a fifth more.
 TIMING_LONGER = (0.5, 0.55, 0.6)
 # Between knots of the rate [s], and least number of them.

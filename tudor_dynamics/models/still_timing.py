@@ -43,8 +43,8 @@ from tudor_dynamics.models.settings import (
     TIMING_SLOWEST, TIMING_SPREAD, TOOL_STEP)
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import spline
-from tudor_dynamics.signals.settings import AT_REST, ROUNDING
-from tudor_dynamics.signals.shaping import convolved, impulses, solved
+from tudor_dynamics.signals.settings import ROUNDING
+from tudor_dynamics.signals.shaping import check_at_rest, convolved, impulses, solved
 from tudor_dynamics.typing import FloatArray
 
 TIMING = 'timing'  # the kind of shaping beside those by impulses
@@ -72,9 +72,7 @@ def still_timing(arm: Arm, tool: FlexibleTool, given: Trajectory) -> StillTiming
     if given.dq is None or len(given.t) < 2:
         raise SignalError('the trajectory has no velocities',
                           remedy='give them, or shape it by zv or zvd')
-    if np.abs(given.dq[[0, -1]]).max() > AT_REST:
-        raise SignalError('the trajectory does not begin and end at rest',
-                          remedy='give a trajectory whose first and last velocities are zero')
+    check_at_rest(given)
     path = _Path(arm, tool, given)
     best: tuple[float, _Timing, FloatArray] | None = None
     for longer in TIMING_LONGER:
@@ -114,20 +112,22 @@ class _Path:
         q, dq, ddq = (np.asarray(curve(t, order)) for order in range(3))
         own = [given.joints.index(name) for name in given.of(arm.active_joints).joints]
         flange = flange_motion(arm, t, MotionState(q[:, own], dq[:, own], ddq[:, own]))
-        self.tool, expected = tool, tool.frequency(flange.gravity[-1])
+        self.damping, expected = tool.damping, tool.frequency(flange.gravity[-1])
         self.frequency = expected.value
         spread = max(TIMING_SPREAD, (expected.high - expected.low) / (2.0 * LIKELY)
                      / expected.value)
-        # what is added to the squared frequency, as expected and off
-        self.off = [expected.value**2 * (factor**2 - 1.0)
-                    for factor in (1.0, 1.0 - spread, 1.0 + spread)]
+        # squares of the tool at the frequency expected, and at two that are off
+        more = expected.value**2 * (np.array([1.0, 1.0 - spread, 1.0 + spread])**2 - 1.0)
+        self.squares = np.array(tool.squares) + np.outer(more, [1.0, 0.0, 0.0, 0.0])
+        self.own = np.array(tool.participation)
+        self.sizes = np.repeat(np.linalg.norm(self.own.reshape(2, 3), axis=1), 3)
         most = np.abs(ddq).max(axis=0)
         moves = most > 1e-9
         self.rows = np.hstack([flange.acceleration, flange.twist, flange.gravity,
                                ddq[:, moves] / most[moves], dq[:, moves] / most[moves]])
-        # a motion that hardly rings by itself may go on as little as a larger one does
+        # relative to a motion that hardly rings, nothing would be little
         rings = self.rings(t - t[0], self.rows, np.ones((count, 1)), np.zeros((count, 1)))
-        drive = np.abs(flange.acceleration @ np.array(tool.participation))
+        drive = np.abs(flange.acceleration @ self.own)
         gross = 2.0 * math.pi * self.frequency * float(drive.mean()) * self.seconds
         self.size = max(float(np.abs(rings[:7]).max()), TIMING_LEAST * gross, 1e-12)
 
@@ -145,12 +145,8 @@ class _Path:
         # the arm rests until it begins, maybe with a jump of the acceleration
         flange = Flange(np.append(t[0], t), np.vstack([0.0 * moving[:1], moving]), np.empty(0),
                         np.vstack([rows[:1, 12:15], rows[:, 12:15]]), np.empty(0))
-        parts = np.array([free_ring(
-            flange, np.array(self.tool.squares) + [off, 0.0, 0.0, 0.0], self.tool.damping)
-            for off in self.off])
-        own = np.array(self.tool.participation)
-        sizes = np.repeat(np.linalg.norm(own.reshape(2, 3), axis=1), 3)
-        return np.hstack([parts @ own[:, None], TIMING_ASIDE * parts * sizes]).ravel()
+        parts = np.array([free_ring(flange, squares, self.damping) for squares in self.squares])
+        return np.hstack([parts @ self.own[:, None], TIMING_ASIDE * parts * self.sizes]).ravel()
 
 
 class _Timing:

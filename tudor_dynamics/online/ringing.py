@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.models.flexible_tool import FlexibleTool
+from tudor_dynamics.models.flexible_tool import angular_frequency, FlexibleTool
 from tudor_dynamics.online.settings import RING_BANDWIDTH, RING_MEAN
 from tudor_dynamics.typing import FloatArray
 
@@ -40,6 +40,7 @@ class RingObserver:
         self.tool, self._arm = tool, arm
         self._data, self._q = arm.model.createData(), np.zeros(arm.model.nq)
         self._last, self._own = arm.model.njoints - 1, np.array(tool.participation)
+        self._squares = np.array(tool.squares)
         self._mode, self._mean = 0j, 0.0
         self._rate = 1.0  # at which it decays [1/s]
         self.amplitude = np.zeros(len(arm.active_joints))  # of each effort [N m or N]
@@ -51,7 +52,7 @@ class RingObserver:
         jacobian = pin.computeJointJacobian(model, self._data, self._q, self._last)
         lever = self._own @ jacobian[:, self._arm.velocity_index]
         gravity = self._data.oMi[self._last].rotation.T @ model.gravity.linear
-        w = 2.0 * math.pi * tool.frequency(gravity).value
+        w = float(angular_frequency(self._squares, gravity))
         self._rate = tool.damping * w
         if dt <= 0.0:
             self._mode, self._mean = 0j, 0.0

@@ -78,13 +78,18 @@ def remains(shaper: Impulses, frequency: float, damping: float) -> float:
     return float(abs(sums))
 
 
+def check_at_rest(given: Trajectory) -> None:
+    """Refuse a trajectory that does not lead from rest to rest, as far as its speeds are known."""
+    if given.dq is not None and np.abs(given.dq[[0, -1]]).max() > settings.AT_REST:
+        raise SignalError('the trajectory does not begin and end at rest',
+                          remedy='give a trajectory whose first and last velocities are zero')
+
+
 def convolved(given: Trajectory, shaper: Impulses) -> Trajectory:
     """Shape a trajectory that begins and ends at rest."""
     # between points that are those of all its copies, the sum of splines is a spline of the same
     # degree: what a controller makes of the result is exact, and within what the given one kept to
-    if given.dq is not None and np.abs(given.dq[[0, -1]]).max() > settings.AT_REST:
-        raise SignalError('the trajectory does not begin and end at rest',
-                          remedy='give a trajectory whose first and last velocities are zero')
+    check_at_rest(given)
     begin, end = float(given.t[0]), float(given.t[-1])
     t = np.unique(np.round(np.add.outer(shaper.time, given.t), 9))
     t = t[np.append(np.diff(t) > settings.APART, True)]
