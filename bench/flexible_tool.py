@@ -40,8 +40,8 @@ sys.path.insert(0, str(ROOT))
 from tudor_dynamics.arm.description import Arm, load_arm  # noqa: E402
 from tudor_dynamics.bags.reader import read_recording  # noqa: E402
 from tudor_dynamics.bags.recording import Recording  # noqa: E402
-from tudor_dynamics.identification.ringdowns import block_means  # noqa: E402
-from tudor_dynamics.identification.tool import find_rests, fit_tool, REFERENCE, Rest  # noqa: E402
+from tudor_dynamics.identification.ringdowns import ring_of  # noqa: E402
+from tudor_dynamics.identification.tool import find_moves, fit_tool, Moves, REFERENCE  # noqa: E402
 from tudor_dynamics.models.flexible_tool import FlexibleTool  # noqa: E402
 from tudor_dynamics.typing import FloatArray  # noqa: E402
 
@@ -49,26 +49,25 @@ DATA = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT / '../shared/data'))
 FREQUENCY = {'up': 2.770, 'level': 2.943, 'down': 3.039}
 
 
-def amplitude(rest: Rest, recording: Recording, tool: FlexibleTool) -> FloatArray:
+def amplitude(moves: Moves, tool: FlexibleTool) -> FloatArray:
     """Measure a ring where a rest begins, one too small to be found by the tool's frequency."""
-    if rest.ring is not None:
-        return np.abs(rest.ring.amplitude)
-    assert recording.effort is not None
-    first = int(np.searchsorted(recording.t, rest.flange.t[-1]))
-    t, efforts = block_means(recording.t[first:], recording.effort[first:])
-    t = t - t[0]
-    w = 2.0 * math.pi * tool.frequency(rest.flange.gravity[-1]).value
-    fading = np.exp(-tool.damping * w * t)
+    (rest,) = moves.rests
+    ring = ring_of(rest.t, rest.effort)
+    if ring is not None:
+        return np.abs(ring.amplitude)
+    t = rest.t - rest.t[0]
+    w = 2.0 * math.pi * tool.frequency(moves.flange.motion[-1, 9:])[0].value
+    fading = np.exp(-tool.damping[0] * w * t)
     rows = np.column_stack([fading * np.cos(w * t), fading * np.sin(w * t),
                             np.vander(t / t[-1], 4)])
-    values = np.linalg.lstsq(rows, efforts, rcond=None)[0]
+    values = np.linalg.lstsq(rows, rest.effort, rcond=None)[0]
     return np.asarray(np.hypot(values[0], values[1]))
 
 
-def compared(tool: FlexibleTool, rest: Rest, recording: Recording) -> dict[str, Any]:
+def compared(tool: FlexibleTool, moves: Moves) -> dict[str, Any]:
     """Compare a prediction with what was measured, at the joint that shows most."""
-    found = tool.ring(rest.flange)
-    size = float(amplitude(rest, recording, tool)[found.loudest])
+    found = tool.ring(moves.until(moves.rests[0].t[0]))
+    size = float(amplitude(moves, tool)[found.loudest])
     return {'measured': size, 'predicted': found.torque.value,
             'interval': [found.torque.low, found.torque.high],
             'inside': found.torque.low <= size <= found.torque.high}
@@ -94,21 +93,21 @@ def figures(
     arm: Arm, bags: dict[str, tuple[Recording, Recording | None]], kind: str,
 ) -> dict[str, Any]:
     """Measure with one kind of motion."""
-    rests = {name: find_rests(arm, *pair)[0] for name, pair in bags.items()}
-    runs = {name: rest for name, rest in rests.items() if name.startswith('est_')}
+    moves = {name: find_moves(arm, *pair)[0] for name, pair in bags.items()}
+    runs = {name: one for name, one in moves.items() if name.startswith('est_')}
     tool = fit_tool(arm, list(runs.values()), kind)
     frequency = {}
     for pose, truth in FREQUENCY.items():
-        others = fit_tool(arm, [rest for name, rest in runs.items() if f'_{pose}_' not in name],
+        others = fit_tool(arm, [one for name, one in runs.items() if f'_{pose}_' not in name],
                           kind)
-        gravity = next(rest for name, rest in runs.items() if f'_{pose}_' in name).flange.gravity
-        found = others.frequency(gravity[-1])
+        there = next(one for name, one in runs.items() if f'_{pose}_' in name).flange.motion[-1]
+        found = others.frequency(there[9:])[0]
         frequency[pose] = {'measured': truth, 'predicted': found.value,
                            'interval': [found.low, found.high],
                            'error': abs(found.value / truth - 1.0)}
-    with_t1 = fit_tool(arm, [rest for name, rest in rests.items() if 'T3' not in name], kind)
-    transfers = {name: compared(with_t1 if name.startswith('T3') else tool, rest, bags[name][0])
-                 for name, rest in rests.items() if name.startswith('T')}
+    with_t1 = fit_tool(arm, [one for name, one in moves.items() if 'T3' not in name], kind)
+    transfers = {name: compared(with_t1 if name.startswith('T3') else tool, one)
+                 for name, one in moves.items() if name.startswith('T')}
     unshaped = transfers['T1_unshaped']['measured']
     for name, one in transfers.items():
         if name.startswith('T1'):
@@ -116,12 +115,11 @@ def figures(
     order = [sorted((name for name in transfers if name.startswith('T1')),
                     key=lambda name: float(transfers[name][key])) for key in
              ('measured', 'predicted')]
-    first = fit_tool(arm, [rest for name, rest in runs.items() if name.endswith('_1')], kind)
-    again = [compared(first, rest, bags[name][0]) for name, rest in runs.items()
+    first = fit_tool(arm, [one for name, one in runs.items() if name.endswith('_1')], kind)
+    again = [compared(first, one) for name, one in runs.items()
              if not name.endswith('_1')]
     return {
-        'rings': tool.rings, 'without_gravity': math.sqrt(tool.squares[0]),
-        'damping': tool.damping, 'participation': np.round(tool.participation, 3).tolist(),
+        'tool': str(tool), 'place': np.round(tool.place, 3).tolist(),
         'hidden': tool.hidden, 'hidden_with_T1': with_t1.hidden, 'scatter': tool.scatter,
         'frequency_not_in_training': frequency, 'transfers': transfers,
         'order_right': order[0] == order[1], 'order': order,

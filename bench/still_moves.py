@@ -25,13 +25,14 @@ shaped by another timing, by ZV, and by another timing with the frequency 5 % to
 low. What counts is the tip relative to the flange, in both planes, from 0.3 s after the last
 point on, for a second: the largest distance from where it comes to rest.
 
-    python bench/still_moves.py [--variants all as_is one_plane stiff_drives ...] [--tools 6]
+    python bench/still_moves.py [--variants all as_is one_plane ...] [--seeds 20 21] [--tools 6]
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+import itertools
 import json
 import os
 from pathlib import Path
@@ -50,11 +51,12 @@ import numpy as np  # noqa: E402
 from other_plant.carried_tool import (  # noqa: E402
     CarriedTool, DH, draw_tools, DT, FloatArray, HOME, Options, planes_of, pose_of)
 from scipy.spatial import cKDTree  # noqa: E402
+from tables import show  # noqa: E402
 from tudor_dynamics.arm.description import Arm, arm_from_dict  # noqa: E402
 from tudor_dynamics.bags.recording import Recording  # noqa: E402
 from tudor_dynamics.bags.trajectory import Trajectory  # noqa: E402
 from tudor_dynamics.errors import TudorError  # noqa: E402
-from tudor_dynamics.identification.tool import find_rests, fit_tool  # noqa: E402
+from tudor_dynamics.identification.tool import find_moves, fit_tool  # noqa: E402
 from tudor_dynamics.models.still_timing import shaped_for, still_timing  # noqa: E402
 
 JOINTS = tuple(f'j{k}' for k in range(1, 8))
@@ -76,7 +78,8 @@ LEAST_TURN = 0.5
 LOUD = 2e-3
 """Ring of the tip from which on a reduction means something; moves with less are left out [m]."""
 OFF = 0.05
-SEED = 20
+SEEDS = (20, 21, 22)
+"""The tool's model was made with the first two."""
 VARIANTS = {
     'as_is': Options(),
     'one_plane': Options(one_plane=True),
@@ -207,9 +210,9 @@ def learned(
     noise: float = 1.0,
 ) -> Any:
     """Learn the tool."""
-    rests = [rest for recorded, planned in recordings(plant, seed, moves, noise)
-             for rest in find_rests(arm, recorded, planned if by == 'planned' else None)]
-    return fit_tool(arm, rests, by)
+    found = [one for recorded, planned in recordings(plant, seed, moves, noise)
+             for one in find_moves(arm, recorded, planned if by == 'planned' else None)]
+    return fit_tool(arm, found, by)
 
 
 # -- Judging
@@ -255,11 +258,11 @@ def judged(
         'seconds': round(float(given.t[-1]), 3), 'turn': round(turned(given), 2),
         'ring_mm': _mm(before.both), 'planes_mm': [_mm(x) for x in before.planes],
         'frequency': round(frequency, 3),
-        'frequency_learned': round(float(tool.frequency_at(arm, given.q[-1]).value), 3),
+        'frequency_learned': round(tool.frequency_at(arm, given.q[-1])[0].value, 3),
         'predicted_N_m': round(predicted(arm, tool, given), 4)}
     for name, by, factor in (('timing', 'timing', 1.0), ('zv', 'zv', 1.0),
                              ('high', 'timing', 1.0 + OFF), ('low', 'timing', 1.0 - OFF)):
-        off = tool.model_copy(update={'squares': [x * factor**2 for x in tool.squares]})
+        off = tool.model_copy(update={'frequencies': [x * factor for x in tool.frequencies]})
         begun = time.process_time()
         try:
             shaped = (still_timing(arm, off, given).trajectory if by == 'timing'
@@ -339,11 +342,11 @@ def _quantile(values: list[float], share: float) -> float | None:
     return round(float(np.quantile(values, share)), 4) if values else None
 
 
-def variant(arm: Arm, options: Options, args: argparse.Namespace) -> dict[str, Any]:
+def variant(arm: Arm, options: Options, seed: int, args: argparse.Namespace) -> dict[str, Any]:
     """Measure one plant."""
     tools: list[dict[str, Any]] = []
     rows: list[dict[str, Any]] = []
-    for number, drawn in enumerate(draw_tools(6, args.seed)):
+    for number, drawn in enumerate(draw_tools(6, seed)):
         if number >= args.tools:
             break
         plant = CarriedTool(drawn, options)
@@ -352,9 +355,9 @@ def variant(arm: Arm, options: Options, args: argparse.Namespace) -> dict[str, A
             'apart': round(drawn.apart, 2), 'length': round(drawn.length, 3),
             'mass': round(drawn.mass, 2)}}
         tools.append(about)
-        moves, about['quiet_moves_left_out'] = tests(plant, [args.seed, 1, number], args.moves)
+        moves, about['quiet_moves_left_out'] = tests(plant, [seed, 1, number], args.moves)
         try:
-            tool = learned(arm, plant, [args.seed, 2, number], args.by, args.learned, args.noise)
+            tool = learned(arm, plant, [seed, 2, number], args.by, args.learned, args.noise)
         except TudorError as err:
             about['not_learned'] = str(err)
             rows += [{'tool': number, **dict.fromkeys(
@@ -387,7 +390,8 @@ def main() -> int:
     parser.add_argument('--moves', type=int, default=5, help='of each tool')
     parser.add_argument('--by', choices=('planned', 'measured'), default='planned',
                         help='the motion that the tool is learned from')
-    parser.add_argument('--seed', type=int, default=SEED, help='of tools and moves')
+    parser.add_argument('--seeds', nargs='+', type=int, default=list(SEEDS),
+                        help='of tools and moves')
     parser.add_argument('--learned', type=int, default=LEARNED, help='moves to learn from')
     parser.add_argument('--noise', type=float, default=1.0, help='times that of the recordings')
     parser.add_argument('--verbose', action='store_true', help='say each move as it is done')
@@ -396,12 +400,24 @@ def main() -> int:
     warnings.simplefilter('ignore')
     names = list(VARIANTS) if 'all' in args.variants else args.variants
     found = {}
-    for name in names:
-        found[name] = variant(described(VARIANTS[name]), VARIANTS[name], args)
+    rows = []
+    for name, seed in itertools.product(names, args.seeds):
+        one = variant(described(VARIANTS[name]), VARIANTS[name], seed, args)
+        found[f'{name} {seed}'] = one
+        rows.append([f'{name.replace("_", " ")}, {one["all"]["moves"]} moves (seed {seed})',
+                     *(reached(one['all'][way]) for way in ('timing', 'high', 'low', 'zv')),
+                     f'{one["all"]["timing"]["half_periods_longer"]["most"]:.2f}'])
         if args.out is not None:
             args.out.write_text(json.dumps(found, indent=1))
     print(json.dumps(found, indent=1))
+    show(['plant', 'timing', 'frequency 5 % higher', '5 % lower', 'ZV',
+          'longer, half periods'], rows)
     return 0
+
+
+def reached(ways: dict[str, Any]) -> str:
+    """Write what is gone of the ring: median, and what nine of ten reach."""
+    return f'{100.0 * ways["reduced_median"]:.0f} / {100.0 * ways["reduced_by_nine_of_ten"]:.0f} %'
 
 
 if __name__ == '__main__':

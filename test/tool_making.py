@@ -35,16 +35,14 @@ ARM = arm_from_dict({
     'joints': [{'name': f'j{k}', 'effort': {'topic': 'joint_states', 'unit': 'N m'},
                 'limits': {'velocity': 3.0, 'acceleration': 12.0}} for k in range(1, 6)],
     'gravity': [0.0, 0.0, -9.81]}, base=Path(), source='carrier.yaml')
-PARTICIPATION = np.array([0.1, 0.5, 0.05, 0.02, -0.01, 0.12])
-FREQUENCY, DAMPING = 3.0, 0.02
-GRAVITY = np.array([0.06, 0.0, 0.0])
+TURN, PLACE = np.array([0.9, -0.4, 0.5]), np.array([-0.02, -0.31, 0.33])
+MASS, LENGTH, FREQUENCIES, DAMPING = 0.8, 0.35, (3.0, 3.7), 0.02
+ONE = (3.0, 40.0)  # frequencies of one that bends in one plane
 RATE = 200.0
 KNOWN = FlexibleTool.model_validate({
-    'motion': 'planned', 'rings': 9, 'squares': [FREQUENCY**2, *GRAVITY.tolist()],
-    'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': DAMPING,
-    'damping_error': 0.001, 'participation': PARTICIPATION.tolist(),
-    'participation_covariance': np.diag([1e-6] * 6).tolist(), 'quiet': 0.02,
-    'scatter': 0.01, 'hidden': []})
+    'motion': 'planned', 'rests': 9, 'turn': TURN.tolist(), 'place': PLACE.tolist(), 'mass': MASS,
+    'length': LENGTH, 'frequencies': FREQUENCIES, 'damping': [DAMPING, DAMPING],
+    'covariance': np.diag([1e-6] * 12).tolist(), 'quiet': 0.02, 'scatter': 0.01, 'hidden': []})
 
 
 def moves(seed: int, count: int = 4, rest: float = 5.0) -> FloatArray:
@@ -62,34 +60,72 @@ def moves(seed: int, count: int = 4, rest: float = 5.0) -> FloatArray:
     return np.vstack(parts)
 
 
+def with_tool(arm: Arm) -> pin.Model:
+    """Hang a mass on a rod with a universal joint at the last joint; it shares nothing with us."""
+    model = arm.model.copy()
+    turn = pin.exp3(TURN)
+    foot = pin.SE3(turn, PLACE - LENGTH * turn[:, 2])
+    first = model.addJoint(arm.model.njoints - 1, pin.JointModelRY(), foot, 'bend_x')
+    second = model.addJoint(first, pin.JointModelRX(), pin.SE3.Identity(), 'bend_y')
+    model.appendBodyToJoint(second, pin.Inertia(
+        MASS, np.zeros(3), 1e-9 * np.eye(3)), pin.SE3(np.eye(3), np.array([0.0, 0.0, LENGTH])))
+    return model
+
+
+def springs(frequencies: tuple[float, float], damping: float) -> tuple[FloatArray, FloatArray]:
+    """Give stiffness and damping of both angles [N m/rad, N m s/rad]."""
+    w = 2.0 * np.pi * np.array(frequencies)
+    return MASS * LENGTH**2 * w**2, 2.0 * damping * MASS * LENGTH**2 * w
+
+
+def hanging(model: pin.Model, q: FloatArray, stiff: FloatArray) -> FloatArray:
+    """Give the angles at which a tool hangs where the arm stands [rad]."""
+    data, angles = model.createData(), np.zeros(2)
+    for _ in range(200):
+        pull = pin.computeGeneralizedGravity(model, data, np.append(q, angles))[-2:]
+        angles -= 0.5 * (angles + pull / stiff)
+    return angles
+
+
+def true_frequencies(q: FloatArray) -> FloatArray:
+    """Give the frequencies of small swings about the place where it hangs [Hz]."""
+    model, stiff = with_tool(ARM), springs(FREQUENCIES, DAMPING)[0]
+    data, angles = model.createData(), hanging(model, q, stiff)
+    rows = np.diag(stiff) + np.array([
+        (pin.computeGeneralizedGravity(model, data, np.append(q, angles + way))[-2:].copy()
+         - pin.computeGeneralizedGravity(model, data, np.append(q, angles - way))[-2:]) / 2e-5
+        for way in 1e-5 * np.eye(2)])
+    mass = pin.crba(model, data, np.append(q, angles))[-2:, -2:]
+    return np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(mass, rows)).real)) / (2.0 * np.pi)
+
+
 def tool_efforts(
-    arm: Arm, q: FloatArray, *, participation: FloatArray = PARTICIPATION,
-    frequency: float = FREQUENCY, damping: float = DAMPING, every: int = 5,
+    arm: Arm, q: FloatArray, *, frequencies: tuple[float, float] = FREQUENCIES,
+    damping: float = DAMPING, every: int = 5,
 ) -> FloatArray:
-    """Give what the tool adds to efforts (samples, joints) [N m]; begins at rest."""
+    """Give what the tool adds to efforts (samples, joints); begins at rest, hanging."""
     n, dt = len(q), 1.0 / RATE
     dq = np.gradient(q, dt, axis=0)
     ddq = np.gradient(dq, dt, axis=0)
-    model, data = arm.model, arm.model.createData()
-    drive, lever, square = np.empty(n), np.empty((n, model.nv)), np.empty(n)
+    model = with_tool(arm)
+    data, own = model.createData(), arm.model.nv
+    stiff, fading = springs(frequencies, damping)
+    angles, speed = hanging(model, q[0], stiff), np.zeros(2)
+    found, step = np.empty((n, own)), dt / every
     for k in range(n):
-        pin.forwardKinematics(model, data, q[k], dq[k], ddq[k])
-        pin.computeJointJacobians(model, data, q[k])
-        local = pin.ReferenceFrame.LOCAL
-        g = data.oMi[model.nv].rotation.T @ np.array([0.0, 0.0, -9.81])
-        a = pin.getClassicalAcceleration(model, data, model.nv, local).vector
-        drive[k] = participation @ np.concatenate([a[:3] - g, a[3:]])
-        lever[k] = pin.getJointJacobian(model, data, model.nv, local).T @ participation
-        square[k] = (2.0 * np.pi) ** 2 * (frequency**2 + GRAVITY @ g)
-    eta, speed = -drive[0] / square[0], 0.0
-    found = np.empty((n, model.nv))
-    step = dt / every
-    for k in range(n):
-        for _ in range(every):
-            second = -drive[k] - 2.0 * damping * np.sqrt(square[k]) * speed - square[k] * eta
-            speed += step * second
-            eta += step * speed
-        found[k] = lever[k] * second
+        for part in range(every):
+            after, share = min(k + 1, n - 1), part / every
+            place, rate, change = ((1.0 - share) * x[k] + share * x[after] for x in (q, dq, ddq))
+            whole, pace = np.append(place, angles), np.append(rate, speed)
+            mass = pin.crba(model, data, whole)
+            mass = np.triu(mass) + np.triu(mass, 1).T
+            forces = pin.nonLinearEffects(model, data, whole, pace)
+            second = -np.linalg.solve(mass[own:, own:], forces[own:] + stiff * angles
+                                      + fading * speed + mass[own:, :own] @ change)
+            if part == 0:
+                found[k] = mass[:own, :own] @ change + mass[:own, own:] @ second + forces[:own]
+            speed = speed + step * second
+            angles = angles + step * speed
     return found
 
 
@@ -116,10 +152,11 @@ def curved(seed: int, seconds: float = 0.9, points: int = 46) -> Trajectory:
         change * way + (turn * change - np.pi**2 * wave * speed**2) * aside)
 
 
-def ring_after(trajectory: Trajectory) -> float:
+def ring_after(trajectory: Trajectory, factor: float = 1.0) -> float:
     """Simulate what a tool shows in all joints for a second after a trajectory [N m]."""
     end = float(trajectory.t[-1])
     t = np.arange(-0.2, end + 1.0, 1.0 / RATE)
     q = np.asarray(spline(trajectory)(np.clip(t, 0.0, end)))
-    efforts: FloatArray = tool_efforts(ARM, q)
-    return float(np.abs(efforts[t > end + 0.02]).max())
+    efforts = tool_efforts(ARM, q, frequencies=(factor * FREQUENCIES[0], factor * FREQUENCIES[1]))
+    efforts = efforts[t > end + 0.02]
+    return float(0.5 * np.ptp(efforts, axis=0).max())

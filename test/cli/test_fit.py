@@ -378,14 +378,13 @@ def test_a_flexible_tool_with_the_models(
     assert main(words) == 2
     assert 'a flexible tool needs efforts in N m or N; those of' in capsys.readouterr().err
     tool = FlexibleTool.model_validate({
-        'motion': 'measured', 'rings': 4, 'squares': [9.0, 0.0, 0.0, 0.0],
-        'squares_covariance': np.eye(4).tolist(), 'damping': 0.02, 'damping_error': 0.01,
-        'participation': [1.0] * 6, 'participation_covariance': np.eye(6).tolist(),
-        'quiet': 0.02, 'scatter': 0.1, 'hidden': ['rotation']})
+        'motion': 'measured', 'rests': 4, 'turn': [0.3, 0.2, 0.1], 'place': [0.1, 0.0, 0.3],
+        'mass': 0.5, 'length': 0.3, 'frequencies': [3.0], 'damping': [0.02],
+        'covariance': np.eye(10).tolist(), 'quiet': 0.02, 'scatter': 0.1, 'hidden': ['rotation']})
     monkeypatch.setattr(library, 'check_efforts', lambda arm: None)
     monkeypatch.setattr(library, 'tool_of_bags', lambda arm, bags: tool)
     assert main(words) == 0
     said = ' '.join(capsys.readouterr().out.split())
-    assert ('tool: rings at 3 Hz without gravity, damping ratio 0.02, by 4 rests after measured '
-            'motion; these moves do not show rotation') in said
+    assert ('tool: rings at 3 Hz without gravity, damping ratio 0.02, 0.5 kg at 0.3 m, by 4 rests '
+            'after measured motion; these moves do not show rotation') in said
     assert load_bundle(tmp_path / 'm').tool == tool

@@ -21,12 +21,10 @@ from dataclasses import replace
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from tool_making import (
-    ARM, curved, FREQUENCY, GRAVITY, KNOWN, moves, recording, ring_after, tool_efforts)
+from tool_making import ARM, curved, FREQUENCIES, KNOWN, ring_after
 
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.identification.tool import find_rests, fit_tool
 from tudor_dynamics.models.still_timing import shaped_for, still_timing
 from tudor_dynamics.signals.motion_profile import spline
 
@@ -38,31 +36,16 @@ def test_the_tool_is_still(seed: int) -> None:
     found = still_timing(ARM, KNOWN, wanted)
     assert ring_after(found.trajectory) < 0.1 * ring_after(wanted)
     assert found.left < 0.1 and found.left_off < 0.3
-    assert found.trajectory.t[-1] - wanted.t[-1] < 0.62 / FREQUENCY + 0.01
+    assert found.trajectory.t[-1] - wanted.t[-1] < 0.62 / FREQUENCIES[0] + 0.01
 
 
 @pytest.mark.parametrize('factor', [0.95, 1.05])
-def test_a_frequency_that_is_off(factor: float) -> None:
+def test_frequencies_that_are_off(factor: float) -> None:
     """Of a tool that is 5 % slower or faster than was thought, less than 30 % is left."""
-    off = KNOWN.model_copy(update={'squares': [
-        (factor * FREQUENCY)**2, *(factor**2 * GRAVITY).tolist()]})
     for seed in range(4):
         wanted = curved(seed)
-        found = still_timing(ARM, off, wanted).trajectory
-        assert ring_after(found) < 0.3 * ring_after(wanted)
-
-
-def test_a_tool_by_its_recordings() -> None:
-    """One that was fitted to noisy recordings does as well, and says what is left."""
-    motions = [moves(seed, count=3) for seed in (1, 2, 3, 4)]
-    tool = fit_tool(ARM, [rest for q in motions for rest in find_rests(
-        ARM, recording(q, tool_efforts(ARM, q)))], 'measured')
-    for seed in range(6, 9):
-        wanted = curved(seed)
-        found = shaped_for(ARM, tool, wanted, 'timing')
-        before, after = (tool.ring_after(ARM, item).torque for item in (wanted, found))
-        assert after.value < 0.15 * before.value and after.low <= after.value <= after.high
-        assert ring_after(found) < 0.2 * ring_after(wanted)
+        found = still_timing(ARM, KNOWN, wanted).trajectory
+        assert ring_after(found, factor) < 0.3 * ring_after(wanted, factor)
 
 
 @settings(max_examples=15, deadline=None)
@@ -73,7 +56,7 @@ def test_limits_and_path(seed: int, seconds: float, points: int) -> None:
     try:
         found = still_timing(ARM, KNOWN, wanted).trajectory
     except SignalError as err:
-        assert 'of the ring remain' in str(err)
+        assert 'of the ring remain' in str(err) or 'bends the tool further' in str(err)
         return
     given, made = spline(wanted), spline(found)
     dense = np.linspace(0.0, seconds, 4000)
@@ -96,8 +79,12 @@ def test_other_joints_and_impulses() -> None:
     assert found.joints == both.joints
     assert np.allclose(found.q[:, 5] - found.q[0, 5], 0.1 * (found.q[:, 0] - found.q[0, 0]))
     shaped = shaped_for(ARM, KNOWN, wanted, 'zv')
-    frequency = KNOWN.frequency_at(ARM, wanted.q[-1]).value
-    assert shaped.t[-1] - wanted.t[-1] == pytest.approx(0.5 / frequency, rel=1e-3)
+    frequencies = [one.value for one in KNOWN.frequency_at(ARM, wanted.q[-1])]
+    assert shaped.t[-1] - wanted.t[-1] == pytest.approx(
+        sum(0.5 / frequency for frequency in frequencies), rel=1e-3)
+    alike = KNOWN.model_copy(update={'frequencies': [3.0, 3.05]})
+    longer = shaped_for(ARM, alike, wanted, 'zv').t[-1] - wanted.t[-1]
+    assert longer == pytest.approx(0.5 / 3.0, rel=0.05)
 
 
 def test_what_cannot_be_shaped() -> None:

@@ -32,11 +32,9 @@ def test_amplitudes_of_all_joints(world: World, root: Path, model: Path, tmp_pat
     """A swing of the efforts at the frequency of the tool is heard, and called so."""
     bundle = load_bundle(model)
     bundle.tool = FlexibleTool.model_validate({
-        'motion': 'planned', 'rings': 9, 'squares': [9.0, 0.0, 0.0, 0.0],
-        'squares_covariance': np.eye(4).tolist(), 'damping': 0.02, 'damping_error': 0.001,
-        'participation': [0.1, 0.3, 0.1, 0.0, 0.3, 0.3],
-        'participation_covariance': np.eye(6).tolist(), 'quiet': 1e-4, 'scatter': 0.1,
-        'hidden': []})
+        'motion': 'planned', 'rests': 9, 'turn': [0.3, 0.2, 0.1], 'place': [0.1, 0.0, 0.3],
+        'mass': 0.5, 'length': 0.3, 'frequencies': [3.0, 3.0], 'damping': [0.02, 0.02],
+        'covariance': np.eye(12).tolist(), 'quiet': 1e-4, 'scatter': 0.1, 'hidden': []})
     save_bundle(bundle, tmp_path / 'model')
     recording = read_recording(root / 'bags/two_blade_test',
                                load_arm(root / 'config/two_blade_arm.yaml'))

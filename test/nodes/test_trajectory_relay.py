@@ -254,12 +254,10 @@ def tool_bundle(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give a bundle with a tool that both joints, which turn about one axis, drive alike."""
     path = tmp_path_factory.mktemp('bundle') / 'model'
     arm = load_arm(root / 'config/tudor.yaml')
-    turns = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     save_bundle(ModelBundle(arm, arm.spec.preprocessing, {}, tool=FlexibleTool.model_validate({
-        'motion': 'planned', 'rings': 9, 'squares': [4.0, 0.0, 0.0, 0.0],
-        'squares_covariance': np.diag([1e-6] * 4).tolist(), 'damping': 0.05,
-        'damping_error': 0.001, 'participation': turns,
-        'participation_covariance': np.diag([1e-6] * 6).tolist(), 'quiet': 0.02, 'scatter': 0.01,
+        'motion': 'planned', 'rests': 9, 'turn': [0.0, 0.0, 0.0], 'place': [0.0, 0.0, 0.3],
+        'mass': 1.0, 'length': 0.3, 'frequencies': [2.0], 'damping': [0.05],
+        'covariance': np.diag([1e-6] * 10).tolist(), 'quiet': 0.02, 'scatter': 0.01,
         'hidden': []})), path)
     return path
 

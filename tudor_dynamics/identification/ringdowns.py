@@ -335,7 +335,9 @@ def standing(t: FloatArray, dq: FloatArray) -> list[slice]:
     for stop in (int(k) for k in edges if moving[k]):
         after = min((int(k) for k in edges if k > stop), default=len(t) - 1)
         first = int(np.searchsorted(t, t[stop] + RING_AFTER))
-        last = int(np.searchsorted(t, min(t[stop] + settings.RING_UNTIL, t[after])))
+        # a motion has begun before its speed shows
+        last = int(np.searchsorted(t, min(t[stop] + settings.RING_UNTIL,
+                                          t[after] - settings.RING_BEFORE)))
         if last - first >= 12 and t[last - 1] - t[first] >= settings.RING_LEAST:
             found.append(slice(first, last))
     return found
@@ -357,9 +359,7 @@ def ring_of(t: FloatArray, effort: FloatArray) -> Ring | None:
     drift = np.vander(t / t[-1], 4)
     smooth = effort - drift @ np.linalg.lstsq(drift, effort, rcond=None)[0]
     rough = np.sqrt(np.maximum(0.5 * np.mean(np.diff(effort, axis=0) ** 2, axis=0), 1e-12))
-    begun = _loudest(t, smooth / rough)
-    if begun is None:
-        return None
+    (begun,) = loudest_of([(t, smooth / rough)])
 
     def columns(p: FloatArray) -> FloatArray:
         omega = 2.0 * math.pi * p[0]
@@ -390,13 +390,19 @@ def ring_of(t: FloatArray, effort: FloatArray) -> Ring | None:
                 values[0] - 1j * values[1], noise)
 
 
-def _loudest(t: FloatArray, values: FloatArray) -> float | None:
-    """Give the frequency at which all channels together are loudest [Hz]."""
-    n = 8 * len(t)
-    power = (np.abs(np.fft.rfft(values * np.hanning(len(t))[:, None], n, axis=0)) ** 2).sum(axis=1)
-    frequency = np.fft.rfftfreq(n, float(t[-1]) / (len(t) - 1))
-    inside = (frequency >= settings.RING_LOWEST) & (frequency <= settings.RING_HIGHEST)
-    return float(frequency[inside][np.argmax(power[inside])]) if inside.any() else None
+def loudest_of(rests: Sequence[tuple[FloatArray, FloatArray]], count: int = 1) -> list[float]:
+    """Give frequencies [Hz] at which rests, each its times and channels, are loudest."""
+    frequency = np.arange(settings.RING_LOWEST, settings.RING_HIGHEST, settings.RING_STEP)
+    power = np.zeros(len(frequency))
+    for t, values in rests:
+        n, step = 8 * len(t), float(t[-1] - t[0]) / (len(t) - 1)
+        own = np.abs(np.fft.rfft(values * np.hanning(len(t))[:, None], n, axis=0)) ** 2
+        power += np.interp(frequency, np.fft.rfftfreq(n, step), own.sum(axis=1), right=0.0)
+    found: list[float] = []
+    for _ in range(count):
+        found.append(float(frequency[np.argmax(power)]))
+        power[np.abs(frequency / found[-1] - 1.0) < settings.RING_APART] = 0.0
+    return found
 
 
 def loudest_ring(recording: Recording) -> Ring | None:

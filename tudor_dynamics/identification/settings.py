@@ -293,26 +293,35 @@ SAME_SHARE = 0.9  # part of the samples that a copy has in common with its origi
 RING_STILL, RING_SPEED = 0.02, 0.05
 # Until when after a stop efforts are looked at, and for how long at least [s].
 RING_UNTIL, RING_LEAST = 6.0, 1.0
-RING_LOWEST, RING_HIGHEST = 0.7, 15.0  # frequencies [Hz]
+# Time before the next motion that is left out: it has begun before its speed shows [s].
+RING_BEFORE = 0.3
+RING_LOWEST, RING_HIGHEST, RING_STEP = 0.7, 15.0, 0.01  # frequencies [Hz]
+RING_APART = 0.08  # part by which two frequencies differ at least
 RING_CLEAR = 0.5  # least share of the variance that one oscillation explains
 RING_LOUD = 4.0  # amplitude over what is left, of the clearest joint
 RING_DAMPED = 0.08  # damping ratio from which on it is no tool's
 RING_OFTEN = 0.4  # share of rests that show it
 RING_RATE = 80.0  # samples a second that are looked at [Hz]
 
-# -- A flexible tool by its rings (tool.py); chosen on translations of a beam held up, down and
-# level, judged on transfers of it (bench/flexible_tool.py)
+# -- A flexible tool by its rings (tool.py); chosen on translations of a beam and on an arm in
+# MuJoCo, judged on transfers of the beam and on tools of another seed (bench/flexible_tool.py,
+# bench/still_moves.py)
 
-# What gravity does to the squared frequency of a mass on a beam of 0.5 m [Hz^2 per m/s^2], and the
-# part of it along the bending, where a tool sags.
-TOOL_GRAVITY, TOOL_ALONG = 0.08, 0.25
-# Expected delay of the motion [s]; and participation over that which shows the rings seen.
-TOOL_DELAY, TOOL_LARGE = 0.03, 5.0
+# What is usual: foot from the last joint, length of its rod [m], damping ratio, delay [s].
+TOOL_FOOT, TOOL_LENGTH, TOOL_DAMPING, TOOL_DELAY = 0.2, 0.4, 0.02, 0.03
+# Error of a ring relative to it, and how many samples of a rest err on their own.
+TOOL_RELATIVE, TOOL_FEW = 0.1, 20.0
+TOOL_LEARN = 0.008  # step of a motion that a tool is learned from [s]
+# Starts of a search: directions, peaks of the spectrum, logarithms of frequencies over these; how
+# many are tried, by so much of each rest [s], and cost over the best that is too much.
+TOOL_WAYS, TOOL_PEAKS, TOOL_OFF = 16, 4, (-0.02, 0.02)
+TOOL_TRIED, TOOL_BEGIN, TOOL_NEAR = 10, 1.2, 1.5
+TOOL_SECOND = 0.8  # cost with a second bending plane, over that with one, that it is worth
+TOOL_SURE = 0.05  # least error of a predicted ring, relative to it
+TOOL_HEARD = 0.05  # variance of a ring over that of noise from which on it counts
 TOOL_LEVER = 0.3  # translation that counts as much as a rotation of 1 rad: half a long tool [m]
-# Error of a ring relative to it, which weighs rings, and least variance relative to that.
-TOOL_RELATIVE, TOOL_SURE = 0.1, 0.1
 TOOL_HIDDEN = 0.1  # singular value of a direction, over the largest, below which it is hidden
-TOOL_LEAST, TOOL_STARTS = 3, 4  # rings that a fit needs, and starts of its search
+TOOL_LEAST = 3  # rests that a fit needs
 
 # -- Causes of alarms (causes.py); chosen on the simulated arm of config/tudor.yaml, SHARED_TOUCH
 # and the order of causes also on recordings of the two-blade arm; judged on an arm with stiffer

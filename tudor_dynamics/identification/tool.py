@@ -12,18 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From rings in recordings to the flexible tool that an arm carries."""
+"""From rests in recordings to the flexible tool that an arm carries."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
+import itertools
 import math
 from typing import Any
 import warnings
 
 import numpy as np
+import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.reader import read_recording
@@ -31,32 +34,67 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError, TudorError, TudorWarning
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.identification.ringdowns import block_means, Ring, ring_of, standing
-from tudor_dynamics.models.flexible_tool import (
-    Flange, flange_motion, FlexibleTool, free_ring)
-from tudor_dynamics.models.settings import RING_AFTER, TOOL_CUTOFF, TOOL_MEMORY
+from tudor_dynamics.identification.ringdowns import block_means, loudest_of, standing
+from tudor_dynamics.models.flexible_tool import Flange, flange_motion, FlexibleTool, row_of
+from tudor_dynamics.models.settings import RING_AFTER, TOOL_CUTOFF
+from tudor_dynamics.models.tool_motion import follow, pulls
 from tudor_dynamics.signals.filters import MotionState, zero_phase
 from tudor_dynamics.typing import FloatArray
 
+STEP = settings.TOOL_LEARN
 REFERENCE = 'joint_reference'  # what a planned motion is recorded on
 KINDS = {'translation': slice(0, 3), 'rotation': slice(3, 6)}
-SIZES = np.array([1.0] * 3 + [settings.TOOL_LEVER] * 3)
-"""What makes participation of rotations (6,) comparable with that of translations [1, m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """What rings in a rest, after a motion; None where nothing clear does."""
+    """What efforts show of a ring while the arm stands."""
 
-    flange: Flange
-    ring: Ring | None
+    t: FloatArray  # (samples,) [s]
+    effort: FloatArray  # (samples, joints) [N m or N]
+    jacobian: FloatArray  # of the flange, (6, joints)
+
+    @cached_property
+    def noise(self) -> FloatArray:
+        """Give the noise of each joint, (joints,)."""
+        rough = np.sqrt(0.5 * np.mean(np.diff(self.effort, axis=0) ** 2, axis=0))
+        return np.maximum(rough, 1e-6)
+
+    @cached_property
+    def rings(self) -> FloatArray:
+        """Give the efforts less drift."""
+        return self.swing(self.effort)
+
+    @cached_property
+    def _drift(self) -> FloatArray:
+        return np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(self.t)), 4))[0]
+
+    def swing(self, effort: FloatArray) -> FloatArray:
+        """Give what of efforts is no slow drift."""
+        return effort - self._drift @ (self._drift.T @ effort)
+
+    def first(self, seconds: float) -> Rest:
+        """Give the begin of it."""
+        n = max(int(np.searchsorted(self.t, self.t[0] + seconds)), 8)
+        return Rest(self.t[:n], self.effort[:n], self.jacobian)
 
 
-Pairs = Sequence[tuple[Flange, Ring]]
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """A stretch of motion with rests."""
+
+    flange: Flange  # in even steps
+    rests: tuple[Rest, ...]
+
+    def until(self, t: float) -> Flange:
+        """Give the motion up to a time [s], with the Jacobian of the rest that begins there."""
+        n = int(np.searchsorted(self.flange.t, t)) + 1
+        own = next(rest.jacobian for rest in self.rests if rest.t[0] == t)
+        return Flange(self.flange.t[:n], self.flange.motion[:n], self.flange.velocity[:n], own)
 
 
-def find_rests(arm: Arm, recording: Recording, planned: Recording | None = None) -> list[Rest]:
-    """Find the rests of a recording, each with its motion: as planned, where that is there."""
+def find_moves(arm: Arm, recording: Recording, planned: Recording | None = None) -> list[Moves]:
+    """Find the rests of a recording with its motion: as planned, where that is there."""
     found = []
     for part in recording.segments:
         t = recording.t[part]
@@ -64,17 +102,23 @@ def find_rests(arm: Arm, recording: Recording, planned: Recording | None = None)
             continue
         cutoff = min(TOOL_CUTOFF, 0.2 / recording.dt)
         motion = zero_phase(t, recording.q[part], cutoff)
-        rests = standing(t, motion.dq)
-        if planned is not None and rests:
+        parts = standing(t, motion.dq)
+        if not parts:
+            continue
+        if planned is not None:
             when = (planned.stamp - recording.stamp[0]) * 1e-9
             motion = zero_phase(t, np.stack([np.interp(t, when, q) for q in planned.q.T], axis=1),
                                 cutoff)
-        for rest in rests:
-            means = block_means(t[rest], recording.effort[part][rest])
-            at = means[0][0]
-            own = slice(*np.searchsorted(t, [at - TOOL_MEMORY, at], side='right'))
-            found.append(Rest(flange_motion(arm, t[own], MotionState(
-                motion.q[own], motion.dq[own], motion.ddq[own])), ring_of(*means)))
+        even = np.arange(t[0], t[parts[-1].stop - 1] + STEP, STEP)
+        states = MotionState(*(np.stack([np.interp(even, t, x) for x in values.T], axis=1)
+                               for values in (motion.q, motion.dq, motion.ddq)))
+        rests = []
+        for rest in parts:
+            still = MotionState(*(values[rest][-1:] for values in (
+                motion.q, motion.dq, motion.ddq)))
+            rests.append(Rest(*block_means(t[rest], recording.effort[part][rest]),
+                              flange_motion(arm, np.zeros(1), still).jacobian))
+        found.append(Moves(flange_motion(arm, even, states), tuple(rests)))
     return found
 
 
@@ -94,93 +138,184 @@ def tool_of_bags(arm: Arm, bags: Sequence[BagData]) -> FlexibleTool:
         warnings.simplefilter('ignore', TudorWarning)
         reference = arm.changed(joint_topic=REFERENCE)
         plans = [read_recording(bag.choice.path, reference) for bag in bags]
-    rests = [rest for bag, plan in zip(bags, plans, strict=True)
-             for rest in find_rests(arm, bag.recording, plan)]
-    return fit_tool(arm, rests, 'planned' if all(plans) else 'measured')
+    return fit_tool(arm, [one for bag, plan in zip(bags, plans, strict=True)
+                          for one in find_moves(arm, bag.recording, plan)],
+                    'planned' if all(plans) else 'measured')
 
 
-def fit_tool(arm: Arm, rests: Sequence[Rest], motion: str) -> FlexibleTool:
+def fit_tool(arm: Arm, moves: Sequence[Moves], motion: str) -> FlexibleTool:
     """Fit a tool to rests of recordings, their motion `planned` or `measured`."""
-    pairs = [(rest.flange, rest.ring) for rest in rests if rest.ring is not None]
-    if len(pairs) < settings.TOOL_LEAST:
-        msg = (f'{len(pairs)} rests have a clear ring; a flexible tool needs '
-               f'{settings.TOOL_LEAST} or more')
-        raise FitError(msg, remedy='let the arm rest for three seconds or more after each motion')
-    ratios = np.array([ring.damping for _, ring in pairs])
-    weights = np.array([ring.damping_error ** -2 for _, ring in pairs])
-    damping = float(weights @ ratios / weights.sum())
-    spread = math.sqrt(float(weights @ (ratios - damping) ** 2 / weights.sum()))
-    expected = np.eye(3)
-    for _ in range(2):  # gravity along the bending changes the frequency little
-        squares, covariance = _squares(pairs, settings.TOOL_GRAVITY ** 2 * expected)
-        found = _participation(pairs, squares, damping)
-        along = np.array(found['participation'][:3])
-        along /= np.linalg.norm(along)
-        expected = np.eye(3) - (1.0 - settings.TOOL_ALONG ** 2) * np.outer(along, along)
-    return FlexibleTool.model_validate({
-        'motion': motion, 'rings': len(pairs), 'squares': squares.tolist(),
-        'squares_covariance': covariance.tolist(), 'damping': damping,
-        'damping_error': max(spread, float(weights.sum() ** -0.5)), **found})
+    search = _Search(moves)
+    one, two = (search.best(planes) for planes in (1, 2))
+    return search.tool(two if two.beyond < settings.TOOL_SECOND * one.beyond else one, motion)
 
 
-def _squares(pairs: Pairs, expected: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Find what gravity does to frequencies, by what is expected of it (3, 3)."""
-    rows = np.array([[1.0, *flange.gravity[-1]] for flange, _ in pairs])
-    measured = np.array([ring.frequency ** 2 for _, ring in pairs])
-    off = np.array([2.0 * ring.frequency * ring.frequency_error for _, ring in pairs])
-    weighted, prior, scale = rows / off[:, None] ** 2, np.zeros((4, 4)), 1.0
-    prior[1:, 1:] = np.linalg.inv(expected)
-    for _ in range(2):  # the second time with the scatter of the first
-        covariance = np.linalg.inv(weighted.T @ rows / scale + prior)
-        squares = covariance @ weighted.T @ measured / scale
-        left = float(np.sum(((measured - rows @ squares) / off) ** 2))
-        scale = max(1.0, left / max(len(pairs) - 4, 1))
-    return squares, covariance
+@dataclass(frozen=True, eq=False)
+class _Found:
+    x: FloatArray
+    covariance: FloatArray
+    beyond: float  # by how much it errs more than noise does
 
 
-def _participation(pairs: Pairs, squares: FloatArray, damping: float) -> dict[str, Any]:
-    """Find participation, its covariance, the scatter, and what is hidden."""
-    from scipy.optimize import least_squares  # slow to import
+class _Search:
+    """
+    The search of a tool whose efforts are those in all rests.
 
-    w = np.array([2.0 * math.pi * ring.frequency for _, ring in pairs])
-    # each by the frequency it was heard at: 1 % is 15 degrees after a second and a half
-    off = [ring.frequency ** 2 - float(squares @ [1.0, *flange.gravity[-1]])
-           for flange, ring in pairs]
-    free = np.array([free_ring(flange, squares + [more, 0.0, 0.0, 0.0], damping)
-                     for (flange, _), more in zip(pairs, off, strict=True)]) * SIZES
-    levers = np.array([flange.jacobian.T for flange, _ in pairs]) * SIZES
-    seen = np.array([ring.amplitude for _, ring in pairs])
-    loud = np.abs(seen).max(axis=1)
-    noise = np.array([np.sqrt(np.mean(ring.noise ** 2)) for _, ring in pairs])
-    unit = (settings.TOOL_RELATIVE * loud + noise)[:, None]
-    # what shows rings as large as those seen
-    usual = math.sqrt(float(np.median(loud / np.linalg.norm(free, axis=1))))
+    What is sought: the parameters of a FlexibleTool, then the delay of the motion [s].
+    """
 
-    def error(x: FloatArray) -> Any:  # participation, then the delay of the motion
-        return (levers @ x[:6]) * (free @ x[:6] * np.exp(1j * w * x[6]))[:, None] - seen
+    def __init__(self, moves: Sequence[Moves]) -> None:
+        self.moves, self.rests = moves, [rest for one in moves for rest in one.rests]
+        if len(self.rests) < settings.TOOL_LEAST:
+            raise FitError(f'{len(self.rests)} rests; a flexible tool needs '
+                           f'{settings.TOOL_LEAST} or more', remedy='let the arm rest for three '
+                           'seconds or more after each motion')
 
-    def whole(x: FloatArray, scale: float) -> FloatArray:
-        misfit = (error(x) / unit / math.sqrt(scale)).ravel()
-        return np.concatenate([misfit.real, misfit.imag, x[:6] / (settings.TOOL_LARGE * usual),
-                               x[6:] / settings.TOOL_DELAY])
+    def units(self, scale: float) -> Iterator[FloatArray]:
+        """Give expected errors: each sample errs by noise, a whole rest by a part of its ring."""
+        for rest in self.rests:
+            loud = 2.0 * float(np.mean(rest.rings**2, axis=0).max())
+            yield np.sqrt(rest.noise**2 + scale * len(rest.t) / settings.TOOL_FEW
+                          * settings.TOOL_RELATIVE**2 * loud)
 
-    random, scale = np.random.default_rng(0), float(seen.shape[1])
-    starts = [np.append(usual * random.normal(size=6), 0.0) for _ in range(settings.TOOL_STARTS)]
-    for _ in range(3):  # what the model does not explain weighs against what is expected
-        best = min((least_squares(whole, start, args=(scale,)) for start in starts),
-                   key=lambda one: float(one.cost))
-        # all joints of a ring are one sample: what a ring has besides is the same in all of them
-        scale = max(settings.TOOL_SURE, seen.shape[1] * float(np.sum(np.abs(
-            error(best.x) / unit) ** 2)) / max(2 * seen.size - len(best.x), len(pairs)))
-        starts = [best.x]
-    sizes = {name: np.linalg.svd(np.vstack([free.real, free.imag])[:, part], compute_uv=False)
-             for name, part in KINDS.items()}
-    most = max(float(size[0]) for size in sizes.values())
-    errors = np.linalg.norm(error(best.x), axis=1) / np.linalg.norm(seen, axis=1)
-    covariance = np.linalg.inv(best.jac.T @ best.jac)[:6, :6] * np.outer(SIZES, SIZES)
-    return {'participation': (best.x[:6] * SIZES).tolist(),
-            'participation_covariance': covariance.tolist(),
-            'quiet': max(float(np.median(noise)), 1e-9),
-            'scatter': max(float(np.sqrt(np.mean(errors ** 2))), 1e-3),
-            'hidden': [name for name, size in sizes.items()
-                       if len(size) < 3 or size[2] < settings.TOOL_HIDDEN * most]}
+    def short(self, frequency: float) -> _Search:
+        """Give the same search by the begin of each rest, where phases are not yet ambiguous."""
+        seconds = max(settings.TOOL_BEGIN, 2.0 / frequency)
+        return _Search([Moves(one.flange, tuple(rest.first(seconds) for rest in one.rests))
+                        for one in self.moves])
+
+    def efforts(self, x: FloatArray) -> Iterator[FloatArray]:
+        """Give the efforts of a tool in each rest, drift aside."""
+        row, mass = row_of(x[:-1]), math.exp(x[6])
+        for one in self.moves:
+            t = one.flange.t
+            late = np.clip(t - x[-1], t[0], t[-1])
+            k = np.minimum(((late - t[0]) / STEP).astype(int), len(t) - 2)
+            share = ((late - t[k]) / STEP)[:, None]
+            motion = (1.0 - share) * one.flange.motion[k] + share * one.flange.motion[k + 1]
+            states = follow(row, STEP, motion)
+            for rest in one.rests:
+                part = slice(*np.searchsorted(t, [rest.t[0] - STEP, rest.t[-1] + STEP]))
+                pulled = mass * pulls(row, motion[part], states[part])
+                yield rest.swing(np.stack([np.interp(rest.t, t[part], values)
+                                           for values in (pulled @ rest.jacobian).T], axis=1))
+
+    def errors(self, x: FloatArray, scale: float = 1.0) -> FloatArray:
+        """Give how unlikely a tool is, and what it leaves over, in units of what is expected."""
+        planes, length = (len(x) - 9) // 2, math.exp(x[7])
+        usual = np.concatenate([
+            (x[3:6] - length * pin.exp3(x[:3])[:, 2]) / settings.TOOL_FOOT,
+            [(x[7] - math.log(settings.TOOL_LENGTH)) / 0.7], np.diff(x[8:8 + planes]) / 0.4,
+            x[8 + planes:-1] - math.log(settings.TOOL_DAMPING),
+            np.diff(x[8 + planes:-1]) / 0.3, x[-1:] / settings.TOOL_DELAY])
+        return np.concatenate([usual, *(((found - rest.rings) / unit).ravel() for found, rest, unit
+                                        in zip(self.efforts(x), self.rests, self.units(scale),
+                                               strict=True))])
+
+    def begun(self, peaks: Sequence[float], planes: int) -> list[FloatArray]:
+        """Give starts in all directions, with the mass that explains most, the best first."""
+        pairs = ([(one,) for one in peaks] if planes == 1 else [(peaks[0], one) for one in peaks])
+        found = []
+        for z in _directions(settings.TOOL_WAYS):
+            for angle in np.linspace(0.0, math.pi, 4, endpoint=False):
+                x = np.cross(z, np.roll(z, 1) * [1.0, -1.0, 1.0])
+                x /= np.linalg.norm(x)
+                x = math.cos(angle) * x + math.sin(angle) * np.cross(z, x)
+                turn = pin.log3(np.stack([x, np.cross(z, x), z], axis=1))
+                for pair, off in itertools.product(pairs, settings.TOOL_OFF):
+                    if planes == 2 and pair[0] == pair[1] and angle > 0.0:
+                        continue  # one that bends alike in all directions
+                    found.append(np.concatenate([
+                        turn, settings.TOOL_LENGTH * z, [0.0, math.log(settings.TOOL_LENGTH)],
+                        np.log(pair) + off, [math.log(settings.TOOL_DAMPING)] * planes,
+                        [0.5 * settings.TOOL_DELAY]]))
+        units, costs = list(self.units(1.0)), []
+        seen = np.concatenate([(rest.rings / unit).ravel()
+                               for rest, unit in zip(self.rests, units, strict=True)])
+        for start in found:
+            shown = np.concatenate([(each / unit).ravel() for each, unit in zip(
+                self.efforts(start), units, strict=True)])
+            size = max(float(shown @ seen) / float(shown @ shown), 1e-3)
+            start[6] = math.log(size)
+            costs.append(float(np.sum((size * shown - seen) ** 2)))
+        return [found[k] for k in np.argsort(costs)]
+
+    def best(self, planes: int) -> _Found:
+        """Search the tool with so many bending planes."""
+        from scipy.optimize import least_squares  # slow to import
+
+        unit = np.array([0.3] * 3 + [0.1] * 3 + [0.3, 0.3] + [0.02] * planes + [0.3] * planes
+                        + [0.01])
+
+        def solved(search: _Search, start: FloatArray, most: int, scale: float = 1.0,
+                   fine: float = 1e-3) -> Any:
+            return least_squares(search.errors, start, x_scale=unit, max_nfev=most, ftol=fine,
+                                 args=(scale,))
+        peaks = loudest_of([(rest.t, rest.rings / rest.noise) for rest in self.rests],
+                           settings.TOOL_PEAKS)
+        short = self.short(peaks[0])
+        tried = sorted((solved(short, start, 8)
+                        for start in short.begun(peaks, planes)[:settings.TOOL_TRIED]),
+                       key=lambda one: float(one.cost))
+        whole = min((solved(self, one.x, 20) for one in tried[:3]
+                     if one.cost < settings.TOOL_NEAR * tried[0].cost),
+                    key=lambda one: float(one.cost))
+        noise = sum(len(rest.t) * float(np.sum((rest.noise / expected) ** 2))
+                    for rest, expected in zip(self.rests, self.units(1.0), strict=True))
+        beyond = max(2.0 * float(whole.cost) - noise, settings.TOOL_FEW)
+        # But for noise a rest is one complex sample: what it has besides, all of its joints have.
+        # It also weighs against what is usual.
+        last = solved(self, whole.x, 40, max(1.0, 0.5 * beyond / len(self.rests)), 1e-6)
+        return _Found(last.x, np.linalg.inv(last.jac.T @ last.jac), beyond)
+
+    def tool(self, best: _Found, motion: str) -> FlexibleTool:
+        """Make the tool of a solution, with its uncertainty and what is hidden."""
+        x, planes = best.x, (len(best.x) - 9) // 2
+        left, loud = [], []
+        for found, rest in zip(self.efforts(x), self.rests, strict=True):
+            noise = len(rest.t) * float(np.sum(rest.noise**2))
+            ring = max(float(np.sum(rest.rings**2)) - noise, 1e-12)
+            error = max(float(np.sum((found - rest.rings) ** 2)) - noise, 0.0)
+            left.append(error / ring)
+            loud.append(ring > settings.TOOL_HEARD * noise)
+        clear = [k for k, share in enumerate(left)
+                 if loud[k] and share < 1.0 - settings.RING_CLEAR]
+        if len(clear) < settings.TOOL_LEAST or 2 * len(clear) < sum(loud):
+            raise FitError(f'a flexible tool explains {len(clear)} of {sum(loud)} rests that '
+                           f'ring; it needs {settings.TOOL_LEAST}, and half of them',
+                           remedy='let the arm rest for three seconds or more after each motion')
+        covariance = 0.5 * (best.covariance + best.covariance.T)[:-1, :-1]
+        mass, length, *others = np.exp(x[6:-1]).tolist()
+        return FlexibleTool.model_validate({
+            'motion': motion, 'rests': len(clear), 'turn': x[:3].tolist(),
+            'place': x[3:6].tolist(), 'mass': mass, 'length': length,
+            'frequencies': others[:planes], 'damping': others[planes:],
+            'covariance': covariance.tolist(),
+            'quiet': float(np.median([np.sqrt(np.mean(rest.noise**2)) for rest in self.rests])),
+            'scatter': max(math.sqrt(float(np.median([left[k] for k in clear]))),
+                           settings.TOOL_SURE),
+            'hidden': self.hidden(float(others[0]))})
+
+    def hidden(self, frequency: float) -> list[str]:
+        """Name what hardly moved the flange at the frequency of the tool."""
+        driven = []
+        for one in self.moves:
+            turned = np.exp(2j * math.pi * frequency * one.flange.t)[:, None]
+            lever = [1.0] * 3 + [settings.TOOL_LEVER] * 3
+            whole = np.cumsum(turned * one.flange.motion[:, :6] * lever, axis=0)
+            ends = np.searchsorted(one.flange.t, [0.0, *(rest.t[0] for rest in one.rests)])
+            driven += list(np.diff(whole[np.minimum(ends, len(whole) - 1)], axis=0))
+        rows = np.vstack([np.real(driven), np.imag(driven)])
+        sizes = {name: np.linalg.svd(rows[:, part], compute_uv=False)
+                 for name, part in KINDS.items()}
+        most = max(float(size[0]) for size in sizes.values())
+        return [name for name, size in sizes.items()
+                if len(size) < 3 or size[2] < settings.TOOL_HIDDEN * most]
+
+
+def _directions(count: int) -> FloatArray:
+    """Give directions that are spread evenly, by a spiral (count, 3)."""
+    k = np.arange(count) + 0.5
+    z, angle = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
+    flat = np.sqrt(1.0 - z * z)
+    return np.column_stack([flat * np.cos(angle), flat * np.sin(angle), z])

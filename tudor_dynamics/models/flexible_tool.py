@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A flexible tool at the flange: what drives it, how it rings, what it shows in efforts."""
+"""A flexible tool at the flange: how it is after a motion, how it rings, what efforts show."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 from pydantic import Field
+from scipy.linalg import eigh
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import Finite, Positive
@@ -30,27 +31,24 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base import BundlePart
 from tudor_dynamics.models.settings import (
-    RING_AFTER, TOOL_CUTOFF, TOOL_DRAWS, TOOL_MEMORY, TOOL_STEP)
+    RING_AFTER, TOOL_CUTOFF, TOOL_DRAWS, TOOL_MEMORY, TOOL_NUDGE, TOOL_STEP)
+from tudor_dynamics.models.tool_motion import accelerate, follow, MOTION, PLACES, settled, TOOL
 from tudor_dynamics.signals.filters import MotionState, zero_phase
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.typing import FloatArray
-
-# One mode eta at the flange, the frame of the last joint, with its acceleration a and gravity g:
-#     eta'' + 2 zeta w eta' + w^2 eta = -p . (a - g),   w^2 = w0^2 + gravity . g
-# By reciprocity efforts have J' p eta''; p is the participation.
 
 LIKELY = 1.96  # standard deviations of an interval of 95 %
 
 
 @dataclass(frozen=True, eq=False)
 class Flange:
-    """Motion of the flange in its own frame."""
+    """Motion of the flange, the frame of the last joint, in its own frame."""
 
     t: FloatArray  # (samples,) [s]
-    acceleration: FloatArray  # linear, angular, (samples, 6) [m/s^2, rad/s^2]
-    twist: FloatArray  # velocity, linear, angular, (samples, 6) [m/s, rad/s]
-    gravity: FloatArray  # (samples, 3) [m/s^2]
-    jacobian: FloatArray  # at the end, (6, joints)
+    # Acceleration, angular acceleration, rate of rotation, gravity (samples, 12) [m/s^2, rad/s].
+    motion: FloatArray
+    velocity: FloatArray  # (samples, 3) [m/s]
+    jacobian: FloatArray  # at the end, linear and angular, (6, joints)
 
 
 @dataclass(frozen=True)
@@ -70,11 +68,25 @@ class Estimate:
 class Oscillation:
     """A ring, as it is predicted."""
 
-    frequency: Estimate  # [Hz]
     amplitude: FloatArray  # in the efforts of all joints, (joints,) [N m or N]
     loudest: int  # joint of the largest amplitude
     torque: Estimate  # amplitude there [N m or N]
-    mode: Estimate  # amplitude of the mode [m kg^0.5]
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Small vibrations about the place where a tool hangs, the slower first."""
+
+    poles: FloatArray  # complex, (modes,) [1/s]
+    shapes: FloatArray  # of d in each, (2, modes)
+    pulls: FloatArray  # on the flange, force and moment by an acceleration of 1, (modes, 6)
+    hangs: FloatArray  # d, (2,) [m]
+
+    def of(self, state: FloatArray) -> Any:
+        """Give how far each is out, complex (modes,), in a state (4,)."""
+        out, speed = (np.linalg.lstsq(self.shapes, x, rcond=None)[0]
+                      for x in (state[:2] - self.hangs, state[2:]))
+        return out - 1j * speed / self.poles.imag
 
 
 def flange_motion(arm: Arm, t: FloatArray, motion: MotionState) -> Flange:
@@ -84,117 +96,151 @@ def flange_motion(arm: Arm, t: FloatArray, motion: MotionState) -> Flange:
     states = np.zeros((len(t), 3, model.nv))
     for order, values in enumerate((motion.q, motion.dq, motion.ddq)):
         states[:, order, arm.velocity_index] = values
-    acceleration, twist, gravity = (np.empty((len(t), size)) for size in (6, 6, 3))
+    rows, velocity = np.empty((len(t), MOTION)), np.empty((len(t), 3))
     for k, state in enumerate(states):
         pin.forwardKinematics(model, data, *state)
-        acceleration[k] = pin.getClassicalAcceleration(model, data, last, local).vector
-        twist[k] = pin.getVelocity(model, data, last, local).vector
-        gravity[k] = data.oMi[last].rotation.T @ model.gravity.linear
+        rows[k, :6] = pin.getClassicalAcceleration(model, data, last, local).vector
+        twist = pin.getVelocity(model, data, last, local)
+        velocity[k], rows[k, 6:9] = twist.linear, twist.angular
+        rows[k, 9:] = data.oMi[last].rotation.T @ model.gravity.linear
     pin.computeJointJacobians(model, data, states[-1, 0])
     jacobian = pin.getJointJacobian(model, data, last, local)
-    return Flange(t, acceleration, twist, gravity, jacobian[:, arm.velocity_index])
+    return Flange(t, rows, velocity, jacobian[:, arm.velocity_index])
 
 
-def angular_frequency(squares: FloatArray, gravity: FloatArray) -> FloatArray:
-    """Give the frequency [rad/s] where gravity (..., 3) has a direction in the flange."""
-    return np.asarray(2.0 * math.pi * np.sqrt(np.maximum(
-        squares[0] + gravity @ squares[1:], 1e-6)))
+def row_of(x: FloatArray) -> FloatArray:
+    """Give the numbers of ``tool_motion`` of parameters, see FlexibleTool.parameters."""
+    planes = (len(x) - 8) // 2
+    w, ratio = 2.0 * math.pi * np.exp(x[8:8 + planes]), np.exp(x[8 + planes:])
+    row = np.zeros(TOOL)
+    row[:3], row[3:12], row[12] = x[3:6], pin.exp3(x[:3]).T.ravel(), math.exp(-x[7])
+    row[13:15], row[15:17], row[17] = w**2, 2.0 * ratio * w, planes - 1
+    return row
 
 
-def free_ring(flange: Flange, squares: FloatArray, damping: float) -> Any:
-    """Give eta'' at the end of a motion, complex, by each part of the drive (6,)."""
-    # the solution of slow changes, as in signals/shaping.py; before the motion the tool hangs
-    w = angular_frequency(squares, flange.gravity)
-    pole = w * complex(-damping, math.sqrt(1.0 - damping**2))
-    step = np.diff(flange.t)
-    left = np.append(np.cumsum((0.5 * step * (pole[1:] + pole[:-1]))[::-1])[::-1], 0.0)
-    drive = flange.acceleration.copy()
-    drive[:, :3] -= flange.gravity - flange.gravity[-1]
-    kernel = (np.exp(left) / np.sqrt(pole.imag * pole.imag[-1]))[:, None] * drive
-    summed = 0.5 * step @ (kernel[1:] + kernel[:-1]) - kernel[0] / pole[0]
-    return 1j * pole[-1] ** 2 * summed
+def modes_of(row: FloatArray, gravity: FloatArray) -> Modes:
+    """Find the modes of a tool of 1 kg where gravity (3,) has a direction in the flange."""
+    still, planes = np.concatenate([np.zeros(9), gravity]), int(row[17]) + 1
+    hangs = settled(row, still)
+
+    def near(k: int, by: float) -> tuple[FloatArray, FloatArray]:
+        found, state = np.empty(PLACES), hangs.copy()
+        state[k] += by
+        accelerate(row, state[:2], state[2:], still, found)
+        return found[:2], found[5:]
+    ends = [[near(k, by) for by in (TOOL_NUDGE, -TOOL_NUDGE)] for k in range(planes)]
+    stiff, ways = (np.array([(one[i] - other[i]) / (2.0 * TOOL_NUDGE) for one, other in ends])
+                   for i in (0, 1))
+    inertia = ways @ ways.T
+    squares, shapes = eigh(-inertia @ stiff[:, :planes].T, inertia)
+    w, shapes = np.sqrt(np.maximum(squares, 1e-3)), shapes / np.linalg.norm(shapes, axis=0)
+    fading = 0.5 * (shapes**2).T @ row[15:15 + planes]
+    forces = shapes.T @ ways
+    # weight has another lever where the mass is off, by -1 / w^2 for an acceleration of 1
+    moments = np.cross(near(0, 0.0)[1], forces) + np.cross(forces, gravity) / w[:, None]**2
+    return Modes(-fading + 1j * np.sqrt(np.maximum(w**2 - fading**2, 1e-3)),
+                 np.vstack([shapes, np.zeros((2 - planes, planes))]),
+                 np.hstack([forces, moments]), hangs[:2])
 
 
 class FlexibleTool(BundlePart):
     """
-    One mode of what an arm carries at its flange.
+    What an arm carries at its flange and what bends, as one mass on a rod: see ``tool_motion``.
 
-    Source: modal reduction of a structure on a moving base; see docs/explanation/shaping.md.
+    Source: pseudo-rigid-body model of a cantilever; see docs/explanation/shaping.md.
     """
 
     motion: Literal['planned', 'measured']  # that it was fitted to
-    rings: int = Field(ge=1, le=10**9)  # that it was fitted to
-    # Squared frequency without gravity [Hz^2]; what gravity in the flange adds [Hz^2 per m/s^2].
-    squares: list[Finite] = Field(min_length=4, max_length=4)
-    squares_covariance: list[list[Finite]]
-    damping: float = Field(ge=0.0, lt=1.0)  # damping ratio
-    damping_error: float = Field(ge=0.0, lt=1.0)
-    # What drives it, and what it shows in efforts, linear and angular [kg^0.5, m kg^0.5].
-    participation: list[Finite] = Field(min_length=6, max_length=6)
-    participation_covariance: list[list[Finite]]
+    rests: int = Field(ge=1, le=10**9)  # in which it rings, that it was fitted to
+    # Rotation from the flange to its axes: it points along z, bends along x, and maybe y [rad].
+    turn: list[Finite] = Field(min_length=3, max_length=3)
+    place: list[Finite] = Field(min_length=3, max_length=3)  # of its mass, while straight [m]
+    mass: Positive  # [kg]
+    length: Positive  # of the rod [m]
+    frequencies: list[Positive] = Field(min_length=1, max_length=2)  # along x, y, no gravity [Hz]
+    damping: list[Positive] = Field(min_length=1, max_length=2)  # ratios
+    covariance: list[list[Finite]]  # of the parameters
     quiet: Positive  # ring that was not heard in the rests [N m or N]
     scatter: Positive  # error of a predicted ring, relative to it
     hidden: list[Literal['translation', 'rotation']]  # what the moves do not show
 
     def model_post_init(self, _: Any) -> None:
-        """Refuse what is no covariance, and no frequency."""
-        for name, size in (('squares', 4), ('participation', 6)):
-            rows = getattr(self, f'{name}_covariance')
-            values = np.array(rows if {len(row) for row in rows} == {size} else [])
-            if values.shape != (size, size) or not (
-                    np.linalg.eigvalsh(values).min() >= -1e-6 * np.abs(values).max()):
-                raise ModelError(f'{name}_covariance: expected a covariance of {size} values')
-        if not self.squares[0] > 0.0:
-            raise ModelError('squares begin with no square of a frequency')
+        """Refuse what is no covariance, and planes that differ in number."""
+        if len(self.damping) != len(self.frequencies):
+            raise ModelError('damping: expected one ratio for each of frequencies')
+        size = len(self.parameters)
+        values = np.array(self.covariance if {len(row) for row in self.covariance} == {size}
+                          else [])
+        if values.shape != (size, size) or not (
+                np.linalg.eigvalsh(values).min() >= -1e-6 * np.abs(values).max()):
+            raise ModelError(f'covariance: expected a covariance of {size} values')
 
-    def frequency(self, gravity: FloatArray) -> Estimate:
-        """Give the frequency [Hz] where gravity (3,) [m/s^2] has a direction in the flange."""
-        row = np.concatenate([[1.0], gravity])
-        square, off = row @ self.squares, math.sqrt(row @ self.squares_covariance @ row)
-        return Estimate(*(math.sqrt(max(float(square + k * off), 1e-6))
-                          for k in (0.0, -LIKELY, LIKELY)))
+    @property
+    def parameters(self) -> FloatArray:
+        """Turn, place, logarithms of mass, length, frequencies and damping, (10,) or (12,)."""
+        sizes = [self.mass, self.length, *self.frequencies, *self.damping]
+        return np.array([*self.turn, *self.place, *np.log(sizes)])
 
-    def frequency_at(self, arm: Arm, q: FloatArray) -> Estimate:
-        """Give the frequency [Hz] where the joints stand: q (joints,) [rad or m]."""
+    def drawn(self) -> FloatArray:
+        """Give the parameters, then random ones within their uncertainty."""
+        return np.vstack([self.parameters, np.random.default_rng(0).multivariate_normal(
+            self.parameters, self.covariance, TOOL_DRAWS, method='eigh')])
+
+    def modes(self, gravity: FloatArray) -> Modes:
+        """Find its modes where gravity (3,) [m/s^2] has a direction in the flange."""
+        found = modes_of(row_of(self.parameters), gravity)
+        return Modes(found.poles, found.shapes, self.mass * found.pulls, found.hangs)
+
+    def frequency(self, gravity: FloatArray) -> tuple[Estimate, ...]:
+        """Give the frequencies [Hz] where gravity (3,) [m/s^2] has a direction in the flange."""
+        found = np.array([np.abs(modes_of(row_of(x), gravity).poles) for x in self.drawn()])
+        return tuple(Estimate(float(one[0]), *_ends(one)) for one in found.T / (2.0 * math.pi))
+
+    def frequency_at(self, arm: Arm, q: FloatArray) -> tuple[Estimate, ...]:
+        """Give the frequencies [Hz] where the joints stand: q (joints,) [rad or m]."""
         still = np.zeros((1, len(q)))
         return self.frequency(flange_motion(
-            arm, np.zeros(1), MotionState(q[None], still, still)).gravity[0])
+            arm, np.zeros(1), MotionState(q[None], still, still)).motion[0, 9:])
 
     def ring_after(self, arm: Arm, trajectory: Trajectory) -> Oscillation:
         """Predict the ring after a trajectory, when modes of the arm itself have decayed."""
         begin, end = float(trajectory.t[0]), float(trajectory.t[-1])
-        t = np.arange(max(begin - 0.5, end - TOOL_MEMORY), end + RING_AFTER,
-                      TOOL_STEP)
+        t = np.arange(max(begin - 0.5, end - TOOL_MEMORY), end + RING_AFTER, TOOL_STEP)
         q = (np.asarray(spline(trajectory)(np.clip(t, begin, end))) if end > begin
              else np.tile(trajectory.q, (len(t), 1)))
         return self.ring(flange_motion(arm, t, zero_phase(t, q, TOOL_CUTOFF)))
 
     def ring(self, flange: Flange) -> Oscillation:
-        """Predict the ring at the end of a motion that begins at rest and ends at one."""
-        frequency = self.frequency(flange.gravity[-1])
-        off = frequency.value * (frequency.high - frequency.low) / LIKELY
-        early, free, late = (free_ring(flange, np.array(self.squares) + [off * k, 0.0, 0.0, 0.0],
-                                       self.damping) for k in (-1.0, 0.0, 1.0))
-        random = np.random.default_rng(0)
-        drawn = random.multivariate_normal(self.participation, self.participation_covariance,
-                                           TOOL_DRAWS, method='eigh')
-        noise = random.normal(size=(3, len(drawn)))
-        changed = free + noise[0, :, None] * 0.5 * (late - early)
-        modes = np.abs((drawn * changed).sum(axis=1) * (
-            1.0 + self.scatter * math.sqrt(0.5) * (noise[1] + 1j * noise[2])))
-        mode = float(abs(self.participation @ free))
-        amplitude = np.abs(self.participation @ flange.jacobian) * mode
-        loudest = int(np.argmax(amplitude))
-        shown = modes * np.abs(drawn @ flange.jacobian[:, loudest])
-        square = (2.0 * math.pi * frequency.value) ** 2
-        return Oscillation(frequency, amplitude, loudest, *(
-            Estimate(value, min(value, float(np.quantile(values, 0.025))),
-                     max(value, float(np.quantile(values, 0.975))))
-            for value, values in ((float(amplitude[loudest]), shown),
-                                  (mode / square, modes / square))))
+        """Predict the ring at the end of a motion, in even steps, from rest to rest."""
+        noise = np.random.default_rng(1).normal(size=(2, TOOL_DRAWS)) * math.sqrt(0.5)
+        shown = np.array([_shown(x, flange) for x in self.drawn()])
+        shown[1:] *= np.abs(1.0 + self.scatter * (noise[0] + 1j * noise[1]))[:, None]
+        loudest = int(np.argmax(shown[0]))
+        return Oscillation(shown[0], loudest, Estimate(
+            float(shown[0, loudest]), *_ends(shown[:, loudest])))
 
     def __str__(self) -> str:
-        """Write the mode, and what the moves did not show."""
+        """Write the modes, and what the moves did not show."""
         hidden = f'; these moves do not show {" or ".join(self.hidden)}' if self.hidden else ''
-        return (f'rings at {math.sqrt(self.squares[0]):.3g} Hz without gravity, damping ratio '
-                f'{self.damping:.2g}, by {self.rings} rests after {self.motion} motion{hidden}')
+        each = (f'{" and ".join(f"{value:.{digits}g}" for value in values)}' for values, digits in
+                ((self.frequencies, 3), (self.damping, 2)))
+        return (f'rings at {next(each)} Hz without gravity, damping ratio {next(each)}, '
+                f'{self.mass:.2g} kg at {self.length:.2g} m, by {self.rests} rests after '
+                f'{self.motion} motion{hidden}')
+
+
+def _ends(values: FloatArray) -> tuple[float, float]:
+    """Give an interval of 95 % that contains the first value."""
+    low, high = np.quantile(values[1:], [0.025, 0.975])
+    return min(float(low), float(values[0])), max(float(high), float(values[0]))
+
+
+def _shown(x: FloatArray, flange: Flange) -> FloatArray:
+    """Give half the range of efforts (joints,) in the first period after a motion."""
+    row = row_of(x)
+    step = float(flange.t[-1] - flange.t[0]) / max(len(flange.t) - 1, 1)
+    modes = modes_of(row, flange.motion[-1, 9:])
+    pulls = modes.poles**2 * modes.of(follow(row, step, flange.motion)[-1])
+    t = np.linspace(0.0, 2.0 * math.pi / modes.poles[0].imag, 48)
+    waves = (np.exp(np.outer(t, modes.poles)) * pulls) @ modes.pulls @ flange.jacobian
+    return 0.5 * math.exp(x[6]) * np.ptp(waves.real, axis=0)

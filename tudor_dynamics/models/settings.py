@@ -139,23 +139,21 @@ RING_AFTER = 1.2
 TOOL_CUTOFF = 25.0  # corner of the zero-phase filter of motion [Hz]
 # Samples of a trajectory, and how much of it a tool remembers, from its end [s].
 TOOL_STEP, TOOL_MEMORY = 0.004, 60.0
-TOOL_DRAWS = 400  # random tools within the uncertainty, for an interval
+TOOL_DRAWS = 120  # random tools within the uncertainty, for an interval
+TOOL_NUDGE = 1e-4  # of its place, for differences [m]
 
 # -- Another timing of a path (still_timing.py); measured by bench/still_moves.py
 # Of a period that a motion may be longer, tried in turn: as much as ZV takes, and a fifth more.
-TIMING_LONGER = (0.5, 0.55, 0.6)
+TIMING_LONGER = (0.5, 0.55, 0.59)
 # Between knots of the rate [s], and least number of them.
 TIMING_KNOT, TIMING_FEWEST = 0.06, 16
 TIMING_SPREAD = 0.05  # part by which the frequency may be another
 # Ring over that of the given trajectory: which is good enough, the same where the frequency is
 # off, and from which on a timing is refused.
 TIMING_GOOD, TIMING_OFF, TIMING_MOST = 0.01, 0.05, 0.2
-# How much a ring in any direction of the flange counts, over one in that of the participation: in
-# MuJoCo tools that bend in two planes keep 10 % of their ring, 36 % with 0 (bench/still_moves.py).
-TIMING_ASIDE = 0.1
 TIMING_LEAST = 0.02  # of what a motion drives in all, a ring that is not worth less
 TIMING_ROUNDS = 12  # most linear programmes in turn
-TIMING_NUDGE = 1e-4  # of the rate, for differences
 TIMING_RADII = (0.3, 0.12, 0.05, 0.02, 0.008)  # largest change of the rate in a step
 TIMING_SLOWEST = 0.05  # least rate
+TIMING_SAME = 0.05  # frequencies that are closer are one to impulses
 TIMING_EVERY = 4  # samples between those at which a step keeps to limits; all are checked after it

@@ -17,17 +17,15 @@ Another timing of a given path, after which a flexible tool is still.
 
 The path ``q(s)`` stays, with ``s`` the time of the given trajectory; ``s(t)`` is sought. With the
 flange's acceleration ``a(s)`` and twist ``v(s)`` of the given trajectory, that of the new one is
-``a s'^2 + v s''``. The ring that this leaves (``flexible_tool.free_ring``) is linear in small
-changes of ``s'``, so that linear programmes in turn reduce it, as in ``signals/shaping.py``.
-
-It is reduced not only in the direction of the participation but, less strictly, in each of the six
-of the flange: tools bend in a second plane too, and planes exchange their rings where they turn.
+``a s'^2 + v s''``. The ring that this leaves is linear in small changes of ``s'``, so that linear
+programmes in turn reduce it, as in ``signals/shaping.py``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -36,11 +34,12 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.models.flexible_tool import (
-    Flange, flange_motion, FlexibleTool, free_ring, LIKELY)
+    flange_motion, FlexibleTool, LIKELY, modes_of, row_of)
 from tudor_dynamics.models.settings import (
-    TIMING_ASIDE, TIMING_EVERY, TIMING_FEWEST, TIMING_GOOD, TIMING_KNOT, TIMING_LEAST,
-    TIMING_LONGER, TIMING_MOST, TIMING_NUDGE, TIMING_OFF, TIMING_RADII, TIMING_ROUNDS,
-    TIMING_SLOWEST, TIMING_SPREAD, TOOL_STEP)
+    TIMING_EVERY, TIMING_FEWEST, TIMING_GOOD, TIMING_KNOT, TIMING_LEAST, TIMING_LONGER,
+    TIMING_MOST, TIMING_OFF, TIMING_RADII, TIMING_ROUNDS, TIMING_SAME, TIMING_SLOWEST,
+    TIMING_SPREAD, TOOL_STEP)
+from tudor_dynamics.models.tool_motion import end_slopes, follow
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.signals.settings import ROUNDING
@@ -48,8 +47,8 @@ from tudor_dynamics.signals.shaping import check_at_rest, convolved, impulses, s
 from tudor_dynamics.typing import FloatArray
 
 TIMING = 'timing'  # the kind of shaping beside those by impulses
-WEIGHT = np.repeat([1.0, TIMING_GOOD / TIMING_OFF, TIMING_GOOD / TIMING_OFF], 7)
-"""Of the rings at the frequency expected, at a lower and at a higher one."""
+WEIGHT = np.array([1.0, TIMING_GOOD / TIMING_OFF, TIMING_GOOD / TIMING_OFF])[:, None]
+"""Of the rings at the frequencies expected, at lower and at higher ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,17 +87,21 @@ def still_timing(arm: Arm, tool: FlexibleTool, given: Trajectory) -> StillTiming
     if left > TIMING_MOST:
         raise SignalError(f'no timing of this path leaves the tool still: {100.0 * left:.0f} % of '
                           'the ring remain', remedy='begin more slowly, or shape it by zv or zvd')
-    rings = np.abs(timing.rings(rate)) / path.size
-    return StillTiming(timing.trajectory(given, rate), float(rings[0]),
-                       float(rings[[7, 14]].max()))
+    rings = np.abs(timing.rings(rate))
+    return StillTiming(timing.trajectory(given, rate), float(rings[0].max()),
+                       float(rings[1:].max()))
 
 
 def shaped_for(arm: Arm, tool: FlexibleTool, given: Trajectory, kind: str) -> Trajectory:
     """Shape a trajectory by its timing, or by impulses for the tool where it ends."""
     if kind == TIMING:
         return still_timing(arm, tool, given).trajectory
-    frequency = tool.frequency_at(arm, given.of(arm.active_joints).q[-1]).value
-    return convolved(given, impulses(kind, frequency, tool.damping))
+    modes = [one.value for one in tool.frequency_at(arm, given.of(arm.active_joints).q[-1])]
+    if modes[-1] < (1.0 + TIMING_SAME) * modes[0]:
+        modes = [math.sqrt(modes[0] * modes[-1])]
+    for frequency in modes:
+        given = convolved(given, impulses(kind, frequency, float(np.mean(tool.damping))))
+    return given
 
 
 class _Path:
@@ -112,41 +115,49 @@ class _Path:
         q, dq, ddq = (np.asarray(curve(t, order)) for order in range(3))
         own = [given.joints.index(name) for name in given.of(arm.active_joints).joints]
         flange = flange_motion(arm, t, MotionState(q[:, own], dq[:, own], ddq[:, own]))
-        self.damping, expected = tool.damping, tool.frequency(flange.gravity[-1])
-        self.frequency = expected.value
-        spread = max(TIMING_SPREAD, (expected.high - expected.low) / (2.0 * LIKELY)
-                     / expected.value)
-        # squares of the tool at the frequency expected, and at two that are off
-        more = expected.value**2 * (np.array([1.0, 1.0 - spread, 1.0 + spread])**2 - 1.0)
-        self.squares = np.array(tool.squares) + np.outer(more, [1.0, 0.0, 0.0, 0.0])
-        self.own = np.array(tool.participation)
-        self.sizes = np.repeat(np.linalg.norm(self.own.reshape(2, 3), axis=1), 3)
+        gravity = flange.motion[-1, 9:]
+        expected = tool.frequency(gravity)
+        self.frequency = expected[0].value
+        spread = max(TIMING_SPREAD, *((one.high - one.low) / (2.0 * LIKELY) / one.value
+                                      for one in expected))
+        # the tool at the frequencies expected, and at lower and higher ones
+        self.rows = np.tile(row_of(tool.parameters), (3, 1))
+        self.rows[:, 13:15] *= np.array([[1.0], [1.0 - spread], [1.0 + spread]]) ** 2
+        self.modes = [modes_of(row, gravity) for row in self.rows]
         most = np.abs(ddq).max(axis=0)
         moves = most > 1e-9
-        self.rows = np.hstack([flange.acceleration, flange.twist, flange.gravity,
-                               ddq[:, moves] / most[moves], dq[:, moves] / most[moves]])
+        self.table = np.hstack([flange.motion[:, :6], flange.velocity, flange.motion[:, 6:],
+                                ddq[:, moves] / most[moves], dq[:, moves] / most[moves]])
+        self.slopes = np.gradient(self.table[:, :15], self.seconds / (count - 1), axis=0)
         # relative to a motion that hardly rings, nothing would be little
-        rings = self.rings(t - t[0], self.rows, np.ones((count, 1)), np.zeros((count, 1)))
-        drive = np.abs(flange.acceleration @ self.own)
-        gross = 2.0 * math.pi * self.frequency * float(drive.mean()) * self.seconds
-        self.size = max(float(np.abs(rings[:7]).max()), TIMING_LEAST * gross, 1e-12)
+        motion = motion_of(self.table, np.ones((count, 1)), np.zeros((count, 1)))
+        drive = np.linalg.norm((motion[:, :3] + np.cross(motion[:, 3:6], tool.place))
+                               @ self.rows[0, 3:9].reshape(2, 3).T, axis=1)
+        gross = float(drive.mean()) * self.seconds / (2.0 * math.pi * self.frequency)
+        self.size = 1.0
+        rings = self.rings(self.seconds / (count - 1), motion)
+        if not np.isfinite(rings).all():
+            raise SignalError('the trajectory bends the tool further than its model knows',
+                              remedy='move more slowly, or shape it by zv or zvd')
+        self.size = max(float(np.abs(rings[0]).max()), TIMING_LEAST * gross, 1e-12)
 
-    def at(self, s: FloatArray) -> FloatArray:
-        """Give the rows at times of the given trajectory [s]."""
-        place = np.clip(s / self.seconds, 0.0, 1.0) * (len(self.rows) - 1)
-        k = np.minimum(place.astype(int), len(self.rows) - 2)
+    def at(self, table: FloatArray, s: FloatArray) -> FloatArray:
+        """Give the rows of a table at times of the given trajectory [s]."""
+        place = np.clip(s / self.seconds, 0.0, 1.0) * (len(table) - 1)
+        k = np.minimum(place.astype(int), len(table) - 2)
         share = (place - k)[:, None]
-        return np.asarray((1.0 - share) * self.rows[k] + share * self.rows[k + 1])
+        return np.asarray((1.0 - share) * table[k] + share * table[k + 1])
 
-    def rings(self, t: FloatArray, rows: FloatArray, rate: FloatArray, slope: FloatArray,
-              ) -> FloatArray:
-        """Give the rings at the end, complex (21,), of rows passed at a rate (samples, 1)."""
-        moving = rows[:, :6] * rate**2 + rows[:, 6:12] * slope
-        # the arm rests until it begins, maybe with a jump of the acceleration
-        flange = Flange(np.append(t[0], t), np.vstack([0.0 * moving[:1], moving]), np.empty(0),
-                        np.vstack([rows[:1, 12:15], rows[:, 12:15]]), np.empty(0))
-        parts = np.array([free_ring(flange, squares, self.damping) for squares in self.squares])
-        return np.hstack([parts @ self.own[:, None], TIMING_ASIDE * parts * self.sizes]).ravel()
+    def rings(self, step: float, motion: FloatArray) -> Any:
+        """Give the rings at the end of a motion, complex (3, modes)."""
+        return np.array([modes.of(follow(row, step, motion)[-1])
+                         for row, modes in zip(self.rows, self.modes, strict=True)]) / self.size
+
+
+def motion_of(rows: FloatArray, rate: FloatArray, slope: FloatArray) -> FloatArray:
+    """Give the motion of the flange, see ``tool_motion``, of rows of a path passed at a rate."""
+    return np.hstack([rows[:, :6] * rate**2 + rows[:, 6:12] * slope, rows[:, 9:12] * rate,
+                      rows[:, 12:15]])
 
 
 class _Timing:
@@ -163,11 +174,29 @@ class _Timing:
 
     def parts(self, c: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Give rows, rate and its slope of a timing."""
-        return (self.path.at(self.place @ c), (self.rate @ c)[:, None], (self.slope @ c)[:, None])
+        return (self.path.at(self.path.table, self.place @ c), (self.rate @ c)[:, None],
+                (self.slope @ c)[:, None])
 
-    def rings(self, c: FloatArray) -> FloatArray:
-        """Give the rings of a timing, complex (21,)."""
-        return self.path.rings(self.t, *self.parts(c))
+    def rings(self, c: FloatArray) -> Any:
+        """Give the rings of a timing, complex (3, modes)."""
+        return self.path.rings(float(self.t[1]), motion_of(*self.parts(c)))
+
+    def changes(self, c: FloatArray) -> Any:
+        """Give what each coefficient does to the rings, complex (3, modes, coefficients)."""
+        path, step = self.path, float(self.t[1])
+        rows, rate, slope = self.parts(c)
+        motion, none = motion_of(rows, rate, slope), np.zeros((len(rows), 3))
+        ways = np.stack([
+            motion_of(path.at(path.slopes, self.place @ c), rate, slope),
+            np.hstack([2.0 * rows[:, :6] * rate, rows[:, 9:12], none]),
+            np.hstack([rows[:, 6:12], none, none])])
+        found = []
+        for row, modes in zip(path.rows, path.modes, strict=True):
+            ends = end_slopes(row, step, motion, follow(row, step, motion), ways)
+            of_state = np.array([modes.of(one) - modes.of(0.0 * one) for one in np.eye(4)]).T
+            found.append(of_state @ sum(ends[:, way] @ basis for way, basis in enumerate(
+                (self.place, self.rate, self.slope))))
+        return np.array(found) / path.size
 
     def allowed(self, c: FloatArray) -> bool:
         """Say whether no joint is faster, nor accelerates more, than in the given trajectory."""
@@ -179,14 +208,12 @@ class _Timing:
     def search(self) -> tuple[FloatArray, FloatArray]:
         """Search the timing after which least rings; with the rings, over those given."""
         c = np.full(self.count, self.path.seconds / self.t[-1])
-        here = self.rings(c) / self.path.size
+        here = self.rings(c)
         radius = 0
         for _ in range(TIMING_ROUNDS):
             if (WEIGHT * np.abs(here)).max() <= TIMING_GOOD:
                 break
-            changes = TIMING_NUDGE * np.eye(self.count)
-            slopes = np.array([self.rings(c + one) / self.path.size - here
-                               for one in changes]).T / TIMING_NUDGE
+            slopes = self.changes(c)
             while radius < len(TIMING_RADII):
                 found = self._better(c, here, slopes, TIMING_RADII[radius])
                 if found is not None:
@@ -209,7 +236,8 @@ class _Timing:
                    * of_slope[:, None]).reshape(-1, self.count)
         near = np.abs(used) + radius * np.abs(changes).sum(axis=1) > ROUNDING
         used, changes = used[near], changes[near]
-        weighted, now = WEIGHT[:, None] * slopes, WEIGHT * here
+        weighted = (WEIGHT[:, :, None] * slopes).reshape(-1, self.count)
+        now = (WEIGHT * here).ravel()
         rings = np.vstack([weighted.real, weighted.imag])
         value = np.concatenate([now.real, now.imag])
         blocks = [(rings, -value, value, -1.0), (changes, 1.0 - used, 1.0 + used, 0.0),
@@ -227,7 +255,7 @@ class _Timing:
             return None
         for share in (1.0, 0.5, 0.25):
             tried = c + share * step[:-1]
-            left = self.rings(tried) / self.path.size
+            left = self.rings(tried)
             if self.allowed(tried) and (WEIGHT * np.abs(left)).max() < (
                     WEIGHT * np.abs(here)).max():
                 return tried, left

@@ -16,52 +16,61 @@
 
 from __future__ import annotations
 
-import cmath
 import math
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.models.flexible_tool import angular_frequency, FlexibleTool
-from tudor_dynamics.online.settings import RING_BANDWIDTH, RING_MEAN
+from tudor_dynamics.models.flexible_tool import FlexibleTool, Modes
+from tudor_dynamics.online.settings import RING_BANDWIDTH, RING_MEAN, RING_RENEWED, RING_RIDGE
 from tudor_dynamics.typing import FloatArray
 
 
 class RingObserver:
     """
-    Follows the acceleration of a tool's mode, which turns and decays, and a mean beside it.
+    Follows the acceleration of a tool's modes, which turn and decay, and a mean beside each.
 
-    The residual of efforts is J' p eta'', see ``models.flexible_tool``; projected on J' p it
-    corrects the mode, a complex number, as a Luenberger observer does.
+    The residual of efforts is the sum of their pulls, see ``models.flexible_tool``; projected on
+    these it corrects the modes, complex numbers, as a Luenberger observer does.
     """
 
     def __init__(self, arm: Arm, tool: FlexibleTool) -> None:
         self.tool, self._arm = tool, arm
         self._data, self._q = arm.model.createData(), np.zeros(arm.model.nq)
-        self._last, self._own = arm.model.njoints - 1, np.array(tool.participation)
-        self._squares = np.array(tool.squares)
-        self._mode, self._mean = 0j, 0.0
-        self._rate = 1.0  # at which it decays [1/s]
+        self._last = arm.model.njoints - 1
+        self._small: Modes | None = None  # vibrations of a pose lately
+        self._age = 0.0  # of these [s]
+        self._modes: Any = np.zeros(len(tool.frequencies), complex)
+        self._mean = np.zeros(len(tool.frequencies))
+        self._rate = 1.0  # at which they decay [1/s]
         self.amplitude = np.zeros(len(arm.active_joints))  # of each effort [N m or N]
 
     def step(self, dt: float, q: FloatArray, residual: FloatArray) -> FloatArray:
         """Take the residual of efforts (joints,) into account; dt 0 begins. Give amplitudes."""
-        model, tool = self._arm.model, self.tool
+        model = self._arm.model
         self._q[self._arm.velocity_index] = q
         jacobian = pin.computeJointJacobian(model, self._data, self._q, self._last)
-        lever = self._own @ jacobian[:, self._arm.velocity_index]
-        gravity = self._data.oMi[self._last].rotation.T @ model.gravity.linear
-        w = float(angular_frequency(self._squares, gravity))
-        self._rate = tool.damping * w
+        self._age += dt
+        if self._small is None or dt <= 0.0 or self._age > RING_RENEWED:
+            self._small, self._age = self.tool.modes(
+                self._data.oMi[self._last].rotation.T @ model.gravity.linear), 0.0
+        modes = self._small
+        levers = modes.pulls @ jacobian[:, self._arm.velocity_index]
         if dt <= 0.0:
-            self._mode, self._mean = 0j, 0.0
-        self._mode *= cmath.exp(w * dt * complex(-tool.damping, math.sqrt(1 - tool.damping**2)))
-        error = float(lever @ residual) / float(lever @ lever) - self._mode.real - self._mean
+            self._modes, self._mean = 0.0 * self._modes, 0.0 * self._mean
+        self._modes = self._modes * np.exp(modes.poles * dt)
+        self._rate = float(-modes.poles.real.max())
+        # where efforts hardly tell the modes apart, neither has all of them
+        square = levers @ levers.T
+        square += RING_RIDGE * np.trace(square) * np.eye(len(square))
+        error = np.linalg.solve(square, levers @ residual) - self._modes.real - self._mean
         # a real error corrects half of a complex number
-        self._mode += 2.0 * (1.0 - math.exp(-RING_BANDWIDTH * w * dt)) * error
-        self._mean += (1.0 - math.exp(-RING_MEAN * w * dt)) * error
-        self.amplitude = np.abs(lever) * abs(self._mode)
+        w = modes.poles.imag * dt
+        self._modes += 2.0 * (1.0 - np.exp(-RING_BANDWIDTH * w)) * error
+        self._mean += (1.0 - np.exp(-RING_MEAN * w)) * error
+        self.amplitude = np.abs(self._modes) @ np.abs(levers)
         return self.amplitude
 
     def __str__(self) -> str:
