@@ -166,12 +166,9 @@ def link_end(arm: Arm, joint: str) -> float | None:
 
 
 def spans_of(arm: Arm, known: Sequence[bool]) -> tuple[Span, ...]:
-    """
-    Divide the links at their gauges; none where no gauge has a scale, or no link a length.
-
-    A contact inboard of a link's first gauge is felt by the gauges of links before it alone, as a
-    contact of those. With one gauge a link, two of them in one plane show a force at the tip.
-    """
+    """Divide the links at their gauges; none where no gauge has a scale, or no link a length."""
+    # A contact inboard of a link's first gauge is felt by the gauges of links before it alone, as
+    # a contact of those. With one gauge a link, two of them in one plane show a force at the tip.
     places: dict[str, list[float]] = {}
     for gauge, counts in zip(arm.gauges, known, strict=True):
         if counts:
@@ -479,13 +476,10 @@ class ElasticFront:
         return np.asarray((measured - self._zero) / self._gain - moment)
 
     def settle(self, left: FloatArray, dt: float, states: FloatArray) -> None:
-        """
-        Draw the arm to what was measured, and hypotheses the other way.
-
-        An arm in its play, or far from where it is linearised, is no linear one. The followed arm
-        takes over what the true one does, and the states, which are the difference of both, know
-        of it.
-        """
+        """Draw the arm to what was measured, and hypotheses the other way."""
+        # An arm in its play, or far from where it is linearised, is no linear one. The followed
+        # arm takes over what the true one does, and the states, which are the difference of both,
+        # know of it.
         equations, c = self._driven.tables.equations, self.modes
         before = equations.vectors[[Z, DZ]][:, equations.free]
         if not self._driven.correct(left, dt):
