@@ -270,6 +270,16 @@ def link_frame(model: pin.Model, joint: str) -> str:
     return joint
 
 
+def link_reach(model: pin.Model, joint: str, direction: NDArray[np.float64]) -> float:
+    """Give how far a link reaches from its joint along a direction (3,) [m], where known."""
+    index = model.getJointId(joint)
+    places = [model.jointPlacements[child].translation
+              for child in range(index + 1, model.njoints) if model.parents[child] == index]
+    places += [frame.placement.translation for frame in model.frames
+               if frame.parentJoint == index]
+    return max((float(direction @ place) for place in places), default=0.0)
+
+
 def base_frame(model: pin.Model) -> str:
     """Give the name of the frame that does not move: the root link of a URDF, or base."""
     name = link_frame(model, 'universe')

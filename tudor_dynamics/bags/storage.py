@@ -77,9 +77,8 @@ def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     if not isinstance(version, int) or version > MAX_VERSION:
         raise ValueError(f'the bag has format version {version!r}, expected {MAX_VERSION} or less')
     if information['storage_identifier'] not in STORAGES.values():
-        msg = (f'storage {information["storage_identifier"]!r} is unknown; known are '
-               f'{", ".join(STORAGES.values())}')
-        raise ValueError(msg)
+        raise ValueError(f'storage {information["storage_identifier"]!r} is unknown; known are '
+                         f'{", ".join(STORAGES.values())}')
     compression = str(information.get('compression_mode') or '').lower().replace('none', '')
     if compression not in ('', 'file', 'message', 'storage'):
         raise ValueError(f'compression mode {compression!r} is unknown; known: file, message')

@@ -174,12 +174,9 @@ class JointGains(NamedTuple):
 
 
 def motor_gains(motor: MotorSpec, damper: DamperSpec) -> JointGains:
-    """
-    Tune the cascade of one joint by its motor.
-
-    The velocity loop sees the rotor alone, because the elastic link follows far below its
-    bandwidth w: K = J w / k_t, and the integrator has its corner at a fifth of w.
-    """
+    """Tune the cascade of one joint by its motor."""
+    # The velocity loop sees the rotor alone, because the elastic link follows far below its
+    # bandwidth w: K = J w / k_t, and the integrator has its corner at a fifth of w.
     if motor.reflected_inertia <= 0.0:
         raise ArmError(f'joint {motor.joint!r}: no velocity loop can be tuned for a rotor_inertia '
                        'of 0; set it [kg m^2] in motors: of the arm description')

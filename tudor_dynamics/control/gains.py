@@ -134,13 +134,11 @@ def position_gain_limit(delay: float) -> float:
 
 
 class RingingWatch:
-    """
-    Judges what the position loop and the damper add to the reference.
+    """Judges what the position loop and the damper add to the reference."""
 
-    While the reference rests, what they add must decay: an oscillation that keeps its size, or
-    grows, is fed by them. Whether it rests or not, commands beyond the speed limit again and
-    again, or far from the reference, are no damping either.
-    """
+    # While the reference rests, what they add must decay: an oscillation that keeps its size, or
+    # grows, is fed by them. Whether it rests or not, commands beyond the speed limit again and
+    # again, or far from the reference, are no damping either.
 
     def __init__(self, speed: FloatArray) -> None:
         self._scale = np.where(np.isfinite(speed), speed, 1.0)  # speed: that joints may have

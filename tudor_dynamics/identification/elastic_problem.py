@@ -493,12 +493,9 @@ def result_of(
 
 
 def _covariance(problem: Problem, x: FloatArray) -> FloatArray:
-    """
-    Covariance of the logarithms, gains and offsets.
-
-    The errors of neighbouring samples belong together, so each cluster of them counts as one
-    observation (Liang and Zeger 1986); plain least squares would promise ten times too much.
-    """
+    """Covariance of the logarithms, gains and offsets."""
+    # The errors of neighbouring samples belong together, so each cluster of them counts as one
+    # observation (Liang and Zeger 1986); plain least squares would promise ten times too much.
     moments, errors, gains = problem.compared(x)
     slopes = problem.slopes(x, moments)
     n, gauges = len(problem.names), gains.shape[0]

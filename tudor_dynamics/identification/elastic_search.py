@@ -259,7 +259,7 @@ def _peaks(
 
 # -- The search for the parameters of an elastic arm.
 #
-# Starts are compared first (``starts``). Then everything is searched in stages, in which the
+# Starts are compared first (`compare_starts`). Then everything is searched in stages, in which the
 # simulated arm is drawn towards the measured strain less and less: each begins where the one
 # before has left errors small enough. It is drawn to the last: see ``LAST``.
 

@@ -308,13 +308,11 @@ inertia (a force that is held at the tip), (channels,)."""
 
 
 class RigidSense:
-    """
-    Residuals of a model of rigid bodies, each channel by itself.
+    """Residuals of a model of rigid bodies, each channel by itself."""
 
-    Its error is no white noise. It counts by what it has over a second: its mean square times the
-    time for which it depends on itself, more so where the arm accelerates, which is when links
-    ring.
-    """
+    # Its error is no white noise. It counts by what it has over a second: its mean square times
+    # the time for which it depends on itself, more so where the arm accelerates, which is when
+    # links ring.
 
     lag = 0.0
     explained = RIGID_EXPLAINED

@@ -62,12 +62,9 @@ def point_mass(place: FloatArray) -> FloatArray:
 
 
 def consistent(parameters: FloatArray, information: FloatArray, size: float) -> FloatArray:
-    """
-    Find the body that can exist and explains an estimate best.
-
-    What the estimate does not know is that of a small body: each kilogram is drawn into a sphere
-    of the given size, by so little that no direction that is known moves.
-    """
+    """Find the body that can exist and explains an estimate best."""
+    # What the estimate does not know is that of a small body: each kilogram is drawn into a sphere
+    # of the given size, by so little that no direction that is known moves.
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
     mass = max(float(parameters[0]), 1e-6)

@@ -69,7 +69,7 @@ LONG = 0.5
 # Share of the largest eigenvalue below which rows say nothing.
 SMALLEST = 1e-7
 
-# -- When the load changed (observer.py)
+# -- When the load changed (live.py)
 # Time over which samples are summed up [s].
 BLOCK = 0.05
 # Random walk of the mass, in payloads of the model over a second.

@@ -113,12 +113,9 @@ def about_axis(axis: Vector, angle: float) -> Rotation:
 
 @compiled
 def coefficients(x: float) -> tuple[float, float, float, float, float]:
-    """
-    Give sin(f)/f, (1 - cos f)/f^2, (f - sin f)/f^3 and the last two's derivatives by f^2.
-
-    Taylor series in x = f^2: no division at zero, and exact to 1e-12 for angles below 1 rad, far
-    above what a beam of small displacements allows.
-    """
+    """Give sin(f)/f, (1 - cos f)/f^2, (f - sin f)/f^3 and the last two's derivatives by f^2."""
+    # Taylor series in x = f^2: no division at zero, and exact to 1e-12 for angles below 1 rad, far
+    # above what a beam of small displacements allows.
     s = 1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0 * (
         1.0 - x / 110.0))))
     a = 0.5 * (1.0 - x / 12.0 * (1.0 - x / 30.0 * (1.0 - x / 56.0 * (1.0 - x / 90.0 * (
@@ -331,12 +328,9 @@ def put_rotation(row: NDArray, k: int, a: Rotation) -> None:
 
 @compiled
 def forward(z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, damped: float) -> None:
-    """
-    Follow the chain outwards: each body stands on the displaced node of the one before.
-
-    The frame of the next link takes the full rotation of the node, not its linear part, so that
-    links of large elastic rotation carry the others where they really are.
-    """
+    """Follow the chain outwards: each body stands on the displaced node of the one before."""
+    # The frame of the next link takes the full rotation of the node, not its linear part, so that
+    # links of large elastic rotation carry the others where they really are.
     body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
     for b in range(body_int.shape[0]):
         ints, floats, here = body_int[b], body_float[b], moving[b]

@@ -63,14 +63,11 @@ STATES = 6
 
 @compiled
 def rotor_law(drive: NDArray, state: NDArray, dt: float, current: float) -> None:
-    """
-    Advance the rotor of one joint by a step [s] under a wanted current [A].
-
-    Friction is implicit: it takes the speed to zero where it can, and holds it there, or with
-    presliding it is an elastic bristle that yields at the grip of Coulomb friction (Dupont et
-    al., "Single state elastoplastic friction models", IEEE TAC 47(5), 2002, with a sharp
-    transition): elastic for good below it, so a load that trembles makes nothing creep.
-    """
+    """Advance the rotor of one joint by a step [s] under a wanted current [A]."""
+    # Friction is implicit: it takes the speed to zero where it can, and holds it there, or with
+    # presliding it is an elastic bristle that yields at the grip of Coulomb friction (Dupont et
+    # al., "Single state elastoplastic friction models", IEEE TAC 47(5), 2002, with a sharp
+    # transition): elastic for good below it, so a load that trembles makes nothing creep.
     limited = min(max(current, -drive[LIMIT]), drive[LIMIT])
     state[LIMITED] = 1.0 if limited != current else 0.0
     state[CURRENT] = limited
@@ -113,12 +110,9 @@ def bristle_holds(drive: NDArray, state: NDArray, dt: float, free: float) -> boo
 
 @compiled
 def gear_push(drive: NDArray, state: NDArray, dt: float, q: float, dq: float) -> float:
-    """
-    Give the other end of the gear's spring and damper as a torque on the link's joint.
-
-    The link subtracts stiffness q + damping dq at the end of the step; in the play that leaves
-    nothing but what the motion within one step makes.
-    """
+    """Give the other end of the gear's spring and damper as a torque on the link's joint."""
+    # The link subtracts stiffness q + damping dq at the end of the step; in the play that leaves
+    # nothing but what the motion within one step makes.
     ahead = q + dt * dq
     twist = state[ANGLE] - ahead
     if abs(twist) <= drive[PLAY]:

@@ -52,12 +52,9 @@ class BeamProperties:
 
 
 def rectangle_torsion(height: float, width: float) -> float:
-    """
-    Give the torsion constant of a rectangle of two sides [m] in m^4.
-
-    Saint-Venant's series (Timoshenko and Goodier, Theory of Elasticity, 1970, Eq. 169) by its
-    first terms; 0.1406 h^4 for a square.
-    """
+    """Give the torsion constant of a rectangle of two sides [m] in m^4."""
+    # Saint-Venant's series (Timoshenko and Goodier, Theory of Elasticity, 1970, Eq. 169) by its
+    # first terms; 0.1406 h^4 for a square.
     short, long = min(height, width), max(height, width)
     total = sum(math.tanh(n * math.pi * long / (2.0 * short)) / n**5 for n in range(1, 30, 2))
     return long * short**3 / 3.0 * (1.0 - 192.0 / math.pi**5 * short / long * total)

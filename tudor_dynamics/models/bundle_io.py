@@ -403,9 +403,8 @@ def _models(
         found[output] = {}
         for kind, content in kinds.items():
             if kind not in KINDS:
-                msg = (f'unknown model kind {kind!r}; this version reads {", ".join(KINDS)}: '
-                       'update tudor_dynamics')
-                raise ModelError(msg)
+                raise ModelError(f'unknown model kind {kind!r}; this version reads '
+                                 f'{", ".join(KINDS)}: update tudor_dynamics')
             begin = f'{prefix}{output}_{kind}_'
             own = {name.removeprefix(begin): array for name, array in arrays.items()
                    if name.startswith(begin)}
@@ -417,7 +416,6 @@ def _arm(content: Any, known: dict[str, bytes], path: Path) -> Arm:
     kinematics = content.get('kinematics') if isinstance(content, dict) else None
     urdf = kinematics.get('urdf') if isinstance(kinematics, dict) else None
     if urdf is not None and (urdf != 'arm.urdf' or urdf not in known):
-        msg = (f'{path}: arm.yaml names the URDF {urdf!r}; expected arm.urdf, with a checksum; '
-               'fit the model again')
-        raise ModelError(msg)
+        raise ModelError(f'{path}: arm.yaml names the URDF {urdf!r}; expected arm.urdf, with a '
+                         'checksum; fit the model again')
     return arm_from_dict(content, base=path, source=str(path / 'arm.yaml'))

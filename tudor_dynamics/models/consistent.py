@@ -216,13 +216,11 @@ def scaled_columns(arm: Arm, columns: Sequence[str]) -> NDArray[np.bool_]:
 
 
 class BodyProblem:
-    """
-    Residuals of data and of prior knowledge, and their derivatives.
+    """Residuals of data and of prior knowledge, and their derivatives."""
 
-    Unknowns are log-Cholesky parameters of all bodies, in units of their widths from their
-    centres; parameters of drives in units of their sizes; logarithms of unknown torque constants.
-    What drives must not do (``energy_rows``) counts as an error where they do it.
-    """
+    # Unknowns are log-Cholesky parameters of all bodies, in units of their widths from their
+    # centres; parameters of drives in units of their sizes; logarithms of unknown torque
+    # constants. What drives must not do (`energy_rows`) counts as an error where they do it.
 
     def __init__(self, arm: Arm, model: AnalyticalModel, prior: Prior) -> None:
         products = model.data_

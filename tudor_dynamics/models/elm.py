@@ -52,13 +52,11 @@ class ElmPart(BundlePart):
 
 
 class ExtremeLearningMachine(MemorylessModel):
-    """
-    Random-feature regression from motion to outputs.
+    """Random-feature regression from motion to outputs."""
 
-    Inputs beyond the range seen in training are brought back to its edge. The paper does not
-    say so, but without it spikes in an acceleration throw the output far off: the hidden neurons
-    extrapolate linearly, with large weights of opposite signs.
-    """
+    # Inputs beyond the range seen in training are brought back to its edge. The paper does not say
+    # so, but without it spikes in an acceleration throw the output far off: the hidden neurons
+    # extrapolate linearly, with large weights of opposite signs.
 
     # Smallest and largest values in the training data, (2, n).
     input_range_: FloatArray

@@ -88,14 +88,12 @@ class Regressor(ABC):
 
 
 class EffortRegressor(Regressor):
-    """
-    Joint effort rows: link inertias, rotor inertias, friction.
+    """Joint effort rows: link inertias, rotor inertias, friction."""
 
-    Joints whose effort is a torque or force, or a current with a known constant, share the
-    inertial parameters and are stacked. A joint with a current of unknown torque constant has
-    parameters of its own, scaled by that constant, or shares those of the others as well: then the
-    constants are to be found with them (`estimation.find_constants`).
-    """
+    # Joints whose effort is a torque or force, or a current with a known constant, share the
+    # inertial parameters and are stacked. A joint with a current of unknown torque constant has
+    # parameters of its own, scaled by that constant, or shares those of the others as well: then
+    # the constants are to be found with them (`estimation.find_constants`).
 
     def __init__(self, arm: Arm, *, shared: bool = False) -> None:
         self.channels = arm.active_joints

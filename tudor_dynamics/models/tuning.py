@@ -100,13 +100,11 @@ class Vibrations:
 
 
 class TunedArm:
-    """
-    An elastic arm whose small motion is asked for by payload and pose.
+    """An elastic arm whose small motion is asked for by payload and pose."""
 
-    Small motion is that without the play of gears: in it an arm has no frequency of its own, and
-    where gears bear, none is felt. The load at rest has it, which turns the links. Without a model
-    of the strain, links, gears and gauges are those described.
-    """
+    # Small motion is that without the play of gears: in it an arm has no frequency of its own, and
+    # where gears bear, none is felt. The load at rest has it, which turns the links. Without a
+    # model of the strain, links, gears and gauges are those described.
 
     def __init__(self, arm: Arm, model: ElasticModel | None = None) -> None:
         if arm.spec.damper is None:

@@ -42,12 +42,10 @@ from tudor_dynamics.typing import FloatArray
 
 
 class ForceControllerNode(MovingNode):
-    """
-    Force control node.
+    """Force control node."""
 
-    Active, it answers every message of positions with a reference, which the damper takes as any
-    other. Whatever goes wrong ends in a held pose until ``~/reset``.
-    """
+    # Active, it answers every message of positions with a reference, which the damper takes as any
+    # other. Whatever goes wrong ends in a held pose until `~/reset`.
 
     FIGURES: tuple[Figure, ...] = (
         Figure('state', lambda controller: controller.phase.name.lower(), 'controller'),

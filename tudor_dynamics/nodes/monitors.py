@@ -38,12 +38,10 @@ from tudor_dynamics.nodes.settings import ARMS_LOOK
 
 
 class GuardedMonitorNode(MonitorNode):
-    """
-    A monitor whose faults do not end those of other arms.
+    """A monitor whose faults do not end those of other arms."""
 
-    An executor passes on what a callback raises, and so ends every node that it serves. Here the
-    node alone falls silent, until whoever looks after it makes another one.
-    """
+    # An executor passes on what a callback raises, and so ends every node that it serves. Here the
+    # node alone falls silent, until whoever looks after it makes another one.
 
     failure = ''  # what a callback raised, with its traceback; empty while nothing has
 
@@ -132,12 +130,10 @@ class WatchedArm:
 
 
 class MonitorsNode(TudorNode):
-    """
-    Node that keeps the monitors of several arms.
+    """Node that keeps the monitors of several arms."""
 
-    Each is a node ``monitor`` in the namespace of its arm, with parameters, services and
-    diagnostics of its own, as if it were a process.
-    """
+    # Each is a node `monitor` in the namespace of its arm, with parameters, services and
+    # diagnostics of its own, as if it were a process.
 
     FIGURES: tuple[Figure, ...] = (
         Figure('CPU [%]', lambda node: node.cpu()),

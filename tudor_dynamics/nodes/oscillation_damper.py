@@ -54,12 +54,10 @@ def _since(now: Counter[str], before: Counter[str]) -> dict[str, str]:
 
 
 class OscillationDamperNode(MovingNode):
-    """
-    Damper node.
+    """Damper node."""
 
-    Active, it answers every message of positions with commands. Where positions fail to come for
-    ``timeout``, at deactivation and at the end it brakes to standstill.
-    """
+    # Active, it answers every message of positions with commands. Where positions fail to come for
+    # `timeout`, at deactivation and at the end it brakes to standstill.
 
     FIGURES: tuple[Figure, ...] = (
         Figure('state', lambda controller: controller.state.name.lower(), 'controller'),

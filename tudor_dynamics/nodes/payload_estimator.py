@@ -27,11 +27,9 @@ from tudor_dynamics.nodes.monitor import MonitorNode
 
 
 class PayloadEstimatorNode(MonitorNode):
-    """
-    Estimator node; ``**kwargs`` go to rclpy's Node.
+    """Estimator node; ``**kwargs`` go to rclpy's Node."""
 
-    It is a monitor, which knows what touches the arm, and keeps all but the load to itself.
-    """
+    # It is a monitor, which knows what touches the arm, and keeps all but the load to itself.
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('payload_estimator', **kwargs)

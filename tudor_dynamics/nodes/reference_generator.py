@@ -54,12 +54,10 @@ from tudor_dynamics.typing import FloatArray
 
 
 class ReferenceGeneratorNode(MovingNode):
-    """
-    Reference node; ``**kwargs`` go to rclpy's Node.
+    """Reference node; ``**kwargs`` go to rclpy's Node."""
 
-    It begins where the joints are: nothing is published before the first joint states. Where it
-    is deactivated it brakes, then publishes no more.
-    """
+    # It begins where the joints are: nothing is published before the first joint states. Where it
+    # is deactivated it brakes, then publishes no more.
 
     FIGURES: tuple[Figure, ...] = (
         Figure('reaction', lambda node: node.value('reaction')),

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.kinematics import gauge_axis, gauge_point, unit_vector
+from tudor_dynamics.arm.kinematics import gauge_axis, gauge_point, link_reach, unit_vector
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.mechanics import chain as at
@@ -154,24 +154,15 @@ def link_axes(arm: Arm, joint: str) -> LinkAxes:
 
 def link_end(arm: Arm, joint: str) -> float | None:
     """Give how far a link with gauges reaches from its joint [m]; None where nobody knows."""
-    model, axes = arm.full_model, link_axes(arm, joint)
-    index = model.getJointId(joint)
-    ends = [model.jointPlacements[child].translation @ axes.along
-            for child in range(index + 1, model.njoints) if model.parents[child] == index]
-    ends += [frame.placement.translation @ axes.along for frame in model.frames
-             if frame.parentJoint == index and frame.type.name != 'JOINT']
-    farthest = max((gauge.distance for gauge in arm.gauges if gauge.joint == joint))
-    end = max(ends, default=0.0)
-    return float(end) if end > farthest + SPAN_LENGTH else None
+    farthest = max(gauge.distance for gauge in arm.gauges if gauge.joint == joint)
+    end = link_reach(arm.full_model, joint, link_axes(arm, joint).along)
+    return end if end > farthest + SPAN_LENGTH else None
 
 
 def spans_of(arm: Arm, known: Sequence[bool]) -> tuple[Span, ...]:
-    """
-    Divide the links at their gauges; none where no gauge has a scale, or no link a length.
-
-    A contact inboard of a link's first gauge is felt by the gauges of links before it alone, as a
-    contact of those. With one gauge a link, two of them in one plane show a force at the tip.
-    """
+    """Divide the links at their gauges; none where no gauge has a scale, or no link a length."""
+    # A contact inboard of a link's first gauge is felt by the gauges of links before it alone, as
+    # a contact of those. With one gauge a link, two of them in one plane show a force at the tip.
     places: dict[str, list[float]] = {}
     for gauge, counts in zip(arm.gauges, known, strict=True):
         if counts:
@@ -479,13 +470,10 @@ class ElasticFront:
         return np.asarray((measured - self._zero) / self._gain - moment)
 
     def settle(self, left: FloatArray, dt: float, states: FloatArray) -> None:
-        """
-        Draw the arm to what was measured, and hypotheses the other way.
-
-        An arm in its play, or far from where it is linearised, is no linear one. The followed arm
-        takes over what the true one does, and the states, which are the difference of both, know
-        of it.
-        """
+        """Draw the arm to what was measured, and hypotheses the other way."""
+        # An arm in its play, or far from where it is linearised, is no linear one. The followed
+        # arm takes over what the true one does, and the states, which are the difference of both,
+        # know of it.
         equations, c = self._driven.tables.equations, self.modes
         before = equations.vectors[[Z, DZ]][:, equations.free]
         if not self._driven.correct(left, dt):

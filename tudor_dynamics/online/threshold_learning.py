@@ -290,13 +290,10 @@ def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray
 
 
 def _tail(peaks: FloatArray, least: float) -> Tail:
-    """
-    Fit a generalised Pareto distribution to the highest peaks by L-moments (Hosking, 1987).
-
-    A bound is believed as far as the peaks prove it: two standard errors below the estimate.
-    The scale is at least what is given: friction may cover a joint that stands, and sums may stay
-    at zero, which is no reason to be alarmed by the next touch of noise.
-    """
+    """Fit a generalised Pareto distribution to the highest peaks by L-moments (Hosking, 1987)."""
+    # A bound is believed as far as the peaks prove it: two standard errors below the estimate. The
+    # scale is at least what is given: friction may cover a joint that stands, and sums may stay at
+    # zero, which is no reason to be alarmed by the next touch of noise.
     share = max(TAIL_SHARE, min(TAIL_PEAKS / len(peaks), LARGEST_TAIL_SHARE))
     location = max(float(np.quantile(peaks, 1.0 - share)), 1e-6)
     above = np.sort(peaks[peaks > location] - location)

@@ -246,13 +246,11 @@ def released(t: FloatArray, value: FloatArray, held: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Tail:
-    """
-    How the largest ratio in a second is distributed where it is large.
+    """How the largest ratio in a second is distributed where it is large."""
 
-    A generalised Pareto distribution, exponential or with a bound: residuals of free motion are
-    bounded by physics. Seconds at rest and in motion are mixed, and only the upper part of that
-    mixture follows one law.
-    """
+    # A generalised Pareto distribution, exponential or with a bound: residuals of free motion are
+    # bounded by physics. Seconds at rest and in motion are mixed, and only the upper part of that
+    # mixture follows one law.
 
     location: Positive  # ratio that a share of the seconds exceeds
     scale: Positive  # scale of their excess
@@ -263,13 +261,10 @@ class Tail:
     count: Annotated[float, Field(ge=1.0)]  # peaks that the distribution was fitted to
 
     def ratio(self, per_hour: float) -> float:
-        """
-        Give the ratio that is exceeded so often.
-
-        The scale is known as well as its peaks are many. What is left of the doubt is counted
-        in: the ratio is that of the predictive distribution, which for an exponential tail is
-        (1 + x / (n scale))^-n, and larger than that of the tail itself.
-        """
+        """Give the ratio that is exceeded so often."""
+        # The scale is known as well as its peaks are many. What is left of the doubt is counted
+        # in: the ratio is that of the predictive distribution, which for an exponential tail is (1
+        # + x / (n scale))^-n, and larger than that of the tail itself.
         certain = math.log(min(per_hour * BLOCK / 3600.0, self.share) / self.share)
         relative = -self.count * math.expm1(-certain / self.count)
         if self.shape == 0.0:

@@ -108,11 +108,8 @@ class MotionState:
 
 @compiled
 def low_pass_gain(cutoff: float, dt: float) -> float:
-    """
-    Give the gain of a discrete first-order low-pass with the pole of the continuous one.
-
-    ``y[k] = y[k-1] + gain (x[k] - y[k-1])``; exact for any sample time, so also for a varying one.
-    """
+    """Give the gain of a discrete first-order low-pass with the pole of the continuous one."""
+    # `y[k] = y[k-1] + gain (x[k] - y[k-1])`; exact for any sample time, so also for a varying one.
     return -math.expm1(-2.0 * math.pi * cutoff * dt)
 
 
@@ -214,12 +211,9 @@ def zero_phase(
     cutoff: float,
     measured: FloatArray | None = None,
 ) -> MotionState:
-    """
-    Differentiate a record without phase lag: Butterworth forward and backward, then central.
-
-    Fourth order, see Gautier, Janot and Vandanjon, IEEE TCST 21(2), 2013, Section II.C. Stamps
-    with jitter are brought to a uniform grid and back.
-    """
+    """Differentiate a record without phase lag: Butterworth forward and backward, then central."""
+    # Fourth order, see Gautier, Janot and Vandanjon, IEEE TCST 21(2), 2013, Section II.C. Stamps
+    # with jitter are brought to a uniform grid and back.
     n = len(t)
     dt = float(t[-1] - t[0]) / (n - 1)
     if not 0 < cutoff < 0.5 / dt:
@@ -243,13 +237,10 @@ def zero_phase(
 
 
 def derivative(x: FloatArray, dt: float) -> FloatArray:
-    """
-    Differentiate by central differences of fourth order.
-
-    Those of second order make all accelerations of a motion of 2 Hz at 100 Hz too small by 0.26 %,
-    and inertias too large by as much: several standard errors, where these are small. Here it is
-    0.001 %.
-    """
+    """Differentiate by central differences of fourth order."""
+    # Those of second order make all accelerations of a motion of 2 Hz at 100 Hz too small by
+    # 0.26 %, and inertias too large by as much: several standard errors, where these are small.
+    # Here it is 0.001 %.
     slope = np.gradient(x, dt, axis=0)
     slope[2:-2] = (8.0 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12.0 * dt)
     return np.asarray(slope)
@@ -260,14 +251,12 @@ def _interpolate(new: FloatArray, old: FloatArray, x: FloatArray) -> FloatArray:
 
 
 class SmoothStates:
-    """
-    Three first-order low-passes in a row, and central differences of the last one's output.
+    """Three first-order low-passes in a row, and central differences of the last one's output."""
 
-    Of signals that went through the same one, each derivative is late by the same time, and what
-    is linear between them stays so (the state variable filter of continuous-time identification:
-    Garnier, Mensler and Richard, "Continuous-time model identification from sampled data", Int. J.
-    Control 76(13), 2003).
-    """
+    # Of signals that went through the same one, each derivative is late by the same time, and what
+    # is linear between them stays so (the state variable filter of continuous-time identification:
+    # Garnier, Mensler and Richard, "Continuous-time model identification from sampled data", Int.
+    # J. Control 76(13), 2003).
 
     def __init__(self, cutoff: float) -> None:
         self.cutoff = cutoff

@@ -130,13 +130,10 @@ def _lasts(plan: NDArray) -> float:
 @compiled
 def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v_max: float,
                 a_max: float) -> None:
-    """
-    Plan from the present state of motion to rest at a target.
-
-    The acceleration either fades out first, with the jerk of the present pulse, or the pulse goes
-    on to its end, whatever leads to the target sooner. An arm that brakes and has to turn back
-    goes on to brake: it stops no later than it was to before.
-    """
+    """Plan from the present state of motion to rest at a target."""
+    # The acceleration either fades out first, with the jerk of the present pulse, or the pulse
+    # goes on to its end, whatever leads to the target sooner. An arm that brakes and has to turn
+    # back goes on to brake: it stops no later than it was to before.
     inside, begun, length, first, push, kind = False, plan[CLOCK], 0.0, 0.0, 0.0, PULSE
     for i in range(SEGMENTS):
         k = FIRST + 4 * i

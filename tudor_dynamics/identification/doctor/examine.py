@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm, arm_from_dict
-from tudor_dynamics.arm.kinematics import unit_vector
+from tudor_dynamics.arm.kinematics import link_reach, unit_vector
 from tudor_dynamics.arm.schema import GaugeSpec, PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import ArmError, TudorError
@@ -106,13 +106,7 @@ def _gauges(arm: Arm) -> tuple[list[Finding], Arm]:
 
 def link_length(arm: Arm, gauge: GaugeSpec) -> float | None:
     """Say how far a gauge's link reaches along its direction [m]; None where that is not known."""
-    model, direction = arm.full_model, unit_vector(gauge.direction)
-    joint = model.getJointId(gauge.joint)
-    places = [model.jointPlacements[i].translation for i in range(1, model.njoints)
-              if model.parents[i] == joint]
-    places += [frame.placement.translation for frame in model.frames
-               if frame.parentJoint == joint]
-    reach = max((float(direction @ place) for place in places), default=0.0)
+    reach = link_reach(arm.full_model, gauge.joint, unit_vector(gauge.direction))
     return reach if reach > 1e-6 else None
 
 

@@ -289,13 +289,10 @@ def effort_unit(
     slopes: Sequence[float], peaks: Sequence[float], limits: Sequence[float], name: str,
     torque: str,
 ) -> Judgement:
-    """
-    Judge the unit of efforts; limits [N m or N]: 0 or infinite where it says nothing.
-
-    A URDF says what the joints of the arm carry. Where the efforts follow that moment one to one
-    they are torques; where they do so at a tenth they are currents. What carries nothing says
-    nothing.
-    """
+    """Judge the unit of efforts; limits [N m or N]: 0 or infinite where it says nothing."""
+    # A URDF says what the joints of the arm carry. Where the efforts follow that moment one to one
+    # they are torques; where they do so at a tenth they are currents. What carries nothing says
+    # nothing.
     least, most = settings.TORQUES
     if slopes:
         slope = float(np.median(np.abs(slopes)))

@@ -80,12 +80,9 @@ def shortening_rows(v: NDArray, first: int, length: float) -> tuple[float, float
 def shorten(
     z: NDArray, dz: NDArray, ddz: NDArray, body_int: NDArray, body_float: NDArray,
 ) -> None:
-    """
-    Draw the ends of bent beams in, before ``inverse_dynamics``.
-
-    A beam keeps its length, so bending by w draws its end in by s = w' G w / 2: the axial
-    coordinate is no freedom but -s, its rates those of -s.
-    """
+    """Draw the ends of bent beams in, before ``inverse_dynamics``."""
+    # A beam keeps its length, so bending by w draws its end in by s = w' G w / 2: the axial
+    # coordinate is no freedom but -s, its rates those of -s.
     for b in range(body_int.shape[0]):
         if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
             continue
@@ -122,12 +119,9 @@ def add_shortening(
 
 @compiled
 def shorten_mass(z: NDArray, body_int: NDArray, body_float: NDArray, mass: NDArray) -> None:
-    """
-    Turn the mass matrix into that of beams which keep their length.
-
-    A congruence, so it stays positive: with the shortening in the forces alone, the corrections
-    of a strongly bent arm would not converge.
-    """
+    """Turn the mass matrix into that of beams which keep their length."""
+    # A congruence, so it stays positive: with the shortening in the forces alone, the corrections
+    # of a strongly bent arm would not converge.
     for b in range(body_int.shape[0]):
         if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
             continue

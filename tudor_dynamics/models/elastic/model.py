@@ -347,13 +347,11 @@ OBSERVERS = ('off', 'ringing')
 
 
 class LiveElastic:
-    """
-    Elastic models of one arm, sample by sample, on one simulated arm.
+    """Elastic models of one arm, sample by sample, on one simulated arm."""
 
-    What a push leaves, an oscillation that no joint's motion explains, stays in the state of a
-    model that only follows the joints. The observer takes it over from measured strain: an
-    extended Kalman filter, slow enough that a collision shows in the innovation first.
-    """
+    # What a push leaves, an oscillation that no joint's motion explains, stays in the state of a
+    # model that only follows the joints. The observer takes it over from measured strain: an
+    # extended Kalman filter, slow enough that a collision shows in the innovation first.
 
     def __init__(self, models: Mapping[str, ElasticModel], observer: str = 'off') -> None:
         if observer not in OBSERVERS:

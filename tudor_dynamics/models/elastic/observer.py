@@ -61,12 +61,9 @@ def tip_directions(
 def reduce_matrices(
     equations: Equations, gears: Gears, mass: NDArray, damping: NDArray, stiffness: NDArray,
 ) -> None:
-    """
-    Copy mass, damping and stiffness of the free coordinates, gears as they stand.
-
-    They are those of ``residual`` without what weight adds to the stiffness: that changes the
-    first frequency by less than a tenth, which a covariance does not show.
-    """
+    """Copy mass, damping and stiffness of the free coordinates, gears as they stand."""
+    # They are those of `residual` without what weight adds to the stiffness: that changes the
+    # first frequency by less than a tenth, which a covariance does not show.
     matrices, free = equations.matrices, equations.free
     for a in range(free.shape[0]):
         for c in range(free.shape[0]):

@@ -49,12 +49,10 @@ def new_executor(kind: str, context: Any = None) -> Any:
 
 
 class Halt:
-    """
-    What an executor waits for in order to return: a future without rclpy's lock.
+    """What an executor waits for in order to return: a future without rclpy's lock."""
 
-    A signal handler runs in the thread that it interrupts, and would wait for ever for a lock
-    that this thread holds.
-    """
+    # A signal handler runs in the thread that it interrupts, and would wait for ever for a lock
+    # that this thread holds.
 
     def __init__(self) -> None:
         self.asked = False
@@ -78,13 +76,10 @@ class Halt:
 
 
 def spin_for(executor: Any, seconds: float, halt: Halt | None = None) -> None:
-    """
-    Do what there is to do, for some seconds.
-
-    The events executor is not asked message by message, which would cost a way out to Python and
-    back for each: it waits for a future. It looks at the clock only where nothing waits to be
-    done, so that without that future a node with more to do than it can would never end.
-    """
+    """Do what there is to do, for some seconds."""
+    # The events executor is not asked message by message, which would cost a way out to Python and
+    # back for each: it waits for a future. It looks at the clock only where nothing waits to be
+    # done, so that without that future a node with more to do than it can would never end.
     if isinstance(executor, SingleThreadedExecutor):
         executor.spin_once(timeout_sec=seconds)
     else:
