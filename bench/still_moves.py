@@ -265,7 +265,7 @@ def judged(
         off = tool.model_copy(update={'frequencies': [x * factor for x in tool.frequencies]})
         begun = time.process_time()
         try:
-            shaped = (still_timing(arm, off, given).trajectory if by == 'timing'
+            shaped = (still_timing(arm, off, given) if by == 'timing'
                       else shaped_for(arm, off, given, by))
         except TudorError as err:
             row[name] = {'refused': str(err)[:200]}

@@ -20,9 +20,8 @@ import sys
 
 import numba
 import numpy as np
-import pytest
 
-from tudor_dynamics.compiled import array_at, places_of, REAL, TRUTH, unowned, WHOLE
+from tudor_dynamics.compiled import unowned
 
 
 @numba.njit
@@ -45,32 +44,3 @@ def test_arrays_without_owner_are_the_same_arrays() -> None:
     assert totals == {0.5 * 6 + 6}
     assert (tables[0][0][:, 0] == [0.0, 0.5, 1.0, 1.5]).all()
     assert [sys.getrefcount(array) for array in tables[0]] == before
-
-
-@numba.njit
-def fill_by_place(places: np.ndarray) -> float:
-    """Write into the first of four arrays by all others, of which only places are known."""
-    cube, whole = array_at(places, 0, REAL, 3), array_at(places, 1, WHOLE, 2)
-    truth, share = array_at(places, 2, TRUTH, 1), array_at(places, 3, REAL, 1)
-    for i in range(cube.shape[0]):
-        for j in range(cube.shape[1]):
-            for k in range(cube.shape[2]):
-                if truth[k]:
-                    cube[i, j, k] += whole[i, j] + share[k]
-    return cube[1].sum()
-
-
-def test_arrays_by_their_places_are_the_same_arrays() -> None:
-    """Of any kind and up to three axes, read and written as numpy does."""
-    arrays = (np.zeros((2, 3, 4)), np.arange(6).reshape(2, 3),
-              np.array([True, False, True, True]), np.array([0.1, 0.2, 0.3, 0.4]))
-    wanted = np.where(arrays[2], arrays[1][:, :, None] + arrays[3], 0.0)
-    assert fill_by_place(places_of(arrays)) == pytest.approx(wanted[1].sum())
-    np.testing.assert_array_equal(arrays[0], wanted)
-
-
-@pytest.mark.parametrize('array', [np.zeros((4, 4))[:, ::2], np.zeros(3, dtype=np.float32)])
-def test_arrays_that_no_place_describes(array: np.ndarray) -> None:
-    """Rows with gaps between their numbers, other types."""
-    with pytest.raises(ValueError, match='by its place'):
-        places_of([array])

@@ -27,10 +27,7 @@ import shutil
 from typing import Any, cast, TypeVar
 
 import numba
-from numba import types
 from numba.core.compiler_lock import global_compiler_lock
-from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 import numpy as np
 from numpy.typing import NDArray
 
@@ -140,57 +137,6 @@ def _once(function: Any) -> Any:
             return compile_it(signature)
     function.compile = compile_once
     return function
-
-
-REAL, WHOLE, TRUTH = range(3)
-KINDS = types.float64, types.int64, types.boolean
-"""What an array may hold that is handed over by its place."""
-
-
-def places_of(arrays: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
-    """
-    Write down where arrays lie, for compiled functions that are called often with many of them.
-
-    To hand an array over takes 0.15 us, two thirds of what a step of a small mechanism takes where
-    there are twenty. Who keeps the result has to keep the arrays, too.
-    """
-    places = np.ones((len(arrays), 4), dtype=np.int64)
-    for place, array in zip(places, arrays, strict=True):
-        if not (array.flags.c_contiguous and array.dtype in (np.float64, np.int64, np.bool_)):
-            msg = f'an array of {array.dtype}, {array.strides} cannot be handed over by its place'
-            raise ValueError(msg)
-        place[0], place[1:1 + array.ndim] = array.ctypes.data, array.shape
-    return places
-
-
-@intrinsic(prefer_literal=True)
-def _array_at(_: Any, places: Any, number: Any, kind: Any, axes: Any) -> Any:
-    dtype = KINDS[kind.literal_value]
-    array = types.Array(dtype, axes.literal_value, 'C')
-
-    def lower(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        table = context.make_array(places)(context, builder, values[0])
-        numbers = [builder.load(builder.gep(table.data, [context.get_constant(
-            types.intp, 4 * number.literal_value + i)])) for i in range(1 + array.ndim)]
-        size = context.get_abi_sizeof(context.get_data_type(dtype))
-        strides = [context.get_constant(types.intp, size)]
-        for extent in reversed(numbers[2:]):
-            strides.insert(0, builder.mul(strides[0], extent))
-        made = context.make_array(array)(context, builder)
-        data = builder.inttoptr(numbers[0], made.data.type)
-        populate_array(made, data, numbers[1:], strides,  # type: ignore[no-untyped-call]
-                       context.get_constant(types.intp, size), None)
-        return made._getvalue()
-    return array(places, number, kind, axes), lower
-
-
-array_at = cast(Callable[[NDArray[np.int64], int, int, int], NDArray[Any]], _array_at)
-"""
-Give, in compiled code, an array of which ``places_of`` has written down where it lies.
-
-The result has no owner, see ``unowned``. Arguments: places, which of them, what it holds
-(REAL, WHOLE or TRUTH) and its number of axes; all but the first are constants.
-"""
 
 
 @compiled

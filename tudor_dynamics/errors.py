@@ -125,9 +125,7 @@ class ArgumentError(TudorError, TypeError):
     """An argument of a type that a function does not take."""
 
 
-def check_type(
-    value: object, wanted: type | tuple[type, ...], name: str, advice: str,
-) -> None:
+def check_type(value: object, wanted: type | tuple[type, ...], name: str, advice: str) -> None:
     """Refuse an argument of another type, before it fails far from where it was given."""
     if not isinstance(value, wanted):
         kinds = wanted if isinstance(wanted, tuple) else (wanted,)

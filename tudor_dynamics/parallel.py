@@ -71,9 +71,7 @@ def in_threads(
         pool.shutdown(wait=False, cancel_futures=True)  # after an interrupt, some still compute
 
 
-def shared_out(
-    pieces: Sequence[Callable[[Progress], Result]], progress: Progress,
-) -> list[Result]:
+def shared_out(pieces: Sequence[Callable[[Progress], Result]], progress: Progress) -> list[Result]:
     """Do pieces of work that are mostly compiled: in threads, or on other machines."""
     count = len(pieces)
     if count == 1:

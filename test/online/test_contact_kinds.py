@@ -77,6 +77,11 @@ def test_currents_need_torque_constants() -> None:
              'rotor_inertia': 1e-5}
     found, = by_efforts(bundle(joints, motors=[motor]), [[-2.0, -9.0]])
     assert found.joint == 'j1' and found.torque[2] == pytest.approx(2.0 * 0.05 * 100 * 0.8)
+    joints[0]['effort']['torque_constant'] = 7.0  # of the joint, before that of its motor
+    for motors in ([], [motor]):
+        found, = by_efforts(bundle(joints, motors=motors), [[-2.0, -9.0]])
+        assert found.joint == 'j1' and found.torque[2] == pytest.approx(2.0 * 7.0)
+    del joints[0]['effort']['torque_constant']
     with pytest.raises(ModelError, match='no torque constant is known'):
         contact_estimator(bundle(joints), 'analytical', ('momentum',))
 

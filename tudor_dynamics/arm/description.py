@@ -249,6 +249,13 @@ class Arm:
         index = [names.index(name) for name in self.active_joints]
         return self.spec.couplings.speeds(names)[np.ix_(index, index)]
 
+    @property
+    def torque_constants(self) -> FloatArray:
+        """Torque or force at each joint by a current of 1 A, (joints,); NaN where unknown."""
+        motors = {motor.joint: motor.joint_torque_constant for motor in self.spec.motors}
+        return np.array([joint.effort.torque_constant or motors.get(joint.name, np.nan)
+                         for joint in self.joints])
+
     def is_prismatic(self, joint: str) -> bool:
         """Say whether a joint moves along its axis instead of about it."""
         return is_prismatic(self.full_model, joint)

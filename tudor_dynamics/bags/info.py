@@ -151,9 +151,7 @@ def _times(stamp: NDArray[np.int64], clock: str) -> dict[str, Any]:
     return result
 
 
-def _channels(
-    states: DecodedTopic, names: list[str], fields: list[str],
-) -> list[ChannelReport]:
+def _channels(states: DecodedTopic, names: list[str], fields: list[str]) -> list[ChannelReport]:
     found: dict[tuple[str, str], list[FloatArray]] = {}
     for block in states.blocks:
         for what in block.layout.fields:
@@ -180,9 +178,7 @@ def _topic_report(states: DecodedTopic) -> TopicReport:
                        fields=fields, channels=_channels(states, names, fields), **times)
 
 
-def _verdict(
-    bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources | None,
-) -> dict[str, Any]:
+def _verdict(bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources | None) -> dict[str, Any]:
     nothing = {'effort_model': False, 'strain_model': False}
     if plan is None:
         return nothing | {'verdict': 'nothing: the bag has no joint positions: record '

@@ -461,9 +461,7 @@ BOOL = 'std_msgs/msg/Bool'
 BOOL_BYTES = 5  # A Bool after its encapsulation header
 
 
-def _messages(
-    bag: Bag, topic: str, known: Sequence[str], path: str | Path,
-) -> RawMessages | None:
+def _messages(bag: Bag, topic: str, known: Sequence[str], path: str | Path) -> RawMessages | None:
     """Read a topic of the first of some types; None where it is not there, or is empty."""
     name = bag.find({topic: JOINT_STATE})[topic]
     if name is None or not bag.topics[name].count:

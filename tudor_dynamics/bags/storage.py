@@ -199,9 +199,7 @@ class Bag:
                     for file in self.metadata.files}
         return ', '.join(sorted(STORAGES.get(suffix, suffix) for suffix in suffixes))
 
-    def read(
-        self, topics: Collection[str], *, with_data: bool = True,
-    ) -> dict[str, RawMessages]:
+    def read(self, topics: Collection[str], *, with_data: bool = True) -> dict[str, RawMessages]:
         """Read raw messages; topics: a name that is not there is an empty topic."""
         for name in topics:
             if name in self.topics and ',' in self.topics[name].msgtype:

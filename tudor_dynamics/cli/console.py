@@ -189,9 +189,7 @@ def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) 
     return table
 
 
-def new_table(
-    title: str, names: Sequence[str] = (), figures: Sequence[str] = (),
-) -> Table:
+def new_table(title: str, names: Sequence[str] = (), figures: Sequence[str] = ()) -> Table:
     """Make a table whose names may take several lines and whose figures are never cut."""
     table = Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, show_edge=False,
                   pad_edge=False, padding=(0, GAP - 1, 0, 0))

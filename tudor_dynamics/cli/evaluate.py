@@ -345,9 +345,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if worse else 0
 
 
-def _print_cause(
-    args: argparse.Namespace, data: Sequence[BagData], short: Sequence[str],
-) -> None:
+def _print_cause(args: argparse.Namespace, data: Sequence[BagData], short: Sequence[str]) -> None:
     """Say why an error has grown, where the doctor finds nothing: pushes, or friction."""
     pushed = [f'{bag.choice} holds {count} pushes' for bag in data if (count := len(within(
         find_truth(bag.choice.path), bag.recording).pushes))]

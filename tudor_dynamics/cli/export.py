@@ -117,9 +117,7 @@ def _content(
     return {out: text}, lost(bundle.arm, effects, rotors=rotors), full
 
 
-def lost(
-    arm: Arm, effects: dict[str, FullParameters], *, rotors: bool,
-) -> tuple[str, ...]:
+def lost(arm: Arm, effects: dict[str, FullParameters], *, rotors: bool) -> tuple[str, ...]:
     """Name the parts of an arm's model that URDF or MJCF cannot hold, and what each would win."""
     found: dict[str, bool] = {
         **{str(term): not TERMS[term].pair for joint in arm.joints for term in joint.friction},

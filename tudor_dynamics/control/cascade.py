@@ -138,9 +138,7 @@ STATES = 2
 
 
 @compiled
-def position_law(
-    row: NDArray, q_ref: float, dq_ref: float, q: float, yielding: float,
-) -> float:
+def position_law(row: NDArray, q_ref: float, dq_ref: float, q: float, yielding: float) -> float:
     """Give the speed that the position loop of a joint wants, for the envelope to bound."""
     return dq_ref + row[POSITION_GAIN] * (q_ref - q) + yielding
 

@@ -368,9 +368,7 @@ def check_sign(
     return result
 
 
-def _compare(
-    joint: str, plain: StepResponse, damped: StepResponse, noise: float,
-) -> SignResult:
+def _compare(joint: str, plain: StepResponse, damped: StepResponse, noise: float) -> SignResult:
     # the arm may have rung when its rest was recorded: what is left at the end is noise at most
     end = ringing(damped)[-len(damped.strain) // 4:]
     before = decay_time(plain, noise)

@@ -85,8 +85,7 @@ class Shaping:
             np.array([[mode.drive for mode in modes] for modes in found]),
             np.array([float(np.abs(mode.strain).max()) for mode in found[-1]]))
 
-    def profile(self, start: FloatArray, target: FloatArray, limits: Limits,
-                ) -> Profile | None:
+    def profile(self, start: FloatArray, target: FloatArray, limits: Limits) -> Profile | None:
         """Plan a move by the modes on its path, rest to rest [rad]; None if there is none."""
         payload = self.payload  # another one may be reported meanwhile
         if self.kind != 'elastic':

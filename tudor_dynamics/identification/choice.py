@@ -319,9 +319,7 @@ def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, JointCha
     return found
 
 
-def all_candidates(
-    joints: Sequence[JointSpec], left_out: Collection[str],
-) -> list[JointSpec]:
+def all_candidates(joints: Sequence[JointSpec], left_out: Collection[str]) -> list[JointSpec]:
     """Give the joints with all friction that can come out, for the rows to have its columns."""
     found = []
     for joint in joints:

@@ -113,9 +113,7 @@ class SearchPhase:
     enough: float  # part of the sum of squares: a step that gains less ends the search
 
 
-def improve(
-    problem: Problem, x: FloatArray, steps: int, enough: float = 1e-4,
-) -> FloatArray:
+def improve(problem: Problem, x: FloatArray, steps: int, enough: float = 1e-4) -> FloatArray:
     """Search by all parameters of the problem: x (names,) or (unknowns,); returns (unknowns,)."""
     start, n = problem.extended(x), len(problem.names)
     straight = Straight(problem.names, problem.center, len(start) - n)
@@ -175,9 +173,7 @@ def _pieces(records: Sequence[Record]) -> list[Record]:
     return [record.head(EXCERPT / len(chosen)).decimated(2.0 * COARSE) for record in chosen]
 
 
-def shared(
-    arm: Arm, names: tuple[str, ...], x: FloatArray, share: float | None,
-) -> FloatArray:
+def shared(arm: Arm, names: tuple[str, ...], x: FloatArray, share: float | None) -> FloatArray:
     """Give gears a share, unless None, of the compliance that each has with the link after it."""
     x = x.copy()
     if share is None:
@@ -357,9 +353,7 @@ def identify(
     return result_of(_problem(arm, records, known), end.x, starts, runs, untold)
 
 
-def simple_gears(
-    arm: Arm, known: Knowledge, x: FloatArray,
-) -> tuple[Knowledge, FloatArray]:
+def simple_gears(arm: Arm, known: Knowledge, x: FloatArray) -> tuple[Knowledge, FloatArray]:
     """Say which gears may be simpler than described, and where a search with them begins."""
     mechanism, values = reduced_mechanism(arm), dict(zip(known.names, np.exp(x), strict=True))
     held: dict[str, float] = {}

@@ -78,9 +78,7 @@ class Series:
         return Reference(q, dq, ddq, self.dt)
 
 
-def series(
-    bounds: Limits, limits: Limits, seconds: float, highest: float, dt: float,
-) -> Series:
+def series(bounds: Limits, limits: Limits, seconds: float, highest: float, dt: float) -> Series:
     """Lay out the basis: seconds, dt [s], highest [Hz]."""
     length = seconds - 2.0 * REST
     harmonics = int(highest * length + 1e-9)

@@ -56,9 +56,7 @@ class FoldModels(NamedTuple):
     parts: Mapping[int, Part]  # what each group came to
 
 
-def fold_models(
-    gathered: Summing, progress: Progress = lambda _: None,
-) -> dict[Place, FoldModels]:
+def fold_models(gathered: Summing, progress: Progress = lambda _: None) -> dict[Place, FoldModels]:
     """Add up what groups of bags came to, in their order; fit all, and all but each group."""
     parts: dict[Place, dict[int, Part]] = {}
     task = gathered.task

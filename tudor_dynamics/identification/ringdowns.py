@@ -70,9 +70,7 @@ def oscillation(frequency: FloatArray, density: FloatArray) -> tuple[float, floa
     return peak, float(np.sqrt(inside)), inside / max(float(power[above].sum()), 1e-300)
 
 
-def find_ringing(
-    model: Model, data: Sequence[BagData], output: str,
-) -> tuple[Ringing, ...]:
+def find_ringing(model: Model, data: Sequence[BagData], output: str) -> tuple[Ringing, ...]:
     """Look for resonances in a rigid-body model's residual, at the full rate; none if damped."""
     from scipy.signal import welch  # slow to import
 
@@ -318,9 +316,6 @@ class Ring:
 
     frequency: float  # [Hz]
     damping: float  # damping ratio
-    # Standard errors of these two.
-    frequency_error: float
-    damping_error: float
     amplitude: Any  # complex, at the first sample of the rest, (joints,) [N m or N]
     noise: FloatArray  # rms of what it leaves over, (joints,)
 
@@ -382,12 +377,7 @@ def ring_of(t: FloatArray, effort: FloatArray) -> Ring | None:
     if (share < settings.RING_CLEAR or found.x[1] > settings.RING_DAMPED
             or found.x[0] < settings.RING_LOWEST or loud < settings.RING_LOUD):
         return None
-    # what is left is no white noise: a period counts as one sample
-    scale = 2.0 * found.cost / (len(t) * effort.shape[1]) * max(
-        1.0, 1.0 / (found.x[0] * float(np.median(np.diff(t)))))
-    off = np.sqrt(np.diag(scale * np.linalg.pinv(found.jac.T @ found.jac))).tolist()
-    return Ring(float(found.x[0]), float(found.x[1]), off[0], off[1],
-                values[0] - 1j * values[1], noise)
+    return Ring(float(found.x[0]), float(found.x[1]), values[0] - 1j * values[1], noise)
 
 
 def loudest_of(rests: Sequence[tuple[FloatArray, FloatArray]], count: int = 1) -> list[float]:

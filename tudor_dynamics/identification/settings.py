@@ -312,11 +312,13 @@ TOOL_FOOT, TOOL_LENGTH, TOOL_DAMPING, TOOL_DELAY = 0.2, 0.4, 0.02, 0.03
 # Error of a ring relative to it, and how many samples of a rest err on their own.
 TOOL_RELATIVE, TOOL_FEW = 0.1, 20.0
 TOOL_LEARN = 0.008  # step of a motion that a tool is learned from [s]
-# Starts of a search: directions, peaks of the spectrum, logarithms of frequencies over these; how
+# Starts of a search: rotations, peaks of the spectrum, logarithms of frequencies over these; how
 # many are tried, by so much of each rest [s], and cost over the best that is too much.
-TOOL_WAYS, TOOL_PEAKS, TOOL_OFF = 16, 4, (-0.02, 0.02)
+TOOL_WAYS, TOOL_PEAKS, TOOL_OFF = 60, 4, (-0.02, 0.02)
 TOOL_TRIED, TOOL_BEGIN, TOOL_NEAR = 10, 1.2, 1.5
-TOOL_SECOND = 0.8  # cost with a second bending plane, over that with one, that it is worth
+# Cost with a second bending plane, over that with one, that it is worth: one that is not there
+# costs little, one that is left out rings on.
+TOOL_SECOND = 0.9
 TOOL_SURE = 0.05  # least error of a predicted ring, relative to it
 TOOL_HEARD = 0.05  # variance of a ring over that of noise from which on it counts
 TOOL_LEVER = 0.3  # translation that counts as much as a rotation of 1 rad: half a long tool [m]

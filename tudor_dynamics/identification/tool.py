@@ -20,7 +20,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-import itertools
 import math
 from typing import Any
 import warnings
@@ -214,21 +213,15 @@ class _Search:
 
     def begun(self, peaks: Sequence[float], planes: int) -> list[FloatArray]:
         """Give starts in all directions, with the mass that explains most, the best first."""
-        pairs = ([(one,) for one in peaks] if planes == 1 else [(peaks[0], one) for one in peaks])
-        found = []
-        for z in _directions(settings.TOOL_WAYS):
-            for angle in np.linspace(0.0, math.pi, 4, endpoint=False):
-                x = np.cross(z, np.roll(z, 1) * [1.0, -1.0, 1.0])
-                x /= np.linalg.norm(x)
-                x = math.cos(angle) * x + math.sin(angle) * np.cross(z, x)
-                turn = pin.log3(np.stack([x, np.cross(z, x), z], axis=1))
-                for pair, off in itertools.product(pairs, settings.TOOL_OFF):
-                    if planes == 2 and pair[0] == pair[1] and angle > 0.0:
-                        continue  # one that bends alike in all directions
-                    found.append(np.concatenate([
-                        turn, settings.TOOL_LENGTH * z, [0.0, math.log(settings.TOOL_LENGTH)],
-                        np.log(pair) + off, [math.log(settings.TOOL_DAMPING)] * planes,
-                        [0.5 * settings.TOOL_DELAY]]))
+        from scipy.spatial.transform import Rotation  # slow to import
+
+        pairs = [(one,) for one in peaks] if planes == 1 else [(peaks[0], one) for one in peaks]
+        turns = Rotation.random(settings.TOOL_WAYS, 0)
+        found = [np.concatenate([
+            turn.as_rotvec(), settings.TOOL_LENGTH * turn.as_matrix()[:, 2],
+            [0.0, math.log(settings.TOOL_LENGTH)], np.log(pair) + off,
+            [math.log(settings.TOOL_DAMPING)] * planes, [0.5 * settings.TOOL_DELAY]])
+            for turn in turns for pair in pairs for off in settings.TOOL_OFF]
         units, costs = list(self.units(1.0)), []
         seen = np.concatenate([(rest.rings / unit).ravel()
                                for rest, unit in zip(self.rests, units, strict=True)])
@@ -311,11 +304,3 @@ class _Search:
         most = max(float(size[0]) for size in sizes.values())
         return [name for name, size in sizes.items()
                 if len(size) < 3 or size[2] < settings.TOOL_HIDDEN * most]
-
-
-def _directions(count: int) -> FloatArray:
-    """Give directions that are spread evenly, by a spiral (count, 3)."""
-    k = np.arange(count) + 0.5
-    z, angle = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
-    flat = np.sqrt(1.0 - z * z)
-    return np.column_stack([flat * np.cos(angle), flat * np.sin(angle), z])

@@ -167,9 +167,7 @@ def bends(arm: Arm) -> FloatArray:
     return found
 
 
-def find_bending(
-    arm: Arm, model: AnalyticalModel, watched: Sequence[Watched],
-) -> BentLinks | None:
+def find_bending(arm: Arm, model: AnalyticalModel, watched: Sequence[Watched]) -> BentLinks | None:
     """Search for angles per strain that explain strain best; None where links hardly bend."""
     stretches, allowed = _searched(watched), bends(arm)
     least = 10 * (model.n_inputs + int(allowed.sum()))

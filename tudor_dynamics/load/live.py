@@ -114,9 +114,7 @@ class RecentPast:
         """Say whether there is no place for another block."""
         return self._full == self._most
 
-    def add(
-        self, dt: float, left: FloatArray, added: FloatArray, weight: FloatArray,
-    ) -> bool:
+    def add(self, dt: float, left: FloatArray, added: FloatArray, weight: FloatArray) -> bool:
         """Add a sample (channels,) in units of its noise; say whether a block is full with it."""
         newest = self._blocks[self._full]
         add_sample(left, added, weight, dt, newest)

@@ -217,9 +217,7 @@ def described_masses(arm: Arm, motion: FloatArray, effort: FloatArray) -> Descri
     return Described(ratios, shares, sizes)
 
 
-def find_scale(
-    arm: Arm, output: str, motion: FloatArray, predicted: FloatArray,
-) -> Scale:
+def find_scale(arm: Arm, output: str, motion: FloatArray, predicted: FloatArray) -> Scale:
     """Find the scale from newton metres to the readings of an output."""
     if output == 'strain':
         gains = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}

@@ -320,9 +320,7 @@ def record_stimulus(
     return StimulusResult(str(path), len(stamp), pushes, loop.status_seconds, _notes(loop))
 
 
-def _record_piece(
-    piece: tuple[Path, str, StimulusSpec, str], count: Count,
-) -> StimulusResult:
+def _record_piece(piece: tuple[Path, str, StimulusSpec, str], count: Count) -> StimulusResult:
     base, source, spec, path = piece  # who does it need not stand in the same directory
     return replace(record_stimulus(load_arm(base / source), spec, base / path, count), bag=path)
 

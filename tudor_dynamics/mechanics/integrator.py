@@ -19,10 +19,9 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.compiled import array_at, compiled, places_of, REAL, TRUTH, WHOLE
+from tudor_dynamics.compiled import compiled, unowned
 from tudor_dynamics.mechanics import chain as at, settings as tuned
 from tudor_dynamics.mechanics.chain import Chain, cholesky, factor_norm, solve
 from tudor_dynamics.mechanics.equations import inverse_dynamics
@@ -334,7 +333,7 @@ def accelerations(plant: PlantTables, loaded: bool) -> bool:
     return True
 
 
-# -- A step as Python calls it: the arrays of a plant by their places, and what its joints do
+# -- A step as Python calls it, and what joints do in it
 
 class Joints(NamedTuple):
     """Where joints stand in a plant, and what they do."""
@@ -362,25 +361,11 @@ def report(plant: PlantTables, joints: Joints) -> None:
         state[3, number] = effort
 
 
-def reported_places(plant: PlantTables, joints: Joints) -> NDArray[np.int64]:
-    """Write down where the arrays of a plant lie, for ``step_and_report``."""
-    return places_of((*plant[:6], *plant.chain, *plant.composite, *joints))
-
-
 @compiled
-def step_and_report(loaded: bool, places: NDArray) -> int:
-    """Advance one step and report: places (19, 4)."""
-    a = places
-    chain = Chain(array_at(a, 6, WHOLE, 2), array_at(a, 7, REAL, 2), array_at(a, 8, REAL, 2),
-                  array_at(a, 9, REAL, 1), array_at(a, 10, REAL, 2), array_at(a, 11, REAL, 2),
-                  array_at(a, 12, REAL, 2))
-    composite = Composite(array_at(a, 13, REAL, 2), array_at(a, 14, WHOLE, 1),
-                          array_at(a, 15, REAL, 2))
-    plant = PlantTables(array_at(a, 0, REAL, 2), array_at(a, 1, REAL, 3), array_at(a, 2, REAL, 1),
-                        array_at(a, 3, TRUTH, 1), array_at(a, 4, REAL, 1),
-                        array_at(a, 5, REAL, 2), chain, composite)
+def step_and_report(loaded: bool, plant: PlantTables, joints: Joints) -> int:
+    """Advance one step and report."""
+    plant, joints = unowned((plant, joints))
     status = step(plant, loaded)
     if status == OK:
-        report(plant, Joints(array_at(a, 16, WHOLE, 1), array_at(a, 17, WHOLE, 1),
-                             array_at(a, 18, REAL, 2)))
+        report(plant, joints)
     return status

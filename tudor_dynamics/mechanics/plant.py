@@ -27,7 +27,7 @@ from tudor_dynamics.mechanics import chain as at, integrator as gen, settings
 from tudor_dynamics.mechanics.chain import forward
 from tudor_dynamics.mechanics.equations import inverse_dynamics
 from tudor_dynamics.mechanics.integrator import (
-    Joints, PlantTables, report, reported_places, step_and_report)
+    Joints, PlantTables, report, step_and_report)
 from tudor_dynamics.mechanics.matrices import (
     add_stretch, mass_matrix, stiffness_matrix, stretch_energy)
 from tudor_dynamics.mechanics.mechanism import Mechanism
@@ -123,7 +123,6 @@ class Plant:
         self.bodies = np.array([mechanism.body_of[name] for name in mechanism.joints])
         self._drives = ['torque' if active else 'hold' for active in mechanism.driven]
         self._joints = Joints(self._q, self.bodies, np.zeros((4, self._q.size)))
-        self._places = reported_places(self.tables, self._joints)
         self.state = PlantState(0.0, *self._joints.state)  # rows are views
         self.dt = dt
         self.reset()
@@ -290,7 +289,7 @@ class Plant:
             follows = [number for number, kind in enumerate(self._drives) if kind == 'motion']
             for row, values in zip(tables.motion, motion, strict=True):
                 row[self._q[follows]] = np.asarray(values, dtype=float)[follows]
-        status = step_and_report(self.loaded, self._places)
+        status = step_and_report(self.loaded, self.tables, self._joints)
         if status != gen.OK:
             self._fail(status)
         self._time_steps += 1

@@ -71,9 +71,7 @@ def signal_names(mechanism: Mechanism, gauges: tuple[str, ...]) -> list[str]:
             + [f'strain:{gauge}' for gauge in gauges] + ['energy'])
 
 
-def plot_configuration(
-    path: Path, mechanism: Mechanism, position: FloatArray, title: str,
-) -> None:
+def plot_configuration(path: Path, mechanism: Mechanism, position: FloatArray, title: str) -> None:
     """Draw the mechanism as it stands: position (points, 3) [m]."""
     figure = Figure(figsize=(6.4, 5.6), layout='constrained')
     axes = figure.add_subplot(projection='3d')

@@ -278,9 +278,7 @@ class Model(ABC):
 
     @classmethod
     @abstractmethod
-    def live(
-        cls: type[AnyModel], models: Mapping[str, AnyModel], observer: str = 'off',
-    ) -> Live:
+    def live(cls: type[AnyModel], models: Mapping[str, AnyModel], observer: str = 'off') -> Live:
         """
         Put models of one arm, by output and all of this kind, beside the running robot.
 
@@ -299,9 +297,7 @@ class Model(ABC):
 
     @classmethod
     @abstractmethod
-    def from_dict(
-        cls: type[AnyModel], content: dict[str, Any], arm: Arm, output: str,
-    ) -> AnyModel:
+    def from_dict(cls: type[AnyModel], content: dict[str, Any], arm: Arm, output: str) -> AnyModel:
         """
         Build a model from what a bundle keeps, which may come from anywhere.
 
@@ -412,9 +408,7 @@ class MemorylessModel(Model):
         return np.asarray(0.5 * np.median(own, axis=0))
 
     @classmethod
-    def live(
-        cls: type[Learner], models: Mapping[str, Learner], observer: str = 'off',
-    ) -> Live:
+    def live(cls: type[Learner], models: Mapping[str, Learner], observer: str = 'off') -> Live:
         """Predict row by row; there is no state that an observer could correct."""
         return RowByRow(models)
 

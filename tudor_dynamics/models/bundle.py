@@ -154,9 +154,7 @@ class ModelBundle:
         return replace(self, models=_at(self.models, payload), causal=causal)
 
 
-def _at(
-    models: dict[str, dict[str, Model]], payload: float,
-) -> dict[str, dict[str, Model]]:
+def _at(models: dict[str, dict[str, Model]], payload: float) -> dict[str, dict[str, Model]]:
     return {output: {kind: model if model.payload_range is None else model.at(payload)
                      for kind, model in kinds.items()}
             for output, kinds in models.items()}

@@ -291,9 +291,7 @@ def described_bodies(arm: Arm) -> dict[str, FloatArray]:
             for i in range(1, model.njoints)}
 
 
-def body_row(
-    joint: str, arms: tuple[Arm, Arm], bodies: tuple[FloatArray, FloatArray],
-) -> BodyRow:
+def body_row(joint: str, arms: tuple[Arm, Arm], bodies: tuple[FloatArray, FloatArray]) -> BodyRow:
     """Compare a body with another: bodies (10,)."""
     (one, other), (a, b) = bodies, (pin.Inertia.FromDynamicParameters(body) for body in bodies)
     turns = []

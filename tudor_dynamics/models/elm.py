@@ -157,9 +157,7 @@ class ExtremeLearningMachine(MemorylessModel):
         return {**content, **{name: np.asarray(getattr(self, f'{name}_')) for name in ARRAYS}}
 
     @classmethod
-    def from_dict(
-        cls, content: dict[str, Any], arm: Arm, output: str,
-    ) -> ExtremeLearningMachine:
+    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> ExtremeLearningMachine:
         part, channels = read(ElmPart, content), arm.channels[output]
         hidden = part.hidden
         if not 1 <= hidden <= MAX_HIDDEN or part.channels != channels:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 from typing import Any, Literal
 
@@ -82,11 +83,14 @@ class Modes:
     pulls: FloatArray  # on the flange, force and moment by an acceleration of 1, (modes, 6)
     hangs: FloatArray  # d, (2,) [m]
 
+    @cached_property
+    def _parts(self) -> FloatArray:
+        return np.asarray(np.linalg.pinv(self.shapes))
+
     def of(self, state: FloatArray) -> Any:
         """Give how far each is out, complex (modes,), in a state (4,)."""
-        out, speed = (np.linalg.lstsq(self.shapes, x, rcond=None)[0]
-                      for x in (state[:2] - self.hangs, state[2:]))
-        return out - 1j * speed / self.poles.imag
+        return (self._parts @ (state[:2] - self.hangs)
+                - 1j * (self._parts @ state[2:]) / self.poles.imag)
 
 
 def flange_motion(arm: Arm, t: FloatArray, motion: MotionState) -> Flange:
@@ -193,8 +197,14 @@ class FlexibleTool(BundlePart):
 
     def frequency(self, gravity: FloatArray) -> tuple[Estimate, ...]:
         """Give the frequencies [Hz] where gravity (3,) [m/s^2] has a direction in the flange."""
-        found = np.array([np.abs(modes_of(row_of(x), gravity).poles) for x in self.drawn()])
-        return tuple(Estimate(float(one[0]), *_ends(one)) for one in found.T / (2.0 * math.pi))
+        x = self.parameters
+        logs = np.log([np.abs(modes_of(row_of(one), gravity).poles) / (2.0 * math.pi) for one in
+                       (x, *(x + TOOL_NUDGE * np.eye(len(x))))])
+        slopes = (logs[1:] - logs[0]) / TOOL_NUDGE
+        off = np.sqrt(np.einsum('ik,ij,jk->k', slopes, self.covariance, slopes))
+        ends = LIKELY * np.array([0.0, -1.0, 1.0])
+        return tuple(Estimate(*np.exp(value + error * ends).tolist())
+                     for value, error in zip(logs[0], off, strict=True))
 
     def frequency_at(self, arm: Arm, q: FloatArray) -> tuple[Estimate, ...]:
         """Give the frequencies [Hz] where the joints stand: q (joints,) [rad or m]."""

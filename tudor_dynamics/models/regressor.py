@@ -259,9 +259,7 @@ def random_motion(n_joints: int, n_samples: int, seed: int) -> FloatArray:
     return np.asarray(motion)
 
 
-def random_inputs(
-    regressor: Regressor, n_joints: int, n_samples: int, seed: int,
-) -> FloatArray:
+def random_inputs(regressor: Regressor, n_joints: int, n_samples: int, seed: int) -> FloatArray:
     """Draw random inputs of a regressor: motion, states, and the payload if it takes one."""
     motion = random_motion(n_joints, n_samples, seed)
     if regressor.states is not None:
@@ -403,9 +401,7 @@ class PayloadRegressor(Regressor):
 
     payload_range: tuple[float, float]
 
-    def __init__(
-        self, plain: Regressor, arm: Arm, payload_range: tuple[float, float],
-    ) -> None:
+    def __init__(self, plain: Regressor, arm: Arm, payload_range: tuple[float, float]) -> None:
         if plain.loaded:
             raise FitError('the friction term `load` cannot be identified over several payloads',
                            place=arm.source, remedy='remove `load` from joints[].friction, or fit '

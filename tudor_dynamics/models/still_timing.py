@@ -23,7 +23,6 @@ programmes in turn reduce it, as in ``signals/shaping.py``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -51,17 +50,7 @@ WEIGHT = np.array([1.0, TIMING_GOOD / TIMING_OFF, TIMING_GOOD / TIMING_OFF])[:, 
 """Of the rings at the frequencies expected, at lower and at higher ones."""
 
 
-@dataclass(frozen=True, eq=False)
-class StillTiming:
-    """A trajectory after which a tool is still."""
-
-    trajectory: Trajectory
-    # What is left of the ring of the given one, by the model; the same where the frequency is off.
-    left: float
-    left_off: float
-
-
-def still_timing(arm: Arm, tool: FlexibleTool, given: Trajectory) -> StillTiming:
+def still_timing(arm: Arm, tool: FlexibleTool, given: Trajectory) -> Trajectory:
     """
     Change when a trajectory passes its path, so that a tool at the flange is still at its end.
 
@@ -87,15 +76,13 @@ def still_timing(arm: Arm, tool: FlexibleTool, given: Trajectory) -> StillTiming
     if left > TIMING_MOST:
         raise SignalError(f'no timing of this path leaves the tool still: {100.0 * left:.0f} % of '
                           'the ring remain', remedy='begin more slowly, or shape it by zv or zvd')
-    rings = np.abs(timing.rings(rate))
-    return StillTiming(timing.trajectory(given, rate), float(rings[0].max()),
-                       float(rings[1:].max()))
+    return timing.trajectory(given, rate)
 
 
 def shaped_for(arm: Arm, tool: FlexibleTool, given: Trajectory, kind: str) -> Trajectory:
     """Shape a trajectory by its timing, or by impulses for the tool where it ends."""
     if kind == TIMING:
-        return still_timing(arm, tool, given).trajectory
+        return still_timing(arm, tool, given)
     modes = [one.value for one in tool.frequency_at(arm, given.of(arm.active_joints).q[-1])]
     if modes[-1] < (1.0 + TIMING_SAME) * modes[0]:
         modes = [math.sqrt(modes[0] * modes[-1])]

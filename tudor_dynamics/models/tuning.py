@@ -434,9 +434,7 @@ class MoveRefiner:
         # compiled now, not when a robot waits for its first move
         tuned.strains(0.0, np.zeros((1, 2, len(tuned.arm.active_joints))), MOVE_SAMPLE)
 
-    def __call__(
-        self, profile: Profile, limits: Limits, payload: float, period: float,
-    ) -> Profile:
+    def __call__(self, profile: Profile, limits: Limits, payload: float, period: float) -> Profile:
         """Refine a move: payload [kg], period [s]."""
         t = np.arange(0.0, profile.duration + AFTER_MOVE + period, MOVE_SAMPLE)
         after = np.flatnonzero(t > profile.duration + AFTER_MOVE)[::EVERY]

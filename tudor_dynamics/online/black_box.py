@@ -103,9 +103,7 @@ class MessageRing:
                             [data for _, data in items]) for topic, items in found.items()]
 
 
-def write_events(
-    folder: Path, series: list[RawMessages], records: list[dict[str, Any]],
-) -> Path:
+def write_events(folder: Path, series: list[RawMessages], records: list[dict[str, Any]]) -> Path:
     """Write a bag of events, whole or not at all; the oldest goes where there are too many."""
     # by the clock on the wall: simulated time begins at 0 in every run
     path = folder / datetime.now().strftime('event_%Y%m%d_%H%M%S_%f')

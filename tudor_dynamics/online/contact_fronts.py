@@ -80,11 +80,7 @@ def strain_deviation(bundle: ModelBundle, kind: str) -> FloatArray:
 
 def torque_scale(arm: Arm) -> FloatArray:
     """Give the torque at active joints per unit of effort [N m or N]; NaN where unknown."""
-    motors = {motor.joint: motor for motor in arm.spec.motors}
-    return np.array([
-        1.0 if joint.effort.unit != 'A' else
-        motors[joint.name].joint_torque_constant if joint.name in motors else np.nan
-        for joint in arm.joints])
+    return np.where([joint.effort.unit == 'A' for joint in arm.joints], arm.torque_constants, 1.0)
 
 
 # Where on the links a contact is looked for.
@@ -253,9 +249,7 @@ class RigidFront:
 # What a force on a link of an elastic arm does to its gauges, compiled.
 
 @compiled
-def _put(
-    chain: Chain, body: int, side: int, place: float, across: float, along: float,
-) -> None:
+def _put(chain: Chain, body: int, side: int, place: float, across: float, along: float) -> None:
     here = chain.moving[body]
     x = (here[at.WORLD], here[at.WORLD + 3], here[at.WORLD + 6])
     y = (here[at.WORLD + side], here[at.WORLD + 3 + side], here[at.WORLD + 6 + side])

@@ -52,14 +52,12 @@ UNITS: tuple[Unit, ...] = ('model', 'current', 'torque')
 
 def factors(arm: Arm, unit: Unit) -> FloatArray:
     """Give what efforts of a model are multiplied by, gear and efficiency in it; (joints,)."""
-    motors = {motor.joint: motor.joint_torque_constant for motor in arm.spec.motors}
     result = np.ones(len(arm.joints))
-    for i, joint in enumerate(arm.joints):
+    for i, (joint, constant) in enumerate(zip(arm.joints, arm.torque_constants, strict=True)):
         is_current = joint.effort.unit == 'A'
         if unit == 'model' or is_current == (unit == 'current'):
             continue
-        constant = joint.effort.torque_constant or motors.get(joint.name)
-        if constant is None:
+        if np.isnan(constant):
             msg = (f'the efforts of joint {joint.name!r} cannot be converted from '
                    f'{joint.effort.unit}, as its torque constant is not described')
             raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm descrip'

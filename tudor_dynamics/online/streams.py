@@ -310,9 +310,7 @@ class Gathering:
         """Give the readings left out, by cause; one topic's pairing with the motion counts."""
         return [self._gate.drops, *(stage.drops for stage in self._stages)]
 
-    def add(
-        self, topic: str, stamp: int, values: FloatArray,
-    ) -> list[tuple[int, FloatArray]]:
+    def add(self, topic: str, stamp: int, values: FloatArray) -> list[tuple[int, FloatArray]]:
         """Take a message of its topic's channels into account; returns (channels,)."""
         if not self._stages:
             return [(stamp, values)]  # of a single topic, in its order

@@ -81,9 +81,7 @@ def evaluate_features(
 # The steps are 10 ms long whatever the sample rate is: the past is interpolated.
 
 
-def learn_taps(
-    records: Sequence[tuple[FloatArray, FloatArray]], step: float,
-) -> FloatArray:
+def learn_taps(records: Sequence[tuple[FloatArray, FloatArray]], step: float) -> FloatArray:
     """Fold autoregression and window into one filter (LAGS + WINDOW, channels, channels)."""
     n = records[0][1].shape[1]
     gram, moment = np.zeros((LAGS * n, LAGS * n)), np.zeros((LAGS * n, n))
@@ -167,9 +165,7 @@ def onset_now(
 
 
 @compiled
-def advance(
-    dt: float, z: FloatArray, threshold: FloatArray, sums: FloatArray,
-) -> None:
+def advance(dt: float, z: FloatArray, threshold: FloatArray, sums: FloatArray) -> None:
     """Add one sample to the sums (2, channels) [s]."""
     step = min(dt, LONGEST_STEP)
     for i in range(len(z)):

@@ -95,9 +95,7 @@ LIKE = 1e-3
 """Part by which damping inside the play may differ from that of the teeth and be left unsaid."""
 
 
-def description_of(
-    bundle: ModelBundle, urdf: str = 'arm.urdf',
-) -> tuple[str, tuple[str, ...]]:
+def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> tuple[str, tuple[str, ...]]:
     """Describe an arm as its elastic model has found it, as YAML; name what has no place there."""
     model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if model is None:

@@ -99,9 +99,7 @@ class LiveView:
         self.traces: dict[str, RatioHistory] = {}
         self.events: deque[str] = deque(maxlen=EVENTS)
 
-    def ratios(
-        self, stamp: int, method: str, channels: Sequence[str], ratio: FloatArray,
-    ) -> None:
+    def ratios(self, stamp: int, method: str, channels: Sequence[str], ratio: FloatArray) -> None:
         """Take the ratios of a method to its thresholds, (channels,), at a stamp [ns]."""
         self.stamp = max(self.stamp, stamp)
         place = int(np.argmax(ratio))

@@ -218,9 +218,7 @@ def _elements(text: bytes) -> _Element:
     return top.parts[0]
 
 
-def _change(
-    text: bytes, element: _Element, name: str, content: str,
-) -> tuple[int, int, bytes]:
+def _change(text: bytes, element: _Element, name: str, content: str) -> tuple[int, int, bytes]:
     """Say what to put where, so that an element has one part of that name, with that content."""
     old = next((part for part in element.parts if part.name == name), None)
     if old is not None:

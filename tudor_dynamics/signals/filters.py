@@ -162,9 +162,7 @@ class CausalDifferentiator:
         _, dq, ddq = np.split(self._rows(dt, q, measured), 3, axis=1)
         return MotionState(q, dq.copy(), ddq.copy())
 
-    def step_row(
-        self, dt: float, q: FloatArray, measured: FloatArray | None = None,
-    ) -> FloatArray:
+    def step_row(self, dt: float, q: FloatArray, measured: FloatArray | None = None) -> FloatArray:
         """Filter one sample, for the control loop; gives ``[q, dq, ddq]`` in one new array."""
         if self._last is not None and not dt > 0:
             raise SignalError(f'sample time {dt:g} s; stamps must increase')

@@ -450,9 +450,7 @@ def binary_sequence(length: int, rng: np.random.Generator) -> NDArray[np.bool_]:
     return result
 
 
-def aprbs(
-    bounds: Limits, duration: float, seed: int, *, clock: float = 1.0,
-) -> Targets:
+def aprbs(bounds: Limits, duration: float, seed: int, *, clock: float = 1.0) -> Targets:
     """Make an APRBS for each joint: duration, clock [s]."""
     rest = settings.REST
     if not (clock > 0.0 and duration > rest + clock):
@@ -518,8 +516,7 @@ def fourier_motion(
     return Reference(q, dq, ddq, dt)
 
 
-def fade(t: FloatArray, duration: float, ramp: float) -> tuple[
-        FloatArray, FloatArray, FloatArray]:
+def fade(t: FloatArray, duration: float, ramp: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Fade in and out along a quintic, at rest outside: window, first and second derivative."""
     x = np.clip(np.minimum(t, duration - t) / ramp, 0.0, 1.0)
     sign = np.where(t < 0.5 * duration, 1.0, -1.0) / ramp

@@ -230,9 +230,7 @@ def noise_gain(stretch: Stretch, spec: PreprocessingSpec) -> float:
     return float(stretch.decimation(causal_outputs(stretch.dt, white, cutoff)).std())
 
 
-def causal_outputs(
-    dt: FloatArray, x: FloatArray, cutoff: float | None,
-) -> FloatArray:
+def causal_outputs(dt: FloatArray, x: FloatArray, cutoff: float | None) -> FloatArray:
     """Low-pass an output from its first value on; a cutoff [Hz] of None leaves it as it is."""
     if cutoff is None:
         return x
@@ -263,9 +261,7 @@ def _warm_up(settle: float, t: FloatArray, q: FloatArray) -> float:
     return settings.STOOD if early <= settings.STANDSTILL < 0.1 * later else settle
 
 
-def _decimation(
-    spec: PreprocessingSpec, t: FloatArray, q: FloatArray,
-) -> tuple[Decimation, int]:
+def _decimation(spec: PreprocessingSpec, t: FloatArray, q: FloatArray) -> tuple[Decimation, int]:
     n = len(t)
     dt = float(t[-1] - t[0]) / (n - 1)
     factor = 1 if spec.rate is None else max(1, round(1.0 / (spec.rate * dt)))

@@ -163,9 +163,7 @@ def _is_suspect(size: float, j: int) -> bool:
     return j == 1
 
 
-def _loads(
-    cases: Sequence[Case], stated: Sequence[float | None], pairs: Pairs,
-) -> list[Finding]:
+def _loads(cases: Sequence[Case], stated: Sequence[float | None], pairs: Pairs) -> list[Finding]:
     """Find the bag whose load is not that which it states."""
     n, names = len(cases), [case.recording.path for case in cases]
     # a bag that predicts another worse than nothing does is too poor to say what that carries

@@ -196,9 +196,7 @@ class Explained:
         """Give a channel's own parameters (own,) by values (n,), for known ones of the bodies."""
         return _fitted(self.own[channel], values - self.bodies[channel] @ parameters)
 
-    def predicted(
-        self, channel: int, values: FloatArray, known: NDArray[np.bool_],
-    ) -> FloatArray:
+    def predicted(self, channel: int, values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
         """Learn one channel (n,) from some samples, and predict all of them."""
         columns = np.column_stack([self.bodies[channel], self.own[channel]])
         return np.asarray(columns @ _fitted(columns[known], values[known], settings.PREDICTING))

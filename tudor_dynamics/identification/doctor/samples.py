@@ -287,9 +287,7 @@ def _by_masses(case: Case, known: Described) -> list[Finding]:
         measure='ratio of measured efforts to those of the masses in the URDF')]
 
 
-def outliers(
-    recording: Recording, items: Sequence[Channel],
-) -> tuple[Recording, list[Finding]]:
+def outliers(recording: Recording, items: Sequence[Channel]) -> tuple[Recording, list[Finding]]:
     """Find single samples that are far off, and give the recording without them."""
     changed: dict[str, Any] = {}
     findings = []
@@ -361,9 +359,7 @@ def moving(recording: Recording) -> NDArray[np.bool_]:
     return result
 
 
-def _held(
-    recording: Recording, item: Channel, moves: NDArray[np.bool_],
-) -> Finding | None:
+def _held(recording: Recording, item: Channel, moves: NDArray[np.bool_]) -> Finding | None:
     t, values = recording.t, item.values
     first, length = runs(values)
     order = np.argsort(length)[::-1]

@@ -77,9 +77,7 @@ def shortening_rows(v: NDArray, first: int, length: float) -> tuple[float, float
 
 
 @compiled
-def shorten(
-    z: NDArray, dz: NDArray, ddz: NDArray, body_int: NDArray, body_float: NDArray,
-) -> None:
+def shorten(z: NDArray, dz: NDArray, ddz: NDArray, body_int: NDArray, body_float: NDArray) -> None:
     """Draw the ends of bent beams in, before ``inverse_dynamics``."""
     # A beam keeps its length, so bending by w draws its end in by s = w' G w / 2: the axial
     # coordinate is no freedom but -s, its rates those of -s.
@@ -96,9 +94,7 @@ def shorten(
 
 
 @compiled
-def add_shortening(
-    z: NDArray, body_int: NDArray, body_float: NDArray, force: NDArray,
-) -> None:
+def add_shortening(z: NDArray, body_int: NDArray, body_float: NDArray, force: NDArray) -> None:
     """
     Add what a beam's normal force does to its bending, after ``inverse_dynamics``.
 
@@ -180,9 +176,7 @@ def residual(vectors: NDArray, gears: Gears, chain: Chain, loaded: bool) -> None
 
 
 @compiled
-def factorise(
-    equations: Equations, gears: Gears, speed_gain: float, place_gain: float,
-) -> bool:
+def factorise(equations: Equations, gears: Gears, speed_gain: float, place_gain: float) -> bool:
     """Factorise M + speed_gain C + place_gain K over the free coordinates."""
     matrices, factor, free = equations.matrices, equations.factor, equations.free
     mass, stiffness, damping = matrices[MASS], matrices[STIFFNESS], matrices[DAMPING]
