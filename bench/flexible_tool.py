@@ -42,7 +42,7 @@ from tudor_dynamics.bags.reader import read_recording  # noqa: E402
 from tudor_dynamics.bags.recording import Recording  # noqa: E402
 from tudor_dynamics.identification.ringdowns import ring_of  # noqa: E402
 from tudor_dynamics.identification.tool import find_moves, fit_tool, Moves, REFERENCE  # noqa: E402
-from tudor_dynamics.models.flexible_tool import FlexibleTool  # noqa: E402
+from tudor_dynamics.models.flexible_tool import Flange, FlexibleTool  # noqa: E402
 from tudor_dynamics.typing import FloatArray  # noqa: E402
 
 DATA = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT / '../shared/data'))
@@ -66,7 +66,9 @@ def amplitude(moves: Moves, tool: FlexibleTool) -> FloatArray:
 
 def compared(tool: FlexibleTool, moves: Moves) -> dict[str, Any]:
     """Compare a prediction with what was measured, at the joint that shows most."""
-    found = tool.ring(moves.until(moves.rests[0].t[0]))
+    (rest,), flange = moves.rests, moves.flange
+    n = int(np.searchsorted(flange.t, rest.t[0])) + 1
+    found = tool.ring(Flange(flange.t[:n], flange.motion[:n], flange.velocity[:n], rest.jacobian))
     size = float(amplitude(moves, tool)[found.loudest])
     return {'measured': size, 'predicted': found.torque.value,
             'interval': [found.torque.low, found.torque.high],

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Time a thousand random moves for random tools: do limits hold, is the path kept?
+Time a thousand random moves for random tools, and see whether limits and path hold.
 
 Moves and limits are those of `still_moves.py`: a seven-joint arm, curves through three random
 poses, from rest to rest. The tools have 1 to 5 Hz, one bending plane or two. Between the points of

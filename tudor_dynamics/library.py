@@ -143,19 +143,10 @@ def fit_bags(
 
 
 def fit(
-    bags: Paths,
-    arm: Arm,
-    *,
-    test: Paths = (),
-    settings: FitSettings = FitSettings(),
-    preprocessing: PreprocessingSpec | None = None,
-    payloads: Mapping[str, float] | None = None,
-    ignore_payload: bool = False,
-    out: str | Path | None = None,
-    overwrite: bool = False,
-    streaming: Streaming | None = None,
-    bare: bool = False,
-    progress: Progress = lambda _: None,
+    bags: Paths, arm: Arm, *, test: Paths = (), settings: FitSettings = FitSettings(),
+    preprocessing: PreprocessingSpec | None = None, payloads: Mapping[str, float] | None = None,
+    ignore_payload: bool = False, out: str | Path | None = None, overwrite: bool = False,
+    streaming: Streaming | None = None, bare: bool = False, progress: Progress = lambda _: None,
 ) -> ModelBundle:
     """
     Learn the models of an arm from bags, as ``tudor fit`` does.

@@ -31,7 +31,7 @@ from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.identification.ringdowns import ring_of
 from tudor_dynamics.identification.tool import check_efforts, find_moves, fit_tool, Moves
 from tudor_dynamics.models.base import read
-from tudor_dynamics.models.flexible_tool import FlexibleTool
+from tudor_dynamics.models.flexible_tool import Flange, FlexibleTool
 from tudor_dynamics.models.still_timing import shaped_for
 
 GANTRY = arm_from_dict({
@@ -46,6 +46,13 @@ def run(seed: int, count: int = 3) -> Recording:
     """Record random moves of the simulated arm, with its tool."""
     q = moves(seed, count=count)
     return recording(q, tool_efforts(ARM, q), seed=seed)
+
+
+def until(moves: Moves, number: int) -> Flange:
+    """Give the motion up to a rest."""
+    rest, flange = moves.rests[number], moves.flange
+    n = int(np.searchsorted(flange.t, rest.t[0])) + 1
+    return Flange(flange.t[:n], flange.motion[:n], flange.velocity[:n], rest.jacobian)
 
 
 def shown(moves: Moves, number: int) -> np.ndarray:
@@ -93,7 +100,7 @@ def test_rings_of_other_motion(tool: FlexibleTool, records: list[Moves]) -> None
     inside = []
     for one in records[3:]:
         for k, rest in enumerate(one.rests):
-            found, truth = tool.ring(one.until(float(rest.t[0]))), shown(one, k)
+            found, truth = tool.ring(until(one, k)), shown(one, k)
             assert found.torque.value == pytest.approx(
                 truth[found.loudest], rel=0.15, abs=0.08)
             low, high = found.torque.low - 0.02, found.torque.high + 0.02  # noise
@@ -137,7 +144,7 @@ def test_one_plane_and_rotation_that_moves_do_not_show() -> None:
         found += find_moves(GANTRY, recording(q, tool_efforts(GANTRY, q, frequencies=ONE)))
     tool = fit_tool(GANTRY, found, 'planned')
     assert tool.hidden == ['rotation'] and len(tool.frequencies) == 1
-    ring = tool.ring(found[0].until(float(found[0].rests[0].t[0]))).torque
+    ring = tool.ring(until(found[0], 0)).torque
     assert ring.value == pytest.approx(shown(found[0], 0).max(), rel=0.15)
     assert read(FlexibleTool, tool.model_dump()) == tool
 

@@ -190,9 +190,7 @@ def gauge_point(gauge: GaugeSpec) -> NDArray[np.float64]:
 
 
 def model_from_dh(
-    rows: Sequence[Sequence[float]],
-    names: Sequence[str],
-    types: Sequence[str],
+    rows: Sequence[Sequence[float]], names: Sequence[str], types: Sequence[str],
     convention: str = 'standard',
 ) -> pin.Model:
     """
@@ -287,8 +285,7 @@ def base_frame(model: pin.Model) -> str:
 
 
 def with_gauge_joints(
-    model: pin.Model,
-    places: Sequence[tuple[str, str, NDArray[np.float64], NDArray[np.float64]]],
+    model: pin.Model, places: Sequence[tuple[str, str, NDArray[np.float64], NDArray[np.float64]]],
 ) -> pin.Model:
     """
     Cut links at their gauges by virtual joints about the bending axes.

@@ -281,9 +281,7 @@ def _same_layout(rows: NDArray[np.uint8], layout: Layout) -> NDArray[np.bool_]:
 
 
 def decode(
-    messages: Sequence[bytes],
-    parse: Callable[[bytes], Layout],
-    topic: str,
+    messages: Sequence[bytes], parse: Callable[[bytes], Layout], topic: str,
 ) -> list[MessageBatch]:
     """Decode the messages of a topic."""
     lengths = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
@@ -401,9 +399,8 @@ class Signals:
 
 
 def joint_signals(
-    topic: str, stamp: NDArray[np.int64], names: Sequence[str],
-    position: FloatArray | None = None, velocity: FloatArray | None = None,
-    effort: FloatArray | None = None,
+    topic: str, stamp: NDArray[np.int64], names: Sequence[str], position: FloatArray | None = None,
+    velocity: FloatArray | None = None, effort: FloatArray | None = None,
 ) -> Signals:
     """
     Give what JointStates are to hold, for ``write_bag``.

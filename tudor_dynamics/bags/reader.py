@@ -324,8 +324,7 @@ class Assembly:
         return replace(stream, values={field: values})
 
     def rows(
-        self, motion: Signals,
-        outputs: Sequence[tuple[FloatArray, NDArray[np.bool_]] | None],
+        self, motion: Signals, outputs: Sequence[tuple[FloatArray, NDArray[np.bool_]] | None],
     ) -> NDArray[np.intp]:
         """Give the rows where everything is there; count the others by cause."""
         found, finite = np.ones((2, len(motion.stamp)), dtype=bool)
@@ -368,13 +367,8 @@ class Assembly:
 
 
 def assemble(
-    bag: Bag,
-    topics: Mapping[str, DecodedTopic],
-    plan: Sources,
-    *,
-    need_output: bool = False,
-    need_motion: bool = False,
-    checksum: bool = True,
+    bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources, *, need_output: bool = False,
+    need_motion: bool = False, checksum: bool = True,
 ) -> Recording:
     """Make a recording of decoded topics, those of the plan and perhaps more."""
     work = Assembly(bag, topics, plan)
@@ -402,11 +396,7 @@ def assemble(
 
 
 def read_recording(
-    path: str | Path,
-    arm: Arm,
-    *,
-    need_output: bool = False,
-    need_motion: bool = False,
+    path: str | Path, arm: Arm, *, need_output: bool = False, need_motion: bool = False,
 ) -> Recording:
     """
     Read the signals of an arm from a bag.
@@ -443,11 +433,7 @@ def read_recording(
 
 
 def read_planned(
-    path: str | Path,
-    plan: Sources,
-    *,
-    need_output: bool = False,
-    need_motion: bool = False,
+    path: str | Path, plan: Sources, *, need_output: bool = False, need_motion: bool = False,
     quiet: bool = False,
 ) -> Recording:
     """Read what a plan names from a bag, as `read_recording` does; quiet: without warnings."""

@@ -173,10 +173,7 @@ def _template(signals: Signals, frame: str) -> bytes:
 
 
 def write_bag(
-    path: str | Path,
-    series: Sequence[Signals | RawMessages],
-    *,
-    storage: str = 'mcap',
+    path: str | Path, series: Sequence[Signals | RawMessages], *, storage: str = 'mcap',
     custom: Mapping[str, str] | None = None,
 ) -> None:
     """

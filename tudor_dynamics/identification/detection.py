@@ -449,9 +449,7 @@ def watch_bag(
 
 
 def evaluate_collisions(
-    bundle: ModelBundle,
-    bags: Sequence[tuple[str, Recording]],
-    settings: MonitorSettings,
+    bundle: ModelBundle, bags: Sequence[tuple[str, Recording]], settings: MonitorSettings,
     truths: Sequence[Truth],
 ) -> list[MethodResult]:
     """Evaluate every method for which there are models, thresholds and signals."""

@@ -295,9 +295,8 @@ class Problem:
     """Residuals and derivatives for a choice of parameters and records."""
 
     def __init__(
-        self, arm: Arm, records: Sequence[Record], names: tuple[str, ...],
-        fixed: dict[str, float], center: FloatArray, width: FloatArray, *,
-        inner: float = INNER_STEP,
+        self, arm: Arm, records: Sequence[Record], names: tuple[str, ...], fixed: dict[str, float],
+        center: FloatArray, width: FloatArray, *, inner: float = INNER_STEP,
     ) -> None:
         self.arm, self.records, self.names, self.fixed = arm, tuple(records), names, fixed
         self.center, self.width = center, width

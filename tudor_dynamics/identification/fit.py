@@ -444,13 +444,8 @@ class HeldOut:
 
 
 def fit_models(
-    arm: Arm,
-    training: Sequence[BagData],
-    test: Sequence[BagData],
-    holdout: HeldOut | None,
-    preprocessing: PreprocessingSpec,
-    settings: FitSettings,
-    progress: Progress = lambda _: None,
+    arm: Arm, training: Sequence[BagData], test: Sequence[BagData], holdout: HeldOut | None,
+    preprocessing: PreprocessingSpec, settings: FitSettings, progress: Progress = lambda _: None,
     known: Searches | None = None,
 ) -> FitResult:
     """Fit every model to the training bags and validate it."""

@@ -57,9 +57,8 @@ class NextStep:
 
 
 def next_steps(
-    result: FitResult, uses: Sequence[Use],
-    learned: Mapping[tuple[str, str], MethodThresholds], missing: Sequence[str],
-    out: Path | None = None,
+    result: FitResult, uses: Sequence[Use], learned: Mapping[tuple[str, str], MethodThresholds],
+    missing: Sequence[str], out: Path | None = None,
 ) -> tuple[NextStep, ...]:
     """List what to do next, each command as it can be run; out: where the model is written."""
     found = [NextStep(settings.MILD_GAIN if item.kind in MILD else settings.FINDING_GAIN,

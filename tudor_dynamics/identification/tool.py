@@ -85,12 +85,6 @@ class Moves:
     flange: Flange  # in even steps
     rests: tuple[Rest, ...]
 
-    def until(self, t: float) -> Flange:
-        """Give the motion up to a time [s], with the Jacobian of the rest that begins there."""
-        n = int(np.searchsorted(self.flange.t, t)) + 1
-        own = next(rest.jacobian for rest in self.rests if rest.t[0] == t)
-        return Flange(self.flange.t[:n], self.flange.motion[:n], self.flange.velocity[:n], own)
-
 
 def find_moves(arm: Arm, recording: Recording, planned: Recording | None = None) -> list[Moves]:
     """Find the rests of a recording with its motion: as planned, where that is there."""

@@ -50,8 +50,7 @@ from tudor_dynamics.typing import FloatArray
 
 def free_motion(
     cases: Sequence[tuple[Model, BagData]], output: str, spec: PreprocessingSpec, *,
-    momentum: bool = False,
-    strain: Sequence[tuple[Model, BagData]] = (),
+    momentum: bool = False, strain: Sequence[tuple[Model, BagData]] = (),
 ) -> list[FreeMotion]:
     """Compute the residuals of every sample as the running robot has them: by causal filters."""
     live = spec.model_copy(update={'filter': 'causal', 'rate': None})
@@ -75,8 +74,7 @@ def free_motion(
 
 
 def learn_all(
-    unseen: Sequence[tuple[str, str, Sequence[tuple[Model, BagData]]]],
-    spec: PreprocessingSpec,
+    unseen: Sequence[tuple[str, str, Sequence[tuple[Model, BagData]]]], spec: PreprocessingSpec,
 ) -> tuple[dict[tuple[str, str], MethodThresholds], dict[tuple[str, str], str]]:
     """Learn thresholds from bags not fitted to, by method and kind; or the reason for none."""
     found: dict[tuple[str, str], MethodThresholds] = {}

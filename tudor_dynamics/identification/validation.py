@@ -402,12 +402,8 @@ def level_of(score: Score | ChannelScore, noise: float = 0.0) -> Grade:
 
 
 def judge(
-    validation: Validation,
-    training_fit: float,
-    *,
-    condition: float = 1.0,
-    unexcited: Sequence[str] = (),
-    noise: Sequence[float] = (),
+    validation: Validation, training_fit: float, *, condition: float = 1.0,
+    unexcited: Sequence[str] = (), noise: Sequence[float] = (),
 ) -> Verdict:
     """Judge a model by validation, training fit [%], and noise in its unit, empty if unknown."""
     scores = validation.score.channels

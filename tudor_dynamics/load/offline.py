@@ -295,14 +295,8 @@ LEAST = 1e-300
 
 
 def estimate_payload(
-    arm: Arm,
-    models: Mapping[str, Model],
-    stretches: Sequence[Stretch],
-    *,
-    known: float = 0.0,
-    errors: Mapping[str, float] | None = None,
-    whole: bool = True,
-    bent: BentLinks | None = None,
+    arm: Arm, models: Mapping[str, Model], stretches: Sequence[Stretch], *, known: float = 0.0,
+    errors: Mapping[str, float] | None = None, whole: bool = True, bent: BentLinks | None = None,
     watched: Sequence[Watched] = (),
 ) -> PayloadEstimate:
     """Estimate what the arm carries: known, errors [kg]."""

@@ -95,8 +95,7 @@ def carried_at(changes: Sequence[LoadChange], before: float, t: FloatArray) -> F
 
 
 def random_pushes(
-    arm: Arm, mechanism: Mechanism, count: int, seconds: float, seed: int, *,
-    held: bool = False,
+    arm: Arm, mechanism: Mechanism, count: int, seconds: float, seed: int, *, held: bool = False,
 ) -> tuple[Push, ...]:
     """Choose pushes across the axis of a joint for a recording [s]; held: every other lasts."""
     if count == 0:
@@ -326,10 +325,7 @@ def _record_piece(piece: tuple[Path, str, StimulusSpec, str], count: Count) -> S
 
 
 def record_stimuli(
-    source: str | Path,
-    specs: Sequence[StimulusSpec],
-    paths: Sequence[Path],
-    jobs: int,
+    source: str | Path, specs: Sequence[StimulusSpec], paths: Sequence[Path], jobs: int,
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[StimulusResult]:
     """

@@ -174,9 +174,8 @@ def advance(
 
 @compiled
 def run_loop(
-    plant: DrivenPlant, sensors: SensorTables, tables: ControlTables,
-    wanted: NDArray, noise: NDArray, done: int, dt: float, every: int,
-    acting: bool, loaded: bool, out: NDArray,
+    plant: DrivenPlant, sensors: SensorTables, tables: ControlTables, wanted: NDArray,
+    noise: NDArray, done: int, dt: float, every: int, acting: bool, loaded: bool, out: NDArray,
 ) -> tuple[int, int, bool]:
     """Run as many steps as there are references, (3, steps, joints): place, speed, current."""
     plant, sensors, tables = unowned((plant, sensors, tables))

@@ -99,8 +99,7 @@ class Plant:
     """
 
     def __init__(
-        self, mechanism: Mechanism, dt: float = 1e-3, *, rho: float = 0.9,
-        tolerance: float = 1e-6,
+        self, mechanism: Mechanism, dt: float = 1e-3, *, rho: float = 0.9, tolerance: float = 1e-6,
     ) -> None:
         check_type(mechanism, Mechanism, 'mechanism', 'build_mechanism(arm)')
         if not (np.isfinite(dt) and dt > 0.0):

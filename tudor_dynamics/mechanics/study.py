@@ -489,15 +489,9 @@ class SimulatedRun:
 
 
 def simulate(
-    arm: Arm,
-    torque: Drive | Mapping[str, Drive] = 0.0,
-    *,
-    seconds: float = 5.0,
-    dt: float = 2.5e-4,
-    rate: float = 1000.0,
-    start: Mapping[str, float] | None = None,
-    hold: Sequence[str] = (),
-    force: Mapping[str, Drive] | None = None,
+    arm: Arm, torque: Drive | Mapping[str, Drive] = 0.0, *, seconds: float = 5.0,
+    dt: float = 2.5e-4, rate: float = 1000.0, start: Mapping[str, float] | None = None,
+    hold: Sequence[str] = (), force: Mapping[str, Drive] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> SimulatedRun:
     """

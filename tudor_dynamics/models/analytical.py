@@ -145,13 +145,8 @@ class AnalyticalModel(MemorylessModel):
     """Outputs as base regressor times base parameters; of all payloads where its rows are."""
 
     def __init__(
-        self,
-        regressor: Regressor,
-        n_joints: int,
-        *,
-        estimator: str = 'wls',
-        base: tuple[BaseSet, ...] | None = None,
-        groups: Sequence[Group] = (),
+        self, regressor: Regressor, n_joints: int, *, estimator: str = 'wls',
+        base: tuple[BaseSet, ...] | None = None, groups: Sequence[Group] = (),
     ) -> None:
         self.regressor = regressor
         self.payload_range = regressor.payload_range

@@ -230,10 +230,7 @@ CAUSAL = 'causal_'  # begin of the names of arrays of the models for the robot
 
 
 def save_bundle(
-    bundle: ModelBundle,
-    path: str | Path,
-    *,
-    overwrite: bool = False,
+    bundle: ModelBundle, path: str | Path, *, overwrite: bool = False,
     extra: dict[str, bytes] | None = None,
 ) -> None:
     """

@@ -67,14 +67,8 @@ class ExtremeLearningMachine(MemorylessModel):
     output_weights_: FloatArray | None  # W_out of Eq. (17), which is learned, (hidden, channels)
 
     def __init__(
-        self,
-        channels: tuple[str, ...],
-        *,
-        hidden: int = 100,
-        ridge: float = 1e-6,
-        seed: int = 0,
-        clip: bool = True,
-        payload_range: Range | None = None,
+        self, channels: tuple[str, ...], *, hidden: int = 100, ridge: float = 1e-6, seed: int = 0,
+        clip: bool = True, payload_range: Range | None = None,
     ) -> None:
         self.channels = channels
         self.hidden = hidden  # neurons H

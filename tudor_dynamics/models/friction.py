@@ -390,8 +390,7 @@ class JointTerms:
 
 @compiled
 def _add(
-    terms: tuple, motion: FloatArray, states: FloatArray, parameters: FloatArray,
-    out: FloatArray,
+    terms: tuple, motion: FloatArray, states: FloatArray, parameters: FloatArray, out: FloatArray,
 ) -> None:
     layout, codes, smoothing, scale, speeds, reach = terms
     n = len(layout)

@@ -145,30 +145,19 @@ def end_slopes(
     p: FloatArray, step: float, motion: FloatArray, states: FloatArray, changes: FloatArray,
 ) -> FloatArray:
     """Give what changes of a motion (ways, samples, 12) do to its end (4, ways, samples)."""
-    count = len(motion)
-    found, left = np.zeros((4, len(changes), count)), np.eye(4)
-    room, one, other, column = np.zeros(24), np.zeros(4), np.zeros(MOTION), np.zeros(4)
-    own = np.zeros((4, 4))
-    for n in range(count - 2, -1, -1):
+    found, left = np.zeros((4, len(changes), len(motion))), np.eye(4)
+    room, one, own = np.zeros(24), np.zeros(4), np.zeros((4, 4))
+    for n in range(len(motion) - 2, -1, -1):
         for way in range(len(changes)):
             for k in range(2):
-                for i in range(MOTION):
-                    other[i] = motion[n + k, i] + NUDGE * changes[way, n + k, i]
-                if k == 0:
-                    advance(p, step, states[n], other, motion[n + 1], room, one)
-                else:
-                    advance(p, step, states[n], motion[n], other, room, one)
-                for i in range(4):
-                    column[i] = (one[i] - states[n + 1, i]) / NUDGE
-                for i in range(4):
-                    for j in range(4):
-                        found[i, way, n + k] += left[i, j] * column[j]
+                pair = motion[n:n + 2].copy()
+                pair[k] += NUDGE * changes[way, n + k]
+                advance(p, step, states[n], pair[0], pair[1], room, one)
+                found[:, way, n + k] += left @ ((one - states[n + 1]) / NUDGE)
         for j in range(4):
-            for i in range(4):
-                column[i] = states[n, i]
-            column[j] += NUDGE
-            advance(p, step, column, motion[n], motion[n + 1], room, one)
-            for i in range(4):
-                own[i, j] = (one[i] - states[n + 1, i]) / NUDGE
+            near = states[n].copy()
+            near[j] += NUDGE
+            advance(p, step, near, motion[n], motion[n + 1], room, one)
+            own[:, j] = (one - states[n + 1]) / NUDGE
         left = left @ own
     return found

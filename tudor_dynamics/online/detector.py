@@ -348,9 +348,7 @@ class CollisionDetector:
     """State of the arm as all methods see it together."""
 
     def __init__(
-        self,
-        settings: DetectorSettings,
-        channels: dict[str, Sequence[str]],
+        self, settings: DetectorSettings, channels: dict[str, Sequence[str]],
         links: dict[str, tuple[int, str]],
     ) -> None:
         self.settings = settings

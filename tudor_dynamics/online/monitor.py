@@ -205,11 +205,8 @@ class Watch:
     """Pairs, residuals, thresholds and detector: everything after the prediction."""
 
     def __init__(
-        self,
-        bundle: ModelBundle,
-        settings: MonitorSettings,
-        thresholds: dict[str, MethodThresholds] | None = None,
-        payload: CarriedLoad | None = None,
+        self, bundle: ModelBundle, settings: MonitorSettings,
+        thresholds: dict[str, MethodThresholds] | None = None, payload: CarriedLoad | None = None,
     ) -> None:
         self.payload = payload
         self.bundle, self.settings = bundle, settings
@@ -417,11 +414,8 @@ class Monitor:
     """
 
     def __init__(
-        self,
-        bundle: ModelBundle,
-        settings: MonitorSettings = MonitorSettings(),
-        thresholds: dict[str, MethodThresholds] | None = None,
-        payload: CarriedLoad | None = None,
+        self, bundle: ModelBundle, settings: MonitorSettings = MonitorSettings(),
+        thresholds: dict[str, MethodThresholds] | None = None, payload: CarriedLoad | None = None,
     ) -> None:
         check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
         check_type(settings, MonitorSettings, 'settings', "such as MonitorSettings(kind='elm')")

@@ -149,8 +149,7 @@ class FreeMotion:
 
 
 def learn_thresholds(
-    records: Sequence[FreeMotion], channels: tuple[str, ...],
-    stiction: FloatArray | None = None,
+    records: Sequence[FreeMotion], channels: tuple[str, ...], stiction: FloatArray | None = None,
 ) -> MethodThresholds:
     """Learn the thresholds of one method: stiction (channels,) [unit of the residual]."""
     if not records:

@@ -204,10 +204,7 @@ def _differentiate(
 
 
 def zero_phase(
-    t: FloatArray,
-    q: FloatArray,
-    cutoff: float,
-    measured: FloatArray | None = None,
+    t: FloatArray, q: FloatArray, cutoff: float, measured: FloatArray | None = None,
 ) -> MotionState:
     """Differentiate a record without phase lag: Butterworth forward and backward, then central."""
     # Fourth order, see Gautier, Janot and Vandanjon, IEEE TCST 21(2), 2013, Section II.C. Stamps

@@ -143,9 +143,8 @@ def propagate(
 
 @compiled
 def correct(
-    covariance: NDArray, shown: NDArray, variance: NDArray, innovation: NDArray,
-    mass: NDArray, damping: NDArray, stiffness: NDArray, vectors: NDArray, free: NDArray,
-    reading: NDArray,
+    covariance: NDArray, shown: NDArray, variance: NDArray, innovation: NDArray, mass: NDArray,
+    damping: NDArray, stiffness: NDArray, vectors: NDArray, free: NDArray, reading: NDArray,
 ) -> bool:
     """Correct the state by what gauges show (gauges, n) [N m]; False if a matrix is singular."""
     m = mass.shape[0]

@@ -156,9 +156,8 @@ def step_size(arm: Arm, joint: str, options: Namespace) -> float:
 
 
 def run_trial(
-    parser: ArgumentParser, make: Callable[[Arm], Trial],
-    testable: Callable[[Arm], Sequence[str]], others: str, largest: tuple[float, float],
-    args: Sequence[str] | None = None,
+    parser: ArgumentParser, make: Callable[[Arm], Trial], testable: Callable[[Arm], Sequence[str]],
+    others: str, largest: tuple[float, float], args: Sequence[str] | None = None,
 ) -> int:
     """Run a test as a process; others: what other joints are; largest: step, slide [deg, mm]."""
     words = list(sys.argv if args is None else args)
