@@ -89,15 +89,6 @@ class Options:
     gravity: float = 9.81  # [m/s^2]
 
 
-@dataclass(frozen=True)
-class Mode:
-    """The first vibration in a bending plane of the straight tool, of modal mass 1."""
-
-    participation: FloatArray  # its momentum over its speed: linear, and about joint 7, in link 7
-    moments: FloatArray  # sum of mass, displacement and place (3, 3), in link 7
-    tip: FloatArray  # displacement of the tip, in link 7
-
-
 def draw_tools(count: int, seed: int) -> list[Tool]:
     """Draw tools of 1 to 5 Hz; every other one has two planes that differ."""
     random = np.random.default_rng(seed)
@@ -252,39 +243,6 @@ class CarriedTool:
     def resting(self, begin: FloatArray, q: FloatArray) -> FloatArray:
         """Bring the tool to rest, and give where its tip then is, from the flange [m]."""
         return self._run(self.calm, begin, np.tile(q, (round(self._long() / DT), 1))).tip[-1]
-
-    def modes(self) -> list[Mode]:
-        """Give the modes of a clamped tool."""
-        model, data, found = self.model, mujoco.MjData(self.model), []
-        mujoco.mj_forward(model, data)
-        link = model.body('link6').id
-        turn, origin = data.xmat[link].reshape(3, 3), data.xpos[link].copy()
-        tip, jacobian = model.site('tip').id, np.zeros((2, 3, model.nv))
-        for axis, shape in zip(self._axes(), self.shapes, strict=True):
-            at = [model.joint(f'bend{axis}_{k}').dofadr[0] for k in range(PIECES)]
-            whole, moments = np.zeros(6), np.zeros((3, 3))
-            for body in range(model.body('piece0').id, model.nbody):
-                mujoco.mj_jacBodyCom(model, data, jacobian[0], jacobian[1], body)
-                moved, turned = (jacobian[:, :, at] @ shape) @ turn
-                place = turn.T @ (data.xipos[body] - origin)
-                own = data.ximat[body].reshape(3, 3)
-                spin = turn.T @ own @ (model.body_inertia[body] * (own.T @ turn @ turned))
-                whole += np.concatenate([model.body_mass[body] * moved, spin + np.cross(
-                    place, model.body_mass[body] * moved)])
-                moments += model.body_mass[body] * np.outer(moved, place)
-            mujoco.mj_jacSite(model, data, jacobian[0], None, tip)
-            found.append(Mode(whole, moments, turn.T @ jacobian[0][:, at] @ shape))
-        return found
-
-    def frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Give where link 7 is and how it is turned in poses (samples, 7)."""
-        data, link = mujoco.MjData(self.model), self.model.body('link6').id
-        places, turns = np.zeros((len(q), 3)), np.zeros((len(q), 3, 3))
-        for k, pose in enumerate(q):
-            data.qpos[:7] = pose
-            mujoco.mj_kinematics(self.model, data)
-            places[k], turns[k] = data.xpos[link], data.xmat[link].reshape(3, 3)
-        return places, turns
 
     def _long(self) -> float:
         """Give a time in which a calmed tool comes to rest [s]."""

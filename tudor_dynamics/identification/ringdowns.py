@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 import math
@@ -33,7 +33,8 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import follow_motion
 from tudor_dynamics.models.settings import RING_AFTER
-from tudor_dynamics.signals.filters import ring_modes, RingMode, Vibration, zero_phase
+from tudor_dynamics.signals.filters import (
+    MotionState, ring_modes, RingMode, Vibration, zero_phase)
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -395,19 +396,28 @@ def loudest_of(rests: Sequence[tuple[FloatArray, FloatArray]], count: int = 1) -
     return found
 
 
-def loudest_ring(recording: Recording) -> Ring | None:
-    """Give the loudest of what rings on in a bag after motion; None where hardly a rest does."""
-    found, rests = [], 0
+def with_rests(
+    recording: Recording, cutoff: float,
+) -> Iterator[tuple[slice, MotionState, list[slice]]]:
+    """Give segments of a bag with efforts, their motion, filtered, and their rests, if any."""
     for part in recording.segments:
         t = recording.t[part]
         if recording.effort is None or t[-1] - t[0] < RING_AFTER + settings.RING_LEAST:
             continue
-        states = zero_phase(t, recording.q[part], min(settings.CUTOFF, 0.2 / recording.dt))
-        for rest in standing(t, states.dq):
-            rests += 1
-            ring = ring_of(*block_means(t[rest], recording.effort[part][rest]))
-            if ring is not None:
-                found.append(ring)
-    if len(found) <= settings.RING_OFTEN * rests:
+        motion = zero_phase(t, recording.q[part], min(cutoff, 0.2 / recording.dt))
+        rests = standing(t, motion.dq)
+        if rests:
+            yield part, motion, rests
+
+
+def loudest_ring(recording: Recording) -> Ring | None:
+    """Give the loudest of what rings on in a bag after motion; None where hardly a rest does."""
+    rings: list[Ring | None] = []
+    for part, _, rests in with_rests(recording, settings.CUTOFF):
+        assert recording.effort is not None
+        t, effort = recording.t[part], recording.effort[part]
+        rings += [ring_of(*block_means(t[rest], effort[rest])) for rest in rests]
+    found = [ring for ring in rings if ring is not None]
+    if len(found) <= settings.RING_OFTEN * len(rings):
         return None
     return max(found, key=lambda ring: float(np.max(np.abs(ring.amplitude) / ring.noise)))

@@ -309,6 +309,9 @@ RING_RATE = 80.0  # samples a second that are looked at [Hz]
 
 # What is usual: foot from the last joint, length of its rod [m], damping ratio, delay [s].
 TOOL_FOOT, TOOL_LENGTH, TOOL_DAMPING, TOOL_DELAY = 0.2, 0.4, 0.02, 0.03
+# How far lengths of tools, frequencies of their planes and damping of these are apart, logarithms:
+# grippers to fishing rods; wide beside what ten rests show (bench/still_moves.py).
+TOOL_LENGTHS, TOOL_PLANES = 0.7, (0.4, 0.3)
 # Error of a ring relative to it, and how many samples of a rest err on their own.
 TOOL_RELATIVE, TOOL_FEW = 0.1, 20.0
 TOOL_LEARN = 0.008  # step of a motion that a tool is learned from [s]

@@ -33,9 +33,9 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError, TudorError, TudorWarning
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.identification.ringdowns import block_means, loudest_of, standing
+from tudor_dynamics.identification.ringdowns import block_means, loudest_of, with_rests
 from tudor_dynamics.models.flexible_tool import Flange, flange_motion, FlexibleTool, row_of
-from tudor_dynamics.models.settings import RING_AFTER, TOOL_CUTOFF
+from tudor_dynamics.models.settings import TOOL_CUTOFF
 from tudor_dynamics.models.tool_motion import follow, pulls
 from tudor_dynamics.signals.filters import MotionState, zero_phase
 from tudor_dynamics.typing import FloatArray
@@ -65,6 +65,11 @@ class Rest:
         return self.swing(self.effort)
 
     @cached_property
+    def loud(self) -> float:
+        """Give the squared amplitude of the loudest joint."""
+        return 2.0 * float(np.mean(self.rings**2, axis=0).max())
+
+    @cached_property
     def _drift(self) -> FloatArray:
         return np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(self.t)), 4))[0]
 
@@ -89,19 +94,13 @@ class Moves:
 def find_moves(arm: Arm, recording: Recording, planned: Recording | None = None) -> list[Moves]:
     """Find the rests of a recording with its motion: as planned, where that is there."""
     found = []
-    for part in recording.segments:
+    for part, motion, parts in with_rests(recording, TOOL_CUTOFF):
+        assert recording.effort is not None
         t = recording.t[part]
-        if recording.effort is None or t[-1] - t[0] < RING_AFTER + settings.RING_LEAST:
-            continue
-        cutoff = min(TOOL_CUTOFF, 0.2 / recording.dt)
-        motion = zero_phase(t, recording.q[part], cutoff)
-        parts = standing(t, motion.dq)
-        if not parts:
-            continue
         if planned is not None:
             when = (planned.stamp - recording.stamp[0]) * 1e-9
             motion = zero_phase(t, np.stack([np.interp(t, when, q) for q in planned.q.T], axis=1),
-                                cutoff)
+                                min(TOOL_CUTOFF, 0.2 / recording.dt))
         even = np.arange(t[0], t[parts[-1].stop - 1] + STEP, STEP)
         states = MotionState(*(np.stack([np.interp(even, t, x) for x in values.T], axis=1)
                                for values in (motion.q, motion.dq, motion.ddq)))
@@ -140,14 +139,14 @@ def fit_tool(arm: Arm, moves: Sequence[Moves], motion: str) -> FlexibleTool:
     """Fit a tool to rests of recordings, their motion `planned` or `measured`."""
     search = _Search(moves)
     one, two = (search.best(planes) for planes in (1, 2))
-    return search.tool(two if two.beyond < settings.TOOL_SECOND * one.beyond else one, motion)
+    return search.tool(two if two.excess < settings.TOOL_SECOND * one.excess else one, motion)
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
     x: FloatArray
     covariance: FloatArray
-    beyond: float  # by how much it errs more than noise does
+    excess: float  # by how much it errs more than noise does
 
 
 class _Search:
@@ -167,9 +166,8 @@ class _Search:
     def units(self, scale: float) -> Iterator[FloatArray]:
         """Give expected errors: each sample errs by noise, a whole rest by a part of its ring."""
         for rest in self.rests:
-            loud = 2.0 * float(np.mean(rest.rings**2, axis=0).max())
             yield np.sqrt(rest.noise**2 + scale * len(rest.t) / settings.TOOL_FEW
-                          * settings.TOOL_RELATIVE**2 * loud)
+                          * settings.TOOL_RELATIVE**2 * rest.loud)
 
     def short(self, frequency: float) -> _Search:
         """Give the same search by the begin of each rest, where phases are not yet ambiguous."""
@@ -198,14 +196,15 @@ class _Search:
         planes, length = (len(x) - 9) // 2, math.exp(x[7])
         usual = np.concatenate([
             (x[3:6] - length * pin.exp3(x[:3])[:, 2]) / settings.TOOL_FOOT,
-            [(x[7] - math.log(settings.TOOL_LENGTH)) / 0.7], np.diff(x[8:8 + planes]) / 0.4,
+            [(x[7] - math.log(settings.TOOL_LENGTH)) / settings.TOOL_LENGTHS],
+            np.diff(x[8:8 + planes]) / settings.TOOL_PLANES[0],
             x[8 + planes:-1] - math.log(settings.TOOL_DAMPING),
-            np.diff(x[8 + planes:-1]) / 0.3, x[-1:] / settings.TOOL_DELAY])
+            np.diff(x[8 + planes:-1]) / settings.TOOL_PLANES[1], x[-1:] / settings.TOOL_DELAY])
         return np.concatenate([usual, *(((found - rest.rings) / unit).ravel() for found, rest, unit
                                         in zip(self.efforts(x), self.rests, self.units(scale),
                                                strict=True))])
 
-    def begun(self, peaks: Sequence[float], planes: int) -> list[FloatArray]:
+    def starts(self, peaks: Sequence[float], planes: int) -> list[FloatArray]:
         """Give starts in all directions, with the mass that explains most, the best first."""
         from scipy.spatial.transform import Rotation  # slow to import
 
@@ -242,18 +241,18 @@ class _Search:
                            settings.TOOL_PEAKS)
         short = self.short(peaks[0])
         tried = sorted((solved(short, start, 8)
-                        for start in short.begun(peaks, planes)[:settings.TOOL_TRIED]),
+                        for start in short.starts(peaks, planes)[:settings.TOOL_TRIED]),
                        key=lambda one: float(one.cost))
         whole = min((solved(self, one.x, 20) for one in tried[:3]
                      if one.cost < settings.TOOL_NEAR * tried[0].cost),
                     key=lambda one: float(one.cost))
         noise = sum(len(rest.t) * float(np.sum((rest.noise / expected) ** 2))
                     for rest, expected in zip(self.rests, self.units(1.0), strict=True))
-        beyond = max(2.0 * float(whole.cost) - noise, settings.TOOL_FEW)
-        # But for noise a rest is one complex sample: what it has besides, all of its joints have.
-        # It also weighs against what is usual.
-        last = solved(self, whole.x, 40, max(1.0, 0.5 * beyond / len(self.rests)), 1e-6)
-        return _Found(last.x, np.linalg.inv(last.jac.T @ last.jac), beyond)
+        excess = max(2.0 * float(whole.cost) - noise, settings.TOOL_FEW)
+        # Errors beyond noise are common to all samples and joints of a rest, which then counts
+        # as one complex sample; so scaled, they are also weighed against what is usual.
+        last = solved(self, whole.x, 40, max(1.0, 0.5 * excess / len(self.rests)), 1e-6)
+        return _Found(last.x, np.linalg.inv(last.jac.T @ last.jac), excess)
 
     def tool(self, best: _Found, motion: str) -> FlexibleTool:
         """Make the tool of a solution, with its uncertainty and what is hidden."""

@@ -75,22 +75,23 @@ class Oscillation:
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class ToolModes:
     """Small vibrations about the place where a tool hangs, the slower first."""
 
     poles: FloatArray  # complex, (modes,) [1/s]
     shapes: FloatArray  # of d in each, (2, modes)
     pulls: FloatArray  # on the flange, force and moment by an acceleration of 1, (modes, 6)
-    hangs: FloatArray  # d, (2,) [m]
+    hangs: FloatArray  # state there, (4,) [m, m/s]
 
     @cached_property
-    def _parts(self) -> FloatArray:
-        return np.asarray(np.linalg.pinv(self.shapes))
+    def rows(self) -> Any:
+        """Give what a state adds to each, complex (modes, 4)."""
+        parts = np.linalg.pinv(self.shapes)
+        return np.hstack([parts, -1j * parts / self.poles.imag[:, None]])
 
     def of(self, state: FloatArray) -> Any:
         """Give how far each is out, complex (modes,), in a state (4,)."""
-        return (self._parts @ (state[:2] - self.hangs)
-                - 1j * (self._parts @ state[2:]) / self.poles.imag)
+        return self.rows @ (state - self.hangs)
 
 
 def flange_motion(arm: Arm, t: FloatArray, motion: MotionState) -> Flange:
@@ -122,7 +123,7 @@ def row_of(x: FloatArray) -> FloatArray:
     return row
 
 
-def modes_of(row: FloatArray, gravity: FloatArray) -> Modes:
+def modes_of(row: FloatArray, gravity: FloatArray) -> ToolModes:
     """Find the modes of a tool of 1 kg where gravity (3,) has a direction in the flange."""
     still, planes = np.concatenate([np.zeros(9), gravity]), int(row[17]) + 1
     hangs = settled(row, still)
@@ -142,9 +143,9 @@ def modes_of(row: FloatArray, gravity: FloatArray) -> Modes:
     forces = shapes.T @ ways
     # weight has another lever where the mass is off, by -1 / w^2 for an acceleration of 1
     moments = np.cross(near(0, 0.0)[1], forces) + np.cross(forces, gravity) / w[:, None]**2
-    return Modes(-fading + 1j * np.sqrt(np.maximum(w**2 - fading**2, 1e-3)),
-                 np.vstack([shapes, np.zeros((2 - planes, planes))]),
-                 np.hstack([forces, moments]), hangs[:2])
+    return ToolModes(
+        -fading + 1j * np.sqrt(np.maximum(w**2 - fading**2, 1e-3)),
+        np.vstack([shapes, np.zeros((2 - planes, planes))]), np.hstack([forces, moments]), hangs)
 
 
 class FlexibleTool(BundlePart):
@@ -190,10 +191,10 @@ class FlexibleTool(BundlePart):
         return np.vstack([self.parameters, np.random.default_rng(0).multivariate_normal(
             self.parameters, self.covariance, TOOL_DRAWS, method='eigh')])
 
-    def modes(self, gravity: FloatArray) -> Modes:
+    def modes(self, gravity: FloatArray) -> ToolModes:
         """Find its modes where gravity (3,) [m/s^2] has a direction in the flange."""
         found = modes_of(row_of(self.parameters), gravity)
-        return Modes(found.poles, found.shapes, self.mass * found.pulls, found.hangs)
+        return ToolModes(found.poles, found.shapes, self.mass * found.pulls, found.hangs)
 
     def frequency(self, gravity: FloatArray) -> tuple[Estimate, ...]:
         """Give the frequencies [Hz] where gravity (3,) [m/s^2] has a direction in the flange."""

@@ -180,8 +180,7 @@ class _Timing:
         found = []
         for row, modes in zip(path.rows, path.modes, strict=True):
             ends = end_slopes(row, step, motion, follow(row, step, motion), ways)
-            of_state = np.array([modes.of(one) - modes.of(0.0 * one) for one in np.eye(4)]).T
-            found.append(of_state @ sum(ends[:, way] @ basis for way, basis in enumerate(
+            found.append(modes.rows @ sum(ends[:, way] @ basis for way, basis in enumerate(
                 (self.place, self.rate, self.slope))))
         return np.array(found) / path.size
 

@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.models.flexible_tool import FlexibleTool, Modes
+from tudor_dynamics.models.flexible_tool import FlexibleTool, ToolModes
 from tudor_dynamics.online.settings import RING_BANDWIDTH, RING_MEAN, RING_RENEWED, RING_RIDGE
 from tudor_dynamics.typing import FloatArray
 
@@ -40,7 +40,7 @@ class RingObserver:
         self.tool, self._arm = tool, arm
         self._data, self._q = arm.model.createData(), np.zeros(arm.model.nq)
         self._last = arm.model.njoints - 1
-        self._small: Modes | None = None  # vibrations of a pose lately
+        self._small: ToolModes | None = None  # vibrations of a pose lately
         self._age = 0.0  # of these [s]
         self._modes: Any = np.zeros(len(tool.frequencies), complex)
         self._mean = np.zeros(len(tool.frequencies))
