@@ -316,12 +316,13 @@ TOOL_LENGTHS, TOOL_PLANES = 0.7, (0.4, 0.3)
 TOOL_RELATIVE, TOOL_FEW = 0.1, 20.0
 TOOL_LEARN = 0.008  # step of a motion that a tool is learned from [s]
 # Starts of a search: rotations, peaks of the spectrum, logarithms of frequencies over these; how
-# many are tried, by so much of each rest [s], and cost over the best that is too much.
+# many are tried, by so much of each rest [s], and how many then by all of it.
 TOOL_WAYS, TOOL_PEAKS, TOOL_OFF = 60, 4, (-0.02, 0.02)
-TOOL_TRIED, TOOL_BEGIN, TOOL_NEAR = 10, 1.2, 1.5
+TOOL_TRIED, TOOL_BEGIN, TOOL_BEST = 10, 1.2, 3
+TOOL_OTHER = (-0.6, 0.6, 0.01)  # logarithms of frequencies tried of a second plane, over the first
 # Cost with a second bending plane, over that with one, that it is worth: one that is not there
 # costs little, one that is left out rings on.
-TOOL_SECOND = 0.9
+TOOL_SECOND = 0.95
 TOOL_SURE = 0.05  # least error of a predicted ring, relative to it
 TOOL_HEARD = 0.05  # variance of a ring over that of noise from which on it counts
 TOOL_LEVER = 0.3  # translation that counts as much as a rotation of 1 rad: half a long tool [m]

@@ -56,8 +56,7 @@ class Rest:
     @cached_property
     def noise(self) -> FloatArray:
         """Give the noise of each joint, (joints,)."""
-        rough = np.sqrt(0.5 * np.mean(np.diff(self.effort, axis=0) ** 2, axis=0))
-        return np.maximum(rough, 1e-6)
+        return np.maximum(np.sqrt(0.5 * np.mean(np.diff(self.effort, axis=0)**2, axis=0)), 1e-6)
 
     @cached_property
     def rings(self) -> FloatArray:
@@ -138,7 +137,7 @@ def tool_of_bags(arm: Arm, bags: Sequence[BagData]) -> FlexibleTool:
 def fit_tool(arm: Arm, moves: Sequence[Moves], motion: str) -> FlexibleTool:
     """Fit a tool to rests of recordings, their motion `planned` or `measured`."""
     search = _Search(moves)
-    one, two = (search.best(planes) for planes in (1, 2))
+    one, two = search.one_and_two()
     return search.tool(two if two.excess < settings.TOOL_SECOND * one.excess else one, motion)
 
 
@@ -200,58 +199,72 @@ class _Search:
             np.diff(x[8:8 + planes]) / settings.TOOL_PLANES[0],
             x[8 + planes:-1] - math.log(settings.TOOL_DAMPING),
             np.diff(x[8 + planes:-1]) / settings.TOOL_PLANES[1], x[-1:] / settings.TOOL_DELAY])
-        return np.concatenate([usual, *(((found - rest.rings) / unit).ravel() for found, rest, unit
-                                        in zip(self.efforts(x), self.rests, self.units(scale),
-                                               strict=True))])
+        left = [((found - rest.rings) / unit).ravel() for found, rest, unit in zip(
+            self.efforts(x), self.rests, self.units(scale), strict=True)]
+        most = 1e6  # of a tool that its weight turns over, whose motion is no number
+        return np.nan_to_num(np.concatenate([usual, *left]), nan=most, posinf=most, neginf=most)
 
     def starts(self, peaks: Sequence[float], planes: int) -> list[FloatArray]:
-        """Give starts in all directions, with the mass that explains most, the best first."""
+        """Give tools in all directions, of like planes, with the mass that explains most."""
         from scipy.spatial.transform import Rotation  # slow to import
 
-        pairs = [(one,) for one in peaks] if planes == 1 else [(peaks[0], one) for one in peaks]
-        turns = Rotation.random(settings.TOOL_WAYS, 0)
         found = [np.concatenate([
             turn.as_rotvec(), settings.TOOL_LENGTH * turn.as_matrix()[:, 2],
-            [0.0, math.log(settings.TOOL_LENGTH)], np.log(pair) + off,
+            [0.0, math.log(settings.TOOL_LENGTH)], [math.log(peak) + off] * planes,
             [math.log(settings.TOOL_DAMPING)] * planes, [0.5 * settings.TOOL_DELAY]])
-            for turn in turns for pair in pairs for off in settings.TOOL_OFF]
-        units, costs = list(self.units(1.0)), []
+            for turn in Rotation.random(settings.TOOL_WAYS, 0) for peak in peaks
+            for off in settings.TOOL_OFF]
+        units = list(self.units(1.0))
         seen = np.concatenate([(rest.rings / unit).ravel()
                                for rest, unit in zip(self.rests, units, strict=True)])
         for start in found:
             shown = np.concatenate([(each / unit).ravel() for each, unit in zip(
                 self.efforts(start), units, strict=True)])
-            size = max(float(shown @ seen) / float(shown @ shown), 1e-3)
-            start[6] = math.log(size)
-            costs.append(float(np.sum((size * shown - seen) ** 2)))
-        return [found[k] for k in np.argsort(costs)]
+            start[6] = math.log(max(float(shown @ seen) / float(shown @ shown), 1e-3))
+        return found
 
-    def best(self, planes: int) -> _Found:
-        """Search the tool with so many bending planes."""
-        from scipy.optimize import least_squares  # slow to import
-
-        unit = np.array([0.3] * 3 + [0.1] * 3 + [0.3, 0.3] + [0.02] * planes + [0.3] * planes
-                        + [0.01])
-
-        def solved(search: _Search, start: FloatArray, most: int, scale: float = 1.0,
-                   fine: float = 1e-3) -> Any:
-            return least_squares(search.errors, start, x_scale=unit, max_nfev=most, ftol=fine,
-                                 args=(scale,))
+    def one_and_two(self) -> tuple[_Found, _Found]:
+        """Search the tool that bends in one plane; from it, and from others, that with two."""
         peaks = loudest_of([(rest.t, rest.rings / rest.noise) for rest in self.rests],
                            settings.TOOL_PEAKS)
         short = self.short(peaks[0])
-        tried = sorted((solved(short, start, 8)
-                        for start in short.starts(peaks, planes)[:settings.TOOL_TRIED]),
+        one = self.best(short.tried(short.starts(peaks, 1)))
+        grown = [np.concatenate([one.x[:9], one.x[8:9] + other, one.x[9:10], one.x[9:]])
+                 for other in np.arange(*settings.TOOL_OTHER)]
+        costs = short.costs(grown)
+        low = 1 + np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] < costs[2:]))
+        return one, self.best([*short.tried([grown[k] for k in low]),
+                               *short.tried(short.starts(peaks[:1], 2))])
+
+    def costs(self, starts: Sequence[FloatArray]) -> FloatArray:
+        """Give the cost of each start."""
+        return np.array([np.sum(self.errors(start) ** 2) for start in starts])
+
+    def solved(self, start: FloatArray, most: int, scale: float = 1.0, fine: float = 1e-3) -> Any:
+        """Solve from a start."""
+        from scipy.optimize import least_squares  # slow to import
+
+        planes = (len(start) - 9) // 2
+        unit = np.repeat([0.3, 0.1, 0.3, 0.02, 0.3, 0.01], [3, 3, 2, planes, planes, 1])
+        return least_squares(self.errors, start, x_scale=unit, max_nfev=most, ftol=fine,
+                             args=(scale,))
+
+    def tried(self, starts: Sequence[FloatArray]) -> list[FloatArray]:
+        """Give the best that the likeliest of many starts lead to."""
+        found = sorted((self.solved(starts[k], 8)
+                        for k in np.argsort(self.costs(starts))[:settings.TOOL_TRIED]),
                        key=lambda one: float(one.cost))
-        whole = min((solved(self, one.x, 20) for one in tried[:3]
-                     if one.cost < settings.TOOL_NEAR * tried[0].cost),
-                    key=lambda one: float(one.cost))
+        return [one.x for one in found[:settings.TOOL_BEST]]
+
+    def best(self, tried: Sequence[FloatArray]) -> _Found:
+        """Search from the best of what was tried."""
+        whole = min((self.solved(x, 20) for x in tried), key=lambda one: float(one.cost))
         noise = sum(len(rest.t) * float(np.sum((rest.noise / expected) ** 2))
                     for rest, expected in zip(self.rests, self.units(1.0), strict=True))
         excess = max(2.0 * float(whole.cost) - noise, settings.TOOL_FEW)
         # Errors beyond noise are common to all samples and joints of a rest, which then counts
         # as one complex sample; so scaled, they are also weighed against what is usual.
-        last = solved(self, whole.x, 40, max(1.0, 0.5 * excess / len(self.rests)), 1e-6)
+        last = self.solved(whole.x, 40, max(1.0, 0.5 * excess / len(self.rests)), 1e-6)
         return _Found(last.x, np.linalg.inv(last.jac.T @ last.jac), excess)
 
     def tool(self, best: _Found, motion: str) -> FlexibleTool:
