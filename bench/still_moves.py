@@ -19,11 +19,12 @@ The plant is MuJoCo's, of `other_plant/carried_tool.py`: seven joints whose driv
 rub, and a slender tool of 1 to 5 Hz, damping ratio 0.01 to 0.03, mounted askew; every other tool
 has two bending planes of different stiffness. Each tool is learned from ten moves with rests of
 5.5 s: positions and efforts at 200 Hz with noise, efforts late by a sample, and the planned motion
-(--by measured: without it). Then come moves that nothing was learned from: curves through three
-random poses with rotation of the tool, from rest to rest. Each is followed as it was planned,
-shaped by another timing, by ZV, and by another timing with the frequency 5 % too high and too
-low. What counts is the tip relative to the flange, in both planes, from 0.3 s after the last
-point on, for a second: the largest distance from where it comes to rest.
+(--by measured: without it); a fit that asks for more motion gets twice as much. Then come moves
+that nothing was learned from: curves through three random poses with rotation of the tool, from
+rest to rest. Each is followed as it was planned, shaped by another timing, by ZV, and by another
+timing with the frequency 5 % too high and too low. What counts is the tip relative to the flange,
+in both planes, from 0.3 s after the last point on, for a second: the largest distance from where
+it comes to rest. The search of a tool was chosen on seeds 20 to 25.
 
     python bench/still_moves.py [--variants all as_is one_plane ...] [--seeds 20 21] [--tools 6]
 """
@@ -78,7 +79,7 @@ LEAST_TURN = 0.5
 LOUD = 2e-3
 """Ring of the tip from which on a reduction means something; moves with less are left out [m]."""
 OFF = 0.05
-SEEDS = (20, 21, 22)
+SEEDS = (20, 21, 26, 27)
 """The tool's model was made with the first two."""
 VARIANTS = {
     'as_is': Options(),
@@ -356,10 +357,15 @@ def variant(arm: Arm, options: Options, seed: int, args: argparse.Namespace) -> 
             'mass': round(drawn.mass, 2)}}
         tools.append(about)
         moves, about['quiet_moves_left_out'] = tests(plant, [seed, 1, number], args.moves)
-        try:
-            tool = learned(arm, plant, [seed, 2, number], args.by, args.learned, args.noise)
-        except TudorError as err:
-            about['not_learned'] = str(err)
+        tool = None
+        for often in (1, 2):  # a fit that fails asks for more motion
+            try:
+                tool = learned(arm, plant, [seed, 2, number], args.by, often * args.learned,
+                               args.noise)
+                break
+            except TudorError as err:
+                about['not_learned'] = [*about.get('not_learned', []), str(err)]
+        if tool is None:
             rows += [{'tool': number, **dict.fromkeys(
                 ('timing', 'zv', 'high', 'low'), {'refused': 'not learned'})} for _ in moves]
             continue

@@ -184,3 +184,15 @@ def test_what_is_no_tool(change: dict[str, object], says: str) -> None:
     assert read(FlexibleTool, KNOWN.model_dump()) == KNOWN
     with pytest.raises(ModelError, match=says):
         read(FlexibleTool, {**KNOWN.model_dump(), **change})
+
+
+def test_a_second_plane_whose_peak_hides() -> None:
+    """Two planes of 1.3 and 2.1 Hz are found, where the spectrum shows the first alone."""
+    found = []
+    for seed in range(1, 4):
+        q = moves(seed, count=2)
+        effort = tool_efforts(ARM, q, frequencies=(1.3, 2.1))
+        found += find_moves(ARM, recording(q, effort, noise=0.05, seed=seed))
+    tool = fit_tool(ARM, found, 'measured')
+    assert sorted(tool.frequencies) == pytest.approx([1.3, 2.1], rel=0.01)
+    assert tool.damping == pytest.approx([DAMPING, DAMPING], abs=0.005)

@@ -282,7 +282,7 @@ class _Search:
         if len(clear) < settings.TOOL_LEAST or 2 * len(clear) < sum(loud):
             raise FitError(f'a flexible tool explains {len(clear)} of {sum(loud)} rests that '
                            f'ring; it needs {settings.TOOL_LEAST}, and half of them',
-                           remedy='let the arm rest for three seconds or more after each motion')
+                           remedy='record more and faster motion, with rests of 3 s or more')
         covariance = 0.5 * (best.covariance + best.covariance.T)[:-1, :-1]
         mass, length, *others = np.exp(x[6:-1]).tolist()
         return FlexibleTool.model_validate({
