@@ -68,6 +68,20 @@ def test_all_judged() -> None:
     assert robot.verdict.share == 0.0 and robot.verdict.text == ''
 
 
+@pytest.mark.parametrize(('causes', 'said'), [
+    ({'gap': 20}, '(gap on joints)'), ({'strain_gap': 20}, '(gap on strains)'),
+    ({'gap': 1, 'strain_gap': 20}, '(gap on strains)'),
+    ({'strain_not_finite': 20}, '(not_finite on strains)'),
+    ({'no_neighbour': 20}, '(no_neighbour on strains)'),
+    ({'no_thresholds': 20}, '(no_thresholds)'),
+    ({'no_prediction': 20}, '(no_prediction)')])
+def test_topics(causes: dict[str, int], said: str) -> None:
+    """A cause comes with the topics that it is about."""
+    robot = Robot()
+    robot.live(3.0, judged=30, **causes)
+    assert robot.verdict.text.endswith(said)
+
+
 @pytest.mark.parametrize(('n', 'level'), [
     (0, CoverageLevel.ENOUGH), (1, CoverageLevel.PARTIAL), (9, CoverageLevel.PARTIAL),
     (10, CoverageLevel.NONE)])

@@ -70,6 +70,8 @@ MEANING = {
 """Causes for which a sample is not judged."""
 OF_MOTIONS = ('no_measurement', 'no_neighbour')
 """Causes among those of a pairing that count motions, not measurements."""
+OF_MODELS = ('no_prediction', 'no_thresholds')
+"""Causes that are about no sensor."""
 
 
 class CoverageLevel(IntEnum):
@@ -174,10 +176,10 @@ class OutputCoverage:
                 offsets.popleft()
 
     def _judge(self, new: _Counts, old: _Counts) -> CoverageReport:
-        of_motions, of_measured = self._shares(new, old)
-        share = max(sum(of_motions.values()), sum(of_measured.values()))
-        causes = {cause: max(of_motions.get(cause, 0.0), of_measured.get(cause, 0.0))
-                  for cause in of_motions | of_measured}
+        motions, measured = self._shares(new, old)
+        share = max(sum(motions.values()), sum(measured.values()))
+        causes = {cause: max(motions.get(cause, 0.0), measured.get(cause, 0.0))
+                  for cause in motions | measured}
         settling = causes.get('settling', 0.0)
         if not settling:
             self._settling = None
@@ -186,11 +188,14 @@ class OutputCoverage:
         patient = self._settling is not None and new.time - self._settling < self._patience
         if self._blind is not None and new.time - self._blind >= COVERAGE_TIME and not (
                 patient and share == settling):
-            return self._say_blind(new, old, causes)
+            causes = causes or {'no_measurement': 1.0}
+            why = self._silent(new) or self._apart(new, old) or self._main(causes, motions)
+            return CoverageReport(CoverageLevel.NONE, 'collisions go undetected in all samples '
+                                  f'of {self.output} because {why}', 1.0, causes)
         faults = list(filter(None, [self._apart(new, old)]))
         if share >= UNJUDGED_WARNING:
             faults.append(f'collisions go undetected in {100.0 * share:.1f} % of the samples of '
-                          f'{self.output}, mainly because {_main(causes)}')
+                          f'{self.output}, mainly because {self._main(causes, motions)}')
         lasting = share - (settling if patient else 0.0)
         full = (self._flowing is not None
                 and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
@@ -198,16 +203,25 @@ class OutputCoverage:
             CoverageLevel.NONE if full and lasting >= UNJUDGED_ERROR else CoverageLevel.PARTIAL)
         return CoverageReport(level, '; '.join(faults), share, causes)
 
-    def _say_blind(self, new: _Counts, old: _Counts, causes: dict[str, float]) -> CoverageReport:
-        """Say why nothing was judged for a second: the plainest reason first."""
-        causes = causes or {'no_measurement': 1.0}
+    def _silent(self, new: _Counts) -> str:
+        """Name the topics on which nothing came for a second; empty for none."""
         assert self._flowing is not None
         silent = [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
                   if new.time - max(at, self._flowing) >= COVERAGE_TIME - COVERAGE_PERIOD]
-        why = (f'no message came on {", ".join(silent)}: check the node that publishes there'
-               if silent else self._apart(new, old) or _main(causes))
-        text = f'collisions go undetected in all samples of {self.output} because {why}'
-        return CoverageReport(CoverageLevel.NONE, text, 1.0, causes)
+        return '' if not silent else (
+            f'no message came on {", ".join(silent)}: check the node that publishes there')
+
+    def _main(self, causes: dict[str, float], motions: dict[str, float]) -> str:
+        """Name the cause that explains most, what it means, and the topics it is about."""
+        cause = max(causes, key=causes.__getitem__)
+        if cause in OF_MOTIONS:
+            # where measurements are left out, motions lack them: the reason is what they were
+            others = {name: share for name, share in causes.items() if name not in OF_MOTIONS}
+            first = max(others, key=others.__getitem__, default=cause)
+            cause = first if causes[first] >= 0.5 * causes[cause] else cause
+        of = self._sensors if cause in OF_MOTIONS or motions.get(cause) != causes[cause] else [0]
+        on = '' if cause in OF_MODELS else f' on {", ".join(self.streams[k].topic for k in of)}'
+        return f'{MEANING[cause]} ({cause}{on})'
 
     def _shares(self, new: _Counts, old: _Counts) -> tuple[dict[str, float], dict[str, float]]:
         """Give shares of the motions that were not judged, and of measurements left out."""
@@ -238,17 +252,6 @@ class OutputCoverage:
     def _period(self, place: int, new: _Counts, old: _Counts) -> float:
         count = new.came[place] - old.came[place]
         return abs(new.stamps[place] - old.stamps[place]) * 1e-9 / count if count else 0.0
-
-
-def _main(causes: dict[str, float]) -> str:
-    """Name the cause that explains most, and what it means."""
-    cause = max(causes, key=causes.__getitem__)
-    if cause in OF_MOTIONS:
-        # where measurements are left out, motions lack them: the reason is what they were
-        others = {name: share for name, share in causes.items() if name not in OF_MOTIONS}
-        first = max(others, key=others.__getitem__, default=cause)
-        cause = first if causes[first] >= 0.5 * causes[cause] else cause
-    return f'{MEANING[cause]} ({cause})'
 
 
 class Coverage:
@@ -283,11 +286,8 @@ class Coverage:
         stream = self._streams.get(topic)
         if stream is None:
             return False
-        worse = False
-        if now - self._looked >= COVERAGE_PERIOD:
-            # before it counts: what came until now has been worked off
-            before = self.verdict.level
-            worse = self.look(now).level > before
+        before = self.verdict.level
+        worse = self.look(now).level > before  # before it counts: what came is worked off
         stream.count += 1
         stream.stamp = stamp
         return worse
@@ -302,12 +302,11 @@ class Coverage:
 
 def _together(found: Sequence[CoverageReport]) -> CoverageReport:
     """Give the worst level with the texts that have it, and the largest shares."""
-    if not found:
-        return CoverageReport()
-    level = max(verdict.level for verdict in found)
+    level = max((verdict.level for verdict in found), default=CoverageLevel.ENOUGH)
     causes: dict[str, float] = {}
     for verdict in found:
         for cause, share in verdict.causes.items():
             causes[cause] = max(share, causes.get(cause, 0.0))
     texts = dict.fromkeys(v.text for v in found if v.level == level and v.text)
-    return CoverageReport(level, '; '.join(texts), max(v.share for v in found), causes)
+    share = max((verdict.share for verdict in found), default=0.0)
+    return CoverageReport(level, '; '.join(texts), share, causes)
