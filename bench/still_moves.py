@@ -54,10 +54,12 @@ from other_plant.carried_tool import (  # noqa: E402
 from scipy.spatial import cKDTree  # noqa: E402
 from tables import show  # noqa: E402
 from tudor_dynamics.arm.description import Arm, arm_from_dict  # noqa: E402
+from tudor_dynamics.arm.schema import PreprocessingSpec  # noqa: E402
 from tudor_dynamics.bags.recording import Recording  # noqa: E402
 from tudor_dynamics.bags.trajectory import Trajectory  # noqa: E402
 from tudor_dynamics.errors import TudorError  # noqa: E402
 from tudor_dynamics.identification.tool import find_moves, fit_tool  # noqa: E402
+from tudor_dynamics.models.bundle import ModelBundle  # noqa: E402
 from tudor_dynamics.models.still_timing import shaped_for, still_timing  # noqa: E402
 
 JOINTS = tuple(f'j{k}' for k in range(1, 8))
@@ -267,7 +269,8 @@ def judged(
         begun = time.process_time()
         try:
             shaped = (still_timing(arm, off, given) if by == 'timing'
-                      else shaped_for(arm, off, given, by))
+                      else shaped_for(ModelBundle(arm, PreprocessingSpec(), {}, tool=off), given,
+                                      by))
         except TudorError as err:
             row[name] = {'refused': str(err)[:200]}
             continue

@@ -100,8 +100,7 @@ def whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """
     folder = None
     try:
-        place = _replaceable(path)
-        folder = scratch_folder(place)
+        folder = scratch_folder(_replaceable(path))
         yield folder / path.name
         _put(folder / path.name, _replaceable(path), replace)
     except OSError as err:  # a full disk does not say of itself which file it was

@@ -32,7 +32,7 @@ from tudor_dynamics.identification.ringdowns import ring_of
 from tudor_dynamics.identification.tool import check_efforts, find_moves, fit_tool, Moves
 from tudor_dynamics.models.base import read
 from tudor_dynamics.models.flexible_tool import Flange, FlexibleTool
-from tudor_dynamics.models.still_timing import shaped_for
+from tudor_dynamics.models.still_timing import still_timing
 
 GANTRY = arm_from_dict({
     'name': 'gantry', 'kinematics': {'dh': [
@@ -127,7 +127,7 @@ def test_a_timing_for_it(tool: FlexibleTool) -> None:
     """A trajectory that is timed for it leaves it still, and it is said what is left."""
     for seed in range(6, 9):
         wanted = curved(seed)
-        found = shaped_for(ARM, tool, wanted, 'timing')
+        found = still_timing(ARM, tool, wanted)
         before, after = (tool.ring_after(ARM, item).torque for item in (wanted, found))
         assert after.value < 0.15 * before.value and after.low <= after.value <= after.high
         assert ring_after(found) < 0.1 * ring_after(wanted)

@@ -23,10 +23,36 @@ import numpy as np
 import pytest
 from tool_making import ARM, curved, FREQUENCIES, KNOWN, ring_after
 
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.models import still_timing as module
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.flexible_tool import FlexibleTool
 from tudor_dynamics.models.still_timing import shaped_for, still_timing
 from tudor_dynamics.signals.motion_profile import spline
+
+
+def bundle(tool: FlexibleTool) -> ModelBundle:
+    """Put a tool into a bundle."""
+    return ModelBundle(ARM, PreprocessingSpec(), {}, tool=tool)
+
+
+class Coupled:
+    """Efforts of joints that accelerate each other, rub, and have weight."""
+
+    def predict(self, motion: np.ndarray) -> np.ndarray:
+        """Predict them of positions, velocities and accelerations."""
+        q, dq, ddq = np.split(motion, 3, axis=1)
+        inertia = 0.4 * np.eye(5) + 0.6
+        return ddq @ inertia + 2.0 * np.tanh(dq / 0.01) + 0.3 * dq + 4.0 * np.cos(q)
+
+    def most(self, trajectory: Trajectory) -> np.ndarray:
+        """Give the largest ones along a trajectory."""
+        curve = spline(trajectory)
+        t = np.linspace(trajectory.t[0], trajectory.t[-1], 2000)
+        return np.abs(self.predict(np.hstack(
+            [np.asarray(curve(t, order)) for order in range(3)]))).max(axis=0)
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -68,6 +94,20 @@ def test_limits_and_path(seed: int, seconds: float, points: int) -> None:
     assert np.array_equal(found.q[[0, -1]], wanted.q[[0, -1]]) and not found.dq[[0, -1]].any()
 
 
+def test_efforts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Joints need no more than their limit, or than they do as given, by the model of efforts."""
+    monkeypatch.setattr(module, 'effort_limits', lambda _: np.array([5.0] * 4 + [np.inf]))
+    beyond, model = [], Coupled()
+    for seed in range(6):
+        wanted = curved(seed)
+        most = np.maximum(model.most(wanted), 5.0)
+        free, found = (still_timing(ARM, KNOWN, wanted, effort) for effort in (None, model))
+        assert (model.most(found) <= 1.02 * most)[:4].all()
+        beyond.append(float((model.most(free) / most)[:4].max()))
+        assert ring_after(found) < 0.2 * ring_after(wanted)
+    assert max(beyond) > 1.05
+
+
 def test_other_joints_and_impulses() -> None:
     """A gripper moves along; impulses have the frequency of the tool at the end."""
     wanted = curved(1)
@@ -77,12 +117,12 @@ def test_other_joints_and_impulses() -> None:
     found = still_timing(ARM, KNOWN, both)
     assert found.joints == both.joints
     assert np.allclose(found.q[:, 5] - found.q[0, 5], 0.1 * (found.q[:, 0] - found.q[0, 0]))
-    shaped = shaped_for(ARM, KNOWN, wanted, 'zv')
+    shaped = shaped_for(bundle(KNOWN), wanted, 'zv')
     frequencies = [one.value for one in KNOWN.frequency_at(ARM, wanted.q[-1])]
     assert shaped.t[-1] - wanted.t[-1] == pytest.approx(
         sum(0.5 / frequency for frequency in frequencies), rel=1e-3)
     alike = KNOWN.model_copy(update={'frequencies': [3.0, 3.05]})
-    longer = shaped_for(ARM, alike, wanted, 'zv').t[-1] - wanted.t[-1]
+    longer = shaped_for(bundle(alike), wanted, 'zv').t[-1] - wanted.t[-1]
     assert longer == pytest.approx(0.5 / 3.0, rel=0.05)
 
 

@@ -286,8 +286,7 @@ class Arm:
              _rounded(model.jointPlacements[i].homogeneous),
              _rounded(joint_axis(model, model.names[i]))]
             for i in range(1, model.njoints)]
-        text = json.dumps(content, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _rounded(values: NDArray[np.float64]) -> Any:

@@ -220,8 +220,7 @@ class SelfCollision:
         for number, (normal, point) in enumerate(walls):
             self._add(f'wall {number + 1}_', 0, fcl.Box(THICK, THICK, THICK),
                       point - 0.5 * THICK * normal, normal)
-        disabled = set() if srdf is None else _disabled(srdf)
-        left_out = self._add_pairs(disabled)
+        left_out = self._add_pairs(set() if srdf is None else _disabled(srdf))
         self._renew()
         if self.pairs:
             left_out += self._drop_always(arm)
@@ -304,8 +303,7 @@ class SelfCollision:
         return len(always)
 
     def _link(self, place: int) -> str:
-        item = self._geometry.geometryObjects[place]
-        return str(item.name).rsplit('_', 1)[0]
+        return str(self._geometry.geometryObjects[place].name).rsplit('_', 1)[0]
 
     def _look(self, q: FloatArray) -> None:
         self._q[self._index] = q

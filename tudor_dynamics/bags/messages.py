@@ -300,8 +300,7 @@ def decode(
                 raise BagError(f'topic {topic}: names, fields or frame_id of its messages vary in '
                                f'more than {MAX_LAYOUTS} ways; record one arm on one topic')
             same = _same_layout(rows, layout)
-            group = rows if same.all() else rows[same]
-            blocks.append(MessageBatch(index[same], layout, group))
+            blocks.append(MessageBatch(index[same], layout, rows if same.all() else rows[same]))
             index, rows = index[~same], rows[~same]
     return sorted(blocks, key=lambda block: int(block.index[0]))
 

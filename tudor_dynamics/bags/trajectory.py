@@ -174,8 +174,7 @@ class Trajectory:
 
 def read_trajectory(path: Path) -> Trajectory:
     """Read motion from a table, as `Trajectory.table` writes it; columns in any order."""
-    text = read_text(path, MAX_TABLE_BYTES, 'the trajectory', BagError)
-    head, _, body = text.partition('\n')
+    head, _, body = read_text(path, MAX_TABLE_BYTES, 'the trajectory', BagError).partition('\n')
     columns = [name.strip() for name in head.lstrip('#').split(',')]
     joints = tuple(name for name in columns[1:] if not any(
         ending and name.endswith(ending) and name.removesuffix(ending) in columns

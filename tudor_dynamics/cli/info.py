@@ -86,8 +86,7 @@ def look_at(report: BagReport, arm: Arm | None) -> Sequence[Finding]:
     recording, timing = retimed(report.recording)
     if arm is not None:
         return examine(arm, recording, timing).findings
-    joints = report.plan.joints
-    return look_at_samples(recording, joints, report.plan.gauges, timing)[1]
+    return look_at_samples(recording, report.plan.joints, report.plan.gauges, timing)[1]
 
 
 def _range(channel: ChannelReport | None) -> str:

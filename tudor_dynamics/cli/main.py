@@ -175,8 +175,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         warnings.simplefilter('always', TudorWarning)
         try:
             # parsing loads the subcommand's modules, which takes half a second
-            args = build_parser(only).parse_args(arguments)
-            code = _run(args, arguments)
+            code = _run(build_parser(only).parse_args(arguments), arguments)
             sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
             return code
         except TudorError as err:

@@ -96,7 +96,7 @@ def _by_model(args: argparse.Namespace, bundle: ModelBundle) -> list[Sent]:
                       names=('joint', 'as given', 'shaped'), figures=('longer [s]',))
 
     def shaped(wanted: Trajectory) -> Trajectory:
-        found = shaped_for(arm, tool, wanted, args.by)
+        found = shaped_for(bundle, wanted, args.by)
         before, after = (tool.ring_after(arm, item) for item in (wanted, found))
         name = arm.active_joints[before.loudest]
         unit = 'N' if arm.is_prismatic(name) else 'N m'

@@ -402,8 +402,7 @@ def read_plan(path: str | Path) -> PlanFolder:
     """Read the folder that ``tudor excite`` wrote."""
     path = Path(path)
     try:
-        text = read_bounded(path / HEAD, MAX_HEAD_BYTES).decode()
-        head = _Head.model_validate_json(text)
+        head = _Head.model_validate_json(read_bounded(path / HEAD, MAX_HEAD_BYTES).decode())
     except OSError as err:
         raise UsageError(f'{HEAD} cannot be read ({err.strerror})', place=path,
                          remedy='give a folder that tudor excite wrote') from None

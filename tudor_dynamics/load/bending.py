@@ -179,8 +179,7 @@ def find_bending(arm: Arm, model: AnalyticalModel, watched: Sequence[Watched]) -
     turns = search.run(nothing)
     if not (search.size(turns) < EXPLAINED * rigid).any():
         return None
-    bending = search.bending(turns)
-    return _learned(model, stretches, smoothed(watched, CUTOFF), bending)
+    return _learned(model, stretches, smoothed(watched, CUTOFF), search.bending(turns))
 
 
 def relearned(bent: BentLinks, watched: Sequence[Watched]) -> BentLinks:

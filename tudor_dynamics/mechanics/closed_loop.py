@@ -522,8 +522,7 @@ class ArmProcess:
 
     def tip(self) -> FloatArray:
         """Give the place of the tip in the base frame [m]."""
-        position = self._probe.observe().position
-        return np.asarray(position[self.loop.plant.mechanism.tip].copy())
+        return np.asarray(self._probe.observe().position[self.loop.plant.mechanism.tip].copy())
 
     def step(self) -> Sample:
         """Advance by a sample, give what sensors say at its start; ends at rest if it diverges."""

@@ -276,8 +276,7 @@ class Builder:
         named = [frame for frame in model.frames if frame.name == 'tip']
         if named:  # a joint and the link after it may share the name: the link comes last
             return named[-1]
-        last = model.njoints - 1
-        frames = [f for f in model.frames if f.parentJoint == last]
+        frames = [f for f in model.frames if f.parentJoint == model.njoints - 1]
         return frames[-1] if frames else None
 
     def _beam(self, index: int, beam: BeamSpec, axis: FloatArray, ints: IntArray,

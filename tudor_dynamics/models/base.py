@@ -404,8 +404,7 @@ class MemorylessModel(Model):
         for joint in range(n):
             motion[:, joint, :, n + joint] = np.array([SLIDING, -SLIDING])[:, None]
         y = self.predict(motion.reshape(-1, 3 * n)).reshape(2, n, len(q), n)
-        own = np.abs(np.einsum('jkj->kj', y[0] - y[1]))
-        return np.asarray(0.5 * np.median(own, axis=0))
+        return np.asarray(0.5 * np.median(np.abs(np.einsum('jkj->kj', y[0] - y[1])), axis=0))
 
     @classmethod
     def live(cls: type[Learner], models: Mapping[str, Learner], observer: str = 'off') -> Live:

@@ -55,8 +55,7 @@ class FullParameters:
     @property
     def bodies(self) -> dict[str, FloatArray]:
         """Mass, first moments, inertia about the joint, by the joint that moves a body."""
-        names = list(self.arm.model.names)[1:]
-        return dict(zip(names, self.solution.bodies, strict=True))
+        return dict(zip(list(self.arm.model.names)[1:], self.solution.bodies, strict=True))
 
     @property
     def drives(self) -> dict[str, dict[str, float]]:
@@ -297,8 +296,7 @@ def body_row(joint: str, arms: tuple[Arm, Arm], bodies: tuple[FloatArray, FloatA
     turns = []
     for arm, body in zip(arms, (one, other), strict=True):
         axis = np.asarray(joint_axis(arm.model, joint))
-        about = body[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3)
-        turns.append(float(axis @ about @ axis))
+        turns.append(float(axis @ body[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3) @ axis))
     return BodyRow(joint, (float(a.mass), float(b.mass)),
                    float(np.linalg.norm(b.lever - a.lever)), (turns[0], turns[1]))
 

@@ -328,8 +328,7 @@ def base_sets(regressor: Regressor, n_joints: int, *, seed: int = 0) -> tuple[Ba
     names = [regressor.columns[i] for i in order]
     sets = []
     for group in regressor.groups:
-        matrix = rows[:, list(group)].reshape(-1, len(order))[:, order]
-        kept, mixture = independent_columns(matrix)
+        kept, mixture = independent_columns(rows[:, list(group)].reshape(-1, len(order))[:, order])
         sets.append(BaseSet(
             group, np.array([order[i] for i in kept], dtype=np.intp),
             tuple(_name(names, mixture[k], int(own)) for k, own in enumerate(kept))))

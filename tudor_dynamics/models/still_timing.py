@@ -30,8 +30,11 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.limits import effort_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.bundle import ModelBundle, tool_of
 from tudor_dynamics.models.flexible_tool import (
     flange_motion, FlexibleTool, LIKELY, modes_of, row_of)
 from tudor_dynamics.models.settings import (
@@ -50,39 +53,40 @@ WEIGHT = np.array([1.0, TIMING_GOOD / TIMING_OFF, TIMING_GOOD / TIMING_OFF])[:, 
 """Of the rings at the frequencies expected, at lower and at higher ones."""
 
 
-def still_timing(arm: Arm, tool: FlexibleTool, given: Trajectory) -> Trajectory:
+def still_timing(
+    arm: Arm, tool: FlexibleTool, given: Trajectory, effort: Model | None = None,
+) -> Trajectory:
     """
     Change when a trajectory passes its path, so that a tool at the flange is still at its end.
 
     No joint is faster than at the same place of the given trajectory, nor accelerates more than it
-    does anywhere. A SignalError if it does not lead from rest to rest, or no timing is found.
+    does anywhere, nor needs more than its limit by a model of efforts, unless it does as given or
+    slowly. A SignalError if it does not lead from rest to rest, or no timing is found.
     """
     if given.dq is None or len(given.t) < 2:
         raise SignalError('the trajectory has no velocities',
                           remedy='give them, or shape it by zv or zvd')
     check_at_rest(given)
-    path = _Path(arm, tool, given)
-    best: tuple[float, _Timing, FloatArray] | None = None
+    path = _Path(arm, tool, given, effort)
+    found: list[tuple[float, _Timing, FloatArray]] = []
     for longer in TIMING_LONGER:
         timing = _Timing(path, longer / path.frequency)
         rate, rings = timing.search()
-        left = float((WEIGHT * rings).max())
-        if best is None or left < best[0]:
-            best = left, timing, rate
-        if left <= TIMING_GOOD:
+        found.append((float((WEIGHT * rings).max()), timing, rate))
+        if found[-1][0] <= TIMING_GOOD:
             break  # the shortest
-    assert best is not None
-    left, timing, rate = best
+    left, timing, rate = min(found, key=lambda one: one[0])
     if left > TIMING_MOST:
         raise SignalError(f'no timing of this path leaves the tool still: {100.0 * left:.0f} % of '
                           'the ring remain', remedy='begin more slowly, or shape it by zv or zvd')
     return timing.trajectory(given, rate)
 
 
-def shaped_for(arm: Arm, tool: FlexibleTool, given: Trajectory, kind: str) -> Trajectory:
+def shaped_for(bundle: ModelBundle, given: Trajectory, kind: str) -> Trajectory:
     """Shape a trajectory by its timing, or by impulses for the tool where it ends."""
+    arm, tool = bundle.arm, tool_of(bundle)
     if kind == TIMING:
-        return still_timing(arm, tool, given)
+        return still_timing(arm, tool, given, bundle.models.get('effort', {}).get('analytical'))
     modes = [one.value for one in tool.frequency_at(arm, given.of(arm.active_joints).q[-1])]
     if modes[-1] < (1.0 + TIMING_SAME) * modes[0]:
         modes = [math.sqrt(modes[0] * modes[-1])]
@@ -94,14 +98,17 @@ def shaped_for(arm: Arm, tool: FlexibleTool, given: Trajectory, kind: str) -> Tr
 class _Path:
     """What a trajectory does, at even times, and how it rings."""
 
-    def __init__(self, arm: Arm, tool: FlexibleTool, given: Trajectory) -> None:
+    def __init__(
+        self, arm: Arm, tool: FlexibleTool, given: Trajectory, effort: Model | None,
+    ) -> None:
         self.seconds = float(given.t[-1] - given.t[0])
         count = max(int(round(self.seconds / TOOL_STEP)), TIMING_FEWEST) + 1
         t = np.linspace(given.t[0], given.t[-1], count)
         curve = spline(given)
         q, dq, ddq = (np.asarray(curve(t, order)) for order in range(3))
         own = [given.joints.index(name) for name in given.of(arm.active_joints).joints]
-        flange = flange_motion(arm, t, MotionState(q[:, own], dq[:, own], ddq[:, own]))
+        states = MotionState(q[:, own], dq[:, own], ddq[:, own])
+        flange = flange_motion(arm, t, states)
         gravity = flange.motion[-1, 9:]
         expected = tool.frequency(gravity)
         self.frequency = expected[0].value
@@ -112,9 +119,10 @@ class _Path:
         self.rows[:, 13:15] *= np.array([[1.0], [1.0 - spread], [1.0 + spread]]) ** 2
         self.modes = [modes_of(row, gravity) for row in self.rows]
         most = np.abs(ddq).max(axis=0)
-        moves = most > 1e-9
+        loads = [np.stack([ddq, 0.0 * q, dq, 0.0 * q])[:, :, most > 1e-9] / most[most > 1e-9]]
+        loads += [] if effort is None else [_efforts(arm, effort, states)]
         self.table = np.hstack([flange.motion[:, :6], flange.velocity, flange.motion[:, 6:],
-                                ddq[:, moves] / most[moves], dq[:, moves] / most[moves]])
+                                *np.concatenate(loads, axis=2)])
         self.slopes = np.gradient(self.table[:, :15], self.seconds / (count - 1), axis=0)
         # relative to a motion that hardly rings, nothing would be little
         motion = motion_of(self.table, np.ones((count, 1)), np.zeros((count, 1)))
@@ -139,6 +147,18 @@ class _Path:
         """Give the rings at the end of a motion, complex (3, modes)."""
         return np.array([modes.of(follow(row, step, motion)[-1])
                          for row, modes in zip(self.rows, self.modes, strict=True)]) / self.size
+
+
+def _efforts(arm: Arm, model: Model, motion: MotionState) -> FloatArray:
+    """Give efforts over what is allowed: by rate squared, rate and its slope, and the rest."""
+    q, dq, ddq = motion.q, motion.dq, motion.ddq
+    rates = np.array([TIMING_SLOWEST, 0.5, 1.0])
+    *steady, whole, more = (model.predict(np.hstack([q, *states])) for states in (
+        *((rate * dq, 0.0 * q) for rate in rates), (dq, ddq), (dq, ddq + dq)))
+    square, linear, rest = np.tensordot(np.linalg.inv(np.vander(rates)), steady, 1)
+    most = np.maximum(effort_limits(arm), np.abs([whole, steady[0]]).max(axis=(0, 1)))
+    return (np.stack([square + whole - steady[2], linear, more - whole, rest]) / most)[
+        :, :, np.isfinite(most)]
 
 
 def motion_of(rows: FloatArray, rate: FloatArray, slope: FloatArray) -> FloatArray:
@@ -184,24 +204,24 @@ class _Timing:
                 (self.place, self.rate, self.slope))))
         return np.array(found) / path.size
 
-    def allowed(self, c: FloatArray) -> bool:
-        """Say whether no joint is faster, nor accelerates more, than in the given trajectory."""
+    def used(self, c: FloatArray) -> FloatArray:
+        """Give the largest accelerations and efforts over what is allowed."""
         rows, rate, slope = self.parts(c)
-        half = (rows.shape[1] - 15) // 2
-        used = np.abs(rows[:, 15:15 + half] * rate**2 + rows[:, 15 + half:] * slope)
-        return bool(used.max() <= 1.0 and rate.max() <= 1.0 and rate.min() > 0.0)
+        square, linear, by_slope, rest = np.split(rows[:, 15:], 4, axis=1)
+        used = np.abs(square * rate**2 + linear * rate + by_slope * slope + rest).max(axis=0)
+        return np.asarray(used if rate.max() <= 1.0 and rate.min() > 0.0 else np.inf * used)
 
     def search(self) -> tuple[FloatArray, FloatArray]:
         """Search the timing after which least rings; with the rings, over those given."""
         c = np.full(self.count, self.path.seconds / self.t[-1])
-        here = self.rings(c)
+        here, most = self.rings(c), np.maximum(1.0, self.used(c))
         radius = 0
         for _ in range(TIMING_ROUNDS):
             if (WEIGHT * np.abs(here)).max() <= TIMING_GOOD:
                 break
             slopes = self.changes(c)
             while radius < len(TIMING_RADII):
-                found = self._better(c, here, slopes, TIMING_RADII[radius])
+                found = self._better(c, here, slopes, TIMING_RADII[radius], most)
                 if found is not None:
                     break
                 radius += 1
@@ -211,15 +231,14 @@ class _Timing:
         return c, np.abs(here)
 
     def _better(self, c: FloatArray, here: FloatArray, slopes: FloatArray, radius: float,
-                ) -> tuple[FloatArray, FloatArray] | None:
+                most: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Solve the linear programme; None where it brings nothing."""
         rows, rate, slope = (part[::TIMING_EVERY] for part in self.parts(c))
         of_rate, of_slope = self.rate[::TIMING_EVERY], self.slope[::TIMING_EVERY]
-        half = (rows.shape[1] - 15) // 2
-        a, v = rows[:, 15:15 + half], rows[:, 15 + half:]
-        used = (a * rate**2 + v * slope).ravel()
-        changes = ((2.0 * a * rate)[:, :, None] * of_rate[:, None] + v[:, :, None]
-                   * of_slope[:, None]).reshape(-1, self.count)
+        square, linear, by_slope, rest = np.split(rows[:, 15:], 4, axis=1)
+        used = (square * rate**2 + linear * rate + by_slope * slope + rest).ravel()
+        changes = ((2.0 * square * rate + linear)[:, :, None] * of_rate[:, None]
+                   + by_slope[:, :, None] * of_slope[:, None]).reshape(-1, self.count)
         near = np.abs(used) + radius * np.abs(changes).sum(axis=1) > ROUNDING
         used, changes = used[near], changes[near]
         weighted = (WEIGHT[:, :, None] * slopes).reshape(-1, self.count)
@@ -242,7 +261,7 @@ class _Timing:
         for share in (1.0, 0.5, 0.25):
             tried = c + share * step[:-1]
             left = self.rings(tried)
-            if self.allowed(tried) and (WEIGHT * np.abs(left)).max() < (
+            if (self.used(tried) <= most).all() and (WEIGHT * np.abs(left)).max() < (
                     WEIGHT * np.abs(here)).max():
                 return tried, left
         return None

@@ -31,9 +31,8 @@ from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.trajectory import braking, Follower, from_state, of_all, Path
 from tudor_dynamics.errors import SignalError, TudorError, UsageError
-from tudor_dynamics.models.bundle import tool_of
+from tudor_dynamics.models.bundle import ModelBundle, tool_of
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.models.flexible_tool import FlexibleTool
 from tudor_dynamics.models.still_timing import shaped_for, TIMING
 from tudor_dynamics.nodes.common.base import Figure, latched, OK, strong, TudorNode, WARN
 from tudor_dynamics.nodes.common.following import FollowServer, since_start
@@ -73,7 +72,7 @@ class TrajectoryRelayNode(TudorNode):
         self.forwarded, self.refused, self.not_shaped = 0, '', ''
         self.collision = self.held = False
         self._q: FloatArray | None = None
-        self._tool: FlexibleTool | None = None
+        self._tool: ModelBundle | None = None  # that knows it
         self._at, self._stepped = -math.inf, self.steady()
         self._payload = float(self.value('payload'))
         self._goal: Any = None  # what the controller drives of ours: its handle, once it has one
@@ -83,7 +82,8 @@ class TrajectoryRelayNode(TudorNode):
         try:
             arm = self.described_arm('limits')
             if self.value('tool'):
-                self._tool = tool_of(load_bundle(self.value('tool'), arm=arm))
+                self._tool = load_bundle(self.value('tool'), arm=arm)
+                tool_of(self._tool)
             if self.value('model'):
                 bundle = load_bundle(self.value('model'), arm=arm)
                 self.ahead = Feedforward(
@@ -247,7 +247,7 @@ class TrajectoryRelayNode(TudorNode):
             if kind == TIMING and tool is None:
                 raise SignalError('shaping is timing, but tool names no model', remedy='set it to '
                                   'a bundle of `tudor fit --models analytical vibration`')
-            shape = partial(shaped_for, self._arm, tool, kind=kind) if tool is not None else (
+            shape = partial(shaped_for, tool, kind=kind) if tool is not None else (
                 partial(convolved, shaper=impulses(
                     kind, frequency, self.value('shaping_damping'))))
             if np.abs(state.dq).max() > AT_REST:

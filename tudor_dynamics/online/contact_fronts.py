@@ -325,8 +325,7 @@ class Pressing:
 @compiled
 def slow_modes(small: NDArray, basis: NDArray, squares: NDArray, rates: NDArray) -> None:
     """Find the slowest modes, of a mass of one: basis (m, c), squares, damping rates (c,)."""
-    lower = np.linalg.cholesky(small[0])
-    inverse = np.linalg.inv(lower)
+    inverse = np.linalg.inv(np.linalg.cholesky(small[0]))
     values, vectors = np.linalg.eigh(inverse @ small[2] @ inverse.T)
     count = squares.shape[0]
     basis[:] = (inverse.T @ vectors)[:, :count]

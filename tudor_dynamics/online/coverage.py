@@ -135,8 +135,7 @@ class OutputCoverage:
     def look(self, now: float) -> CoverageReport:
         """Compare the counts with those of a second ago: now [s]."""
         new = self._count(now)
-        last = self._past[-1] if self._past else new
-        self._follow(new, last)
+        self._follow(new, self._past[-1] if self._past else new)
         self._past.append(new)
         while len(self._past) > 2 and now - self._past[1].time >= COVERAGE_TIME:
             self._past.popleft()

@@ -316,8 +316,8 @@ def solved(
     cost: FloatArray, bound: list[FloatArray], right: list[FloatArray], **more: Any,
 ) -> FloatArray | None:
     """Solve a linear programme with blocks of rows below their right sides; None without one."""
-    answer = linprog(
-        cost, csr_matrix(np.vstack(bound)), np.concatenate(right), method='highs', **more)
+    answer = linprog(cost, csr_matrix(np.vstack(bound)), np.concatenate(right), method='highs',
+                     options={'maxiter': settings.PROGRAMME_STEPS}, **more)
     return None if answer.x is None or answer.status != 0 else np.asarray(answer.x)
 
 

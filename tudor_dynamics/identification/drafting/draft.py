@@ -146,8 +146,7 @@ class DraftedChain:
 def chain_of_urdf(path: Path, out: Path) -> DraftedChain:
     """Take the kinematics of a URDF."""
     snapped = ExactAngles()
-    text = read_urdf(path)
-    model = model_from_urdf(text, str(path), snapped)
+    model = model_from_urdf(read_urdf(path), str(path), snapped)
     joints = tuple(model.names)[1:]
     if not joints:
         raise ArmError('no joint of this URDF moves', place=path, remedy='give the URDF of an arm')
