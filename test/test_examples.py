@@ -32,6 +32,7 @@ FOUND = {
     'own_controller': (r'fed back: strain still swings by ([0-9.]+)', 0.0, 2.0),
     'sweep_of_modes': (r'([0-9.]+) Hz with 400 g', 1.7, 1.9),
     'watch_a_bag': (r'([0-9]+) samples judged, 0 collisions', 2300, 2400),
+    'still_tool': (r'another timing: ([0-9.]+) mm', 0.0, 0.5),
     'export_a_run': (r'difference of the strains: ([0-9.e-]+)', 0.0, 1e-9),
 }
 """What each prints, with bounds: about what it gave when it was written."""
@@ -58,9 +59,9 @@ def test_example(
 
 
 def test_each_has_its_picture_in_the_repository() -> None:
-    """Scripts, pictures and the page that shows them are the same five."""
+    """Scripts, pictures and the page that shows them are the same six."""
     page = (EXAMPLES[0].parent / 'README.md').read_text(encoding='utf-8')
-    assert len(EXAMPLES) == len(FOUND) == 5
+    assert len(EXAMPLES) == len(FOUND) == 6
     for script in EXAMPLES:
         assert script.with_suffix('.png').is_file()
         assert f'`{script.name}`' in page and f'({script.stem}.png)' in page
