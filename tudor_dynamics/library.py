@@ -50,7 +50,7 @@ from tudor_dynamics.identification.loads import bare_bundle_of, bundle_of, paylo
 from tudor_dynamics.identification.many_bags import ManyBags, Streaming, streams
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, compare_with_plan, Comparison)
-from tudor_dynamics.identification.tool import check_efforts, tool_of_bags
+from tudor_dynamics.identification.tool import check_efforts
 from tudor_dynamics.identification.validation import cases_of, validated, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.bundle import ModelBundle
@@ -249,10 +249,9 @@ def fit_choices(
         planned = None if plan is None else compare_with_plan(result, plan)
         progress('collision thresholds')
         assessment = assess(result, out)
-        bundle = bundle_of(result, assessment)
         if settings.tool:
             progress('flexible tool')
-            bundle.tool = tool_of_bags(arm, result.training)
+        bundle = bundle_of(result, assessment)
     if out is not None:
         from tudor_dynamics.show.page import LastFit, render  # slow to import
 

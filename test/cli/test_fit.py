@@ -27,8 +27,11 @@ from papers.merit import main as import_merit
 import pytest
 
 from tudor_dynamics import library
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli import fit as command
 from tudor_dynamics.cli.main import main
+from tudor_dynamics.identification import loads
+from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.flexible_tool import FlexibleTool
 import yaml
@@ -382,9 +385,12 @@ def test_a_flexible_tool_with_the_models(
         'mass': 0.5, 'length': 0.3, 'frequencies': [3.0], 'damping': [0.02],
         'covariance': np.eye(10).tolist(), 'quiet': 0.02, 'scatter': 0.1, 'hidden': ['rotation']})
     monkeypatch.setattr(library, 'check_efforts', lambda arm: None)
-    monkeypatch.setattr(library, 'tool_of_bags', lambda arm, bags: tool)
+    monkeypatch.setattr(loads, 'tool_of_bags', lambda arm, bags: tool)
     assert main(words) == 0
     said = ' '.join(capsys.readouterr().out.split())
     assert ('tool: rings at 3 Hz without gravity, damping ratio 0.02, 0.5 kg at 0.3 m, by 4 rests '
             'after measured motion; these moves do not show rotation') in said
     assert load_bundle(tmp_path / 'm').tool == tool
+    arm = load_arm(root / 'config/two_blade_arm.yaml')
+    bare = library.fit(words[1], arm, settings=FitSettings(tool=True), bare=True)
+    assert bare.tool == tool

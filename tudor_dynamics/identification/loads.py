@@ -27,6 +27,7 @@ from tudor_dynamics.errors import TudorError, UsageError
 from tudor_dynamics.identification.dataset import BagData, motion_span, part
 from tudor_dynamics.identification.fit import choices_to_list, FitResult, RowTrainer
 from tudor_dynamics.identification.next_steps import assess, Assessment, spread
+from tudor_dynamics.identification.tool import tool_of_bags
 from tudor_dynamics.identification.uses import as_plain
 from tudor_dynamics.identification.validation import rounded
 from tudor_dynamics.load.bending import (
@@ -181,7 +182,8 @@ def bare_bundle_of(result: FitResult) -> ModelBundle:
         **({'unused': [asdict(bag) for bag in result.unused]} if result.unused else {})}
     causal = (None if result.causal is None else
               CausalModels(result.causal.preprocessing, _models(result.causal)))
-    return ModelBundle(result.arm, result.preprocessing, _models(result), facts, causal)
+    tool = tool_of_bags(result.arm, result.training) if result.settings.tool else None
+    return ModelBundle(result.arm, result.preprocessing, _models(result), facts, causal, tool=tool)
 
 
 def _models(result: FitResult) -> dict[str, dict[str, Model]]:

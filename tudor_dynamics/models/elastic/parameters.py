@@ -267,8 +267,7 @@ def change(values: dict[str, float], changes: Mapping[str, float], name_of_arm: 
 def physical_unit(arm: Arm, name: str) -> str:
     """Give the unit of a physical parameter; gears of prismatic joints count in N/m and m."""
     kind = kind_of(name)
-    along = kind.unit_along and arm.is_prismatic(_owner(name))
-    return kind.unit_along if along else kind.unit
+    return kind.unit_along if kind.unit_along and arm.is_prismatic(_owner(name)) else kind.unit
 
 
 def in_words(name: str) -> str:
