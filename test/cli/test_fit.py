@@ -385,7 +385,7 @@ def test_a_flexible_tool_with_the_models(
         'mass': 0.5, 'length': 0.3, 'frequencies': [3.0], 'damping': [0.02],
         'covariance': np.eye(10).tolist(), 'quiet': 0.02, 'scatter': 0.1, 'hidden': ['rotation']})
     monkeypatch.setattr(library, 'check_efforts', lambda arm: None)
-    monkeypatch.setattr(loads, 'tool_of_bags', lambda arm, bags: tool)
+    monkeypatch.setattr(loads, 'tool_of_bags', lambda arm, bags, model: tool)
     assert main(words) == 0
     said = ' '.join(capsys.readouterr().out.split())
     assert ('tool: rings at 3 Hz without gravity, damping ratio 0.02, 0.5 kg at 0.3 m, by 4 rests '

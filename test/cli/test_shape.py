@@ -134,7 +134,7 @@ def test_a_tool_of_bags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         bags.append(load(parse_choice(str(tmp_path / name)), ARM, ARM.spec.preprocessing))
     given: list[Any] = []
     monkeypatch.setattr(tool, 'fit_tool', lambda *args: given.append(args) or KNOWN)
-    assert tool_of_bags(ARM, bags[:1]) == KNOWN and tool_of_bags(ARM, bags) == KNOWN
+    assert tool_of_bags(ARM, bags[:1], None) == KNOWN == tool_of_bags(ARM, bags, None)
     (_, one, kind), (_, both, other) = given
     assert (kind, other) == ('planned', 'measured')
     assert len(one[0].rests) == 3 and len(both) == 2

@@ -196,3 +196,28 @@ def test_a_second_plane_whose_peak_hides() -> None:
     tool = fit_tool(ARM, found, 'measured')
     assert sorted(tool.frequencies) == pytest.approx([1.3, 2.1], rel=0.01)
     assert tool.damping == pytest.approx([DAMPING, DAMPING], abs=0.005)
+
+
+class Yielding:
+    """Efforts that accelerate the arm."""
+
+    def predict(self, motion: np.ndarray) -> np.ndarray:
+        """Predict them of positions, velocities and accelerations."""
+        return motion[:, 10:] @ (4.0 * np.eye(5) + 2.0) + 3.0 * np.cos(motion[:, :5])
+
+
+def test_an_arm_that_yields() -> None:
+    """Efforts that accelerate an arm, which its tool shakes, are no pull of the tool."""
+    q = moves(4, count=1)
+    effort = tool_efforts(ARM, q)
+    t = np.arange(len(q)) / RATE
+    shaken = 3e-4 * np.sin(2.0 * np.pi * 3.0 * t)[:, None] * np.array([1.0, -0.5, 0.2, 0.7, 0.3])
+    ddq = np.gradient(np.gradient(q + shaken, 1.0 / RATE, axis=0), 1.0 / RATE, axis=0)
+    model = Yielding()
+    felt = effort + model.predict(np.hstack([q + shaken, 0.0 * q, ddq]))
+    (clean,), (raw,), (found,) = (find_moves(ARM, *args)[0].rests for args in (
+        (recording(q, effort, noise=0.0),), (recording(q + shaken, felt, noise=0.0),),
+        (recording(q + shaken, felt, noise=0.0), None, model)))
+    size = np.abs(clean.rings).max()
+    assert np.abs(raw.rings - clean.rings).max() > 0.3 * size
+    assert np.abs(found.rings - clean.rings).max() < 0.1 * size

@@ -101,8 +101,7 @@ class SqliteFile:
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
     open_regular(path).close()
-    size = path.stat().st_size
-    left = (FREE_STEPS + STEPS_PER_BYTE * size) // _SLICE
+    left = (FREE_STEPS + STEPS_PER_BYTE * path.stat().st_size) // _SLICE
 
     def spend() -> bool:
         nonlocal left

@@ -151,8 +151,7 @@ def _within(fine: Series, x: FloatArray, bounds: Bounds) -> Reference:
         (constant - bounds.range.lower) / np.maximum(-swing.min(axis=0), 1e-12))
     fast = bounds.limits.velocity / np.maximum(np.abs(motion[:, n:2 * n]).max(axis=0), 1e-12)
     sharp = bounds.limits.acceleration / np.maximum(np.abs(motion[:, 2 * n:]).max(axis=0), 1e-12)
-    scale = np.minimum(1.0, np.minimum(room, np.minimum(fast, sharp)))
-    y = x * scale
+    y = x * np.minimum(1.0, np.minimum(room, np.minimum(fast, sharp)))
     y[0] = (constant - mid) / half
 
     def scaled(factor: float) -> FloatArray:

@@ -182,8 +182,10 @@ def bare_bundle_of(result: FitResult) -> ModelBundle:
         **({'unused': [asdict(bag) for bag in result.unused]} if result.unused else {})}
     causal = (None if result.causal is None else
               CausalModels(result.causal.preprocessing, _models(result.causal)))
-    tool = tool_of_bags(result.arm, result.training) if result.settings.tool else None
-    return ModelBundle(result.arm, result.preprocessing, _models(result), facts, causal, tool=tool)
+    models = _models(result)
+    tool = None if not result.settings.tool else tool_of_bags(
+        result.arm, result.training, models.get('effort', {}).get('analytical'))
+    return ModelBundle(result.arm, result.preprocessing, models, facts, causal, tool=tool)
 
 
 def _models(result: FitResult) -> dict[str, dict[str, Model]]:

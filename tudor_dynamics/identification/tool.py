@@ -34,6 +34,7 @@ from tudor_dynamics.errors import FitError, TudorError, TudorWarning
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.ringdowns import block_means, loudest_of, with_rests
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.flexible_tool import Flange, flange_motion, FlexibleTool, row_of
 from tudor_dynamics.models.settings import TOOL_CUTOFF
 from tudor_dynamics.models.tool_motion import follow, pulls
@@ -90,12 +91,17 @@ class Moves:
     rests: tuple[Rest, ...]
 
 
-def find_moves(arm: Arm, recording: Recording, planned: Recording | None = None) -> list[Moves]:
+def find_moves(
+    arm: Arm, recording: Recording, planned: Recording | None = None, model: Model | None = None,
+) -> list[Moves]:
     """Find the rests of a recording with its motion: as planned, where that is there."""
     found = []
     for part, motion, parts in with_rests(recording, TOOL_CUTOFF):
         assert recording.effort is not None
-        t = recording.t[part]
+        t, effort, still = recording.t[part], recording.effort[part], np.zeros_like(motion.q)
+        if model is not None:  # efforts that accelerate the arm, which yields to the tool, aside
+            effort = effort - np.subtract(*(model.predict(np.hstack([motion.q, still, ddq]))
+                                            for ddq in (motion.ddq, still)))
         if planned is not None:
             when = (planned.stamp - recording.stamp[0]) * 1e-9
             motion = zero_phase(t, np.stack([np.interp(t, when, q) for q in planned.q.T], axis=1),
@@ -103,13 +109,10 @@ def find_moves(arm: Arm, recording: Recording, planned: Recording | None = None)
         even = np.arange(t[0], t[parts[-1].stop - 1] + STEP, STEP)
         states = MotionState(*(np.stack([np.interp(even, t, x) for x in values.T], axis=1)
                                for values in (motion.q, motion.dq, motion.ddq)))
-        rests = []
-        for rest in parts:
-            still = MotionState(*(values[rest][-1:] for values in (
-                motion.q, motion.dq, motion.ddq)))
-            rests.append(Rest(*block_means(t[rest], recording.effort[part][rest]),
-                              flange_motion(arm, np.zeros(1), still).jacobian))
-        found.append(Moves(flange_motion(arm, even, states), tuple(rests)))
+        rests = tuple(Rest(*block_means(t[rest], effort[rest]), flange_motion(
+            arm, np.zeros(1), MotionState(*(values[rest][-1:] for values in (
+                motion.q, motion.dq, motion.ddq)))).jacobian) for rest in parts)
+        found.append(Moves(flange_motion(arm, even, states), rests))
     return found
 
 
@@ -122,7 +125,7 @@ def check_efforts(arm: Arm) -> None:
                        'or give torques')
 
 
-def tool_of_bags(arm: Arm, bags: Sequence[BagData]) -> FlexibleTool:
+def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> FlexibleTool:
     """Fit a tool to bags, by the planned motion where all of them have recorded it."""
     plans: list[Recording | None] = [None] * len(bags)
     with suppress(TudorError), warnings.catch_warnings():
@@ -130,7 +133,7 @@ def tool_of_bags(arm: Arm, bags: Sequence[BagData]) -> FlexibleTool:
         reference = arm.changed(joint_topic=REFERENCE)
         plans = [read_recording(bag.choice.path, reference) for bag in bags]
     return fit_tool(arm, [one for bag, plan in zip(bags, plans, strict=True)
-                          for one in find_moves(arm, bag.recording, plan)],
+                          for one in find_moves(arm, bag.recording, plan, model)],
                     'planned' if all(plans) else 'measured')
 
 
@@ -274,8 +277,7 @@ class _Search:
         for found, rest in zip(self.efforts(x), self.rests, strict=True):
             noise = len(rest.t) * float(np.sum(rest.noise**2))
             ring = max(float(np.sum(rest.rings**2)) - noise, 1e-12)
-            error = max(float(np.sum((found - rest.rings) ** 2)) - noise, 0.0)
-            left.append(error / ring)
+            left.append(max(float(np.sum((found - rest.rings) ** 2)) - noise, 0.0) / ring)
             loud.append(ring > settings.TOOL_HEARD * noise)
         clear = [k for k, share in enumerate(left)
                  if loud[k] and share < 1.0 - settings.RING_CLEAR]

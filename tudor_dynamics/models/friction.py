@@ -69,8 +69,7 @@ class Coupling:
         """Give what the motors have turned by, after their gears: (samples, joints) [rad or m]."""
         if self._alone:
             return q
-        joints = q if self._joints is None else q @ self._joints.T
-        return joints @ self.speeds.T
+        return (q if self._joints is None else q @ self._joints.T) @ self.speeds.T
 
     def mix(self, rows: FloatArray) -> None:
         """Turn rows (samples, joints, columns) of joints into those of what is measured."""

@@ -321,8 +321,7 @@ def _name(columns: list[str], row: FloatArray, own: int) -> str:
 
 def base_sets(regressor: Regressor, n_joints: int, *, seed: int = 0) -> tuple[BaseSet, ...]:
     """Find the base parameters of each group of channels."""
-    smallest = min(len(group) for group in regressor.groups)
-    n_states = len(regressor.columns) // smallest + 20
+    n_states = len(regressor.columns) // min(len(group) for group in regressor.groups) + 20
     rows = regressor.rows(random_inputs(regressor, n_joints, n_states, seed))
     order = preference(regressor.columns)
     names = [regressor.columns[i] for i in order]
