@@ -297,7 +297,7 @@ class Assembly:
         wanted, field = channels[0].topic, channels[0].field
         topic = self.names[wanted]
         if topic is None:
-            self.notes.add(f'no topic {wanted}, which has the {field} of {who}', lacking=True)
+            self.notes.add(f'no topic {wanted}, so the {field} of {who} is missing', lacking=True)
             return None
         states = self.states(topic, channels[0])
         stream, index = self.select(states, keys, field)

@@ -108,8 +108,8 @@ class TunedArm:
 
     def __init__(self, arm: Arm, model: ElasticModel | None = None) -> None:
         if arm.spec.damper is None:
-            raise ModelError('there is no damper in the arm description', place=arm.source,
-                             remedy='add the key damper with its joints, gauges and gains')
+            raise ModelError('there is no damper section to tune', place=arm.source,
+                             remedy='add damper: joints, with gauges and rough gains')
         self.arm = arm
         self.dampers = [item for item in arm.spec.damper.joints
                         if item.joint in arm.active_joints]
