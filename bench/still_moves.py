@@ -82,7 +82,7 @@ LOUD = 2e-3
 """Ring of the tip from which on a reduction means something; moves with less are left out [m]."""
 OFF = 0.05
 SEEDS = (20, 21, 26, 27)
-"""The tool's model was made with the first two."""
+"""The tool's model was made with the first two; nothing was chosen on the last two."""
 VARIANTS = {
     'as_is': Options(),
     'one_plane': Options(one_plane=True),

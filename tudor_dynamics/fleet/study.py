@@ -343,8 +343,7 @@ class _Study:
                 self.unused.append(Unused(str(choice), f'is a copy of a bag of {other}'))
                 continue
             masses.setdefault(sight.payload, str(choice))
-            when = self.dates.setdefault((arm.name, date), _Date())
-            when.whole.append(sight)
+            self.dates.setdefault((arm.name, date), _Date()).whole.append(sight)
         if len(masses) > 1:
             said = ', '.join(f'{"unknown" if mass is None else f"{mass:g} kg"} ({bag})'
                              for mass, bag in list(masses.items())[:2])

@@ -100,8 +100,9 @@ def find_moves(
         assert recording.effort is not None
         t, effort, still = recording.t[part], recording.effort[part], np.zeros_like(motion.q)
         if model is not None:  # efforts that accelerate the arm, which yields to the tool, aside
-            effort = effort - np.subtract(*(model.predict(np.hstack([motion.q, still, ddq]))
-                                            for ddq in (motion.ddq, still)))
+            shaken, held = (model.predict(np.hstack([motion.q, still, ddq]))
+                            for ddq in (motion.ddq, still))
+            effort = effort - (shaken - held)
         if planned is not None:
             when = (planned.stamp - recording.stamp[0]) * 1e-9
             motion = zero_phase(t, np.stack([np.interp(t, when, q) for q in planned.q.T], axis=1),
@@ -140,7 +141,7 @@ def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> Flex
 def fit_tool(arm: Arm, moves: Sequence[Moves], motion: str) -> FlexibleTool:
     """Fit a tool to rests of recordings, their motion `planned` or `measured`."""
     search = _Search(moves)
-    one, two = search.one_and_two()
+    one, two = search.fits()
     return search.tool(two if two.excess < settings.TOOL_SECOND * one.excess else one, motion)
 
 
@@ -208,7 +209,7 @@ class _Search:
         return np.nan_to_num(np.concatenate([usual, *left]), nan=most, posinf=most, neginf=most)
 
     def starts(self, peaks: Sequence[float], planes: int) -> list[FloatArray]:
-        """Give tools in all directions, of like planes, with the mass that explains most."""
+        """Give tools in all directions, with the mass that explains most, the best first."""
         from scipy.spatial.transform import Rotation  # slow to import
 
         found = [np.concatenate([
@@ -217,31 +218,29 @@ class _Search:
             [math.log(settings.TOOL_DAMPING)] * planes, [0.5 * settings.TOOL_DELAY]])
             for turn in Rotation.random(settings.TOOL_WAYS, 0) for peak in peaks
             for off in settings.TOOL_OFF]
-        units = list(self.units(1.0))
+        units, costs = list(self.units(1.0)), []
         seen = np.concatenate([(rest.rings / unit).ravel()
                                for rest, unit in zip(self.rests, units, strict=True)])
         for start in found:
             shown = np.concatenate([(each / unit).ravel() for each, unit in zip(
                 self.efforts(start), units, strict=True)])
-            start[6] = math.log(max(float(shown @ seen) / float(shown @ shown), 1e-3))
-        return found
+            size = max(float(shown @ seen) / float(shown @ shown), 1e-3)
+            start[6] = math.log(size)
+            costs.append(float(np.sum((size * shown - seen) ** 2)))
+        return [found[k] for k in np.argsort(costs)]
 
-    def one_and_two(self) -> tuple[_Found, _Found]:
-        """Search the tool that bends in one plane; from it, and from others, that with two."""
+    def fits(self) -> tuple[_Found, _Found]:
+        """Fit a tool that bends in one plane, then one with two: from the first, and anywhere."""
         peaks = loudest_of([(rest.t, rest.rings / rest.noise) for rest in self.rests],
                            settings.TOOL_PEAKS)
         short = self.short(peaks[0])
         one = self.best(short.tried(short.starts(peaks, 1)))
         grown = [np.concatenate([one.x[:9], one.x[8:9] + other, one.x[9:10], one.x[9:]])
                  for other in np.arange(*settings.TOOL_OTHER)]
-        costs = short.costs(grown)
+        costs = np.array([np.sum(short.errors(start) ** 2) for start in grown])
         low = 1 + np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] < costs[2:]))
-        return one, self.best([*short.tried([grown[k] for k in low]),
+        return one, self.best([*short.tried([grown[k] for k in low[np.argsort(costs[low])]]),
                                *short.tried(short.starts(peaks[:1], 2))])
-
-    def costs(self, starts: Sequence[FloatArray]) -> FloatArray:
-        """Give the cost of each start."""
-        return np.array([np.sum(self.errors(start) ** 2) for start in starts])
 
     def solved(self, start: FloatArray, most: int, scale: float = 1.0, fine: float = 1e-3) -> Any:
         """Solve from a start."""
@@ -253,9 +252,8 @@ class _Search:
                              args=(scale,))
 
     def tried(self, starts: Sequence[FloatArray]) -> list[FloatArray]:
-        """Give the best that the likeliest of many starts lead to."""
-        found = sorted((self.solved(starts[k], 8)
-                        for k in np.argsort(self.costs(starts))[:settings.TOOL_TRIED]),
+        """Give the best that the first of many starts lead to."""
+        found = sorted((self.solved(start, 8) for start in starts[:settings.TOOL_TRIED]),
                        key=lambda one: float(one.cost))
         return [one.x for one in found[:settings.TOOL_BEST]]
 

@@ -189,7 +189,8 @@ def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
 def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Read a CSV table: time [s], then one column a joint, or a direction."""
     text = read_text(path, MAX_TABLE_BYTES, 'the table', SimulationError)
-    head = [word.strip() for word in text.lstrip().split('\n', 1)[0].lstrip('#').split(',')]
+    first = text.lstrip().split('\n', 1)[0]
+    head = [word.strip() for word in first.lstrip('#').split(',')]
     columns = ['t', *names]
     try:
         float(head[0])

@@ -120,7 +120,9 @@ class _Path:
         self.modes = [modes_of(row, gravity) for row in self.rows]
         most = np.abs(ddq).max(axis=0)
         loads = [np.stack([ddq, 0.0 * q, dq, 0.0 * q])[:, :, most > 1e-9] / most[most > 1e-9]]
-        loads += [] if effort is None else [_efforts(arm, effort, states)]
+        allowed = effort_limits(arm)
+        if effort is not None and np.isfinite(allowed).any():
+            loads.append(_efforts(effort, allowed, states))
         self.table = np.hstack([flange.motion[:, :6], flange.velocity, flange.motion[:, 6:],
                                 *np.concatenate(loads, axis=2)])
         self.slopes = np.gradient(self.table[:, :15], self.seconds / (count - 1), axis=0)
@@ -149,14 +151,14 @@ class _Path:
                          for row, modes in zip(self.rows, self.modes, strict=True)]) / self.size
 
 
-def _efforts(arm: Arm, model: Model, motion: MotionState) -> FloatArray:
+def _efforts(model: Model, allowed: FloatArray, motion: MotionState) -> FloatArray:
     """Give efforts over what is allowed: by rate squared, rate and its slope, and the rest."""
     q, dq, ddq = motion.q, motion.dq, motion.ddq
     rates = np.array([TIMING_SLOWEST, 0.5, 1.0])
     *steady, whole, more = (model.predict(np.hstack([q, *states])) for states in (
         *((rate * dq, 0.0 * q) for rate in rates), (dq, ddq), (dq, ddq + dq)))
     square, linear, rest = np.tensordot(np.linalg.inv(np.vander(rates)), steady, 1)
-    most = np.maximum(effort_limits(arm), np.abs([whole, steady[0]]).max(axis=(0, 1)))
+    most = np.maximum(allowed, np.abs([whole, steady[0]]).max(axis=(0, 1)))
     return (np.stack([square + whole - steady[2], linear, more - whole, rest]) / most)[
         :, :, np.isfinite(most)]
 
@@ -208,8 +210,12 @@ class _Timing:
         """Give the largest accelerations and efforts over what is allowed."""
         rows, rate, slope = self.parts(c)
         square, linear, by_slope, rest = np.split(rows[:, 15:], 4, axis=1)
-        used = np.abs(square * rate**2 + linear * rate + by_slope * slope + rest).max(axis=0)
-        return np.asarray(used if rate.max() <= 1.0 and rate.min() > 0.0 else np.inf * used)
+        return np.abs(square * rate**2 + linear * rate + by_slope * slope + rest).max(axis=0)
+
+    def allowed(self, c: FloatArray, most: FloatArray) -> bool:
+        """Say whether joints are no faster than as given, and use no more than most."""
+        rate = self.rate @ c
+        return bool(rate.max() <= 1.0 and rate.min() > 0.0 and (self.used(c) <= most).all())
 
     def search(self) -> tuple[FloatArray, FloatArray]:
         """Search the timing after which least rings; with the rings, over those given."""
@@ -260,10 +266,10 @@ class _Timing:
             return None
         for share in (1.0, 0.5, 0.25):
             tried = c + share * step[:-1]
-            left = self.rings(tried)
-            if (self.used(tried) <= most).all() and (WEIGHT * np.abs(left)).max() < (
-                    WEIGHT * np.abs(here)).max():
-                return tried, left
+            if self.allowed(tried, most):
+                left = self.rings(tried)
+                if (WEIGHT * np.abs(left)).max() < (WEIGHT * np.abs(here)).max():
+                    return tried, left
         return None
 
     def trajectory(self, given: Trajectory, c: FloatArray) -> Trajectory:

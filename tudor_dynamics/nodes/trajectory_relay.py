@@ -72,7 +72,7 @@ class TrajectoryRelayNode(TudorNode):
         self.forwarded, self.refused, self.not_shaped = 0, '', ''
         self.collision = self.held = False
         self._q: FloatArray | None = None
-        self._tool: ModelBundle | None = None  # that knows it
+        self._tool: ModelBundle | None = None  # the bundle that has one
         self._at, self._stepped = -math.inf, self.steady()
         self._payload = float(self.value('payload'))
         self._goal: Any = None  # what the controller drives of ours: its handle, once it has one
@@ -247,9 +247,8 @@ class TrajectoryRelayNode(TudorNode):
             if kind == TIMING and tool is None:
                 raise SignalError('shaping is timing, but tool names no model', remedy='set it to '
                                   'a bundle of `tudor fit --models analytical vibration`')
-            shape = partial(shaped_for, tool, kind=kind) if tool is not None else (
-                partial(convolved, shaper=impulses(
-                    kind, frequency, self.value('shaping_damping'))))
+            shape = partial(shaped_for, tool, kind=kind) if tool is not None else partial(
+                convolved, shaper=impulses(kind, frequency, self.value('shaping_damping')))
             if np.abs(state.dq).max() > AT_REST:
                 raise SignalError('the arm had not stopped',
                                   remedy='send a motion once the last one has ended')

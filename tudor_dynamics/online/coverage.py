@@ -68,10 +68,8 @@ MEANING = {
     'no_thresholds': 'the model has no thresholds: fit it with more free motion, or call '
                      '~/calibrate while the arm moves freely'}
 """Causes for which a sample is not judged."""
-OF_MOTIONS = ('no_measurement', 'no_neighbour')
-"""Causes among those of a pairing that count motions, not measurements."""
-OF_MODELS = ('no_prediction', 'no_thresholds')
-"""Causes that are about no sensor."""
+OF_MOTIONS = ('no_measurement', 'no_neighbour')  # of a pairing; count motions, not measurements
+OF_MODELS = ('no_prediction', 'no_thresholds')  # are about no sensor
 
 
 class CoverageLevel(IntEnum):

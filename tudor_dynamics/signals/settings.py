@@ -72,8 +72,7 @@ SPREAD = 0.07
 # Weight of the oscillation at such frequencies against the largest jerk, each over what it is
 # without shaping; its result is measured by bench/shaping_seeds.py.
 ROBUST = 0.3
-# Most steps of a linear programme: 300 are usual, and some never end (bench/still_limits.py).
-PROGRAMME_STEPS = 5000
+PROGRAMME_STEPS = 5000  # of a linear programme: 300 are usual, few never end (still_limits.py)
 # Part of the limits of speed and acceleration that is planned, for rounding.
 ROUNDING = 1.0 - 1e-6
 # Of a period that a move may be longer than without shaping: as much as ZV takes (Singer and
