@@ -25,9 +25,16 @@ from papers.campaign import arm_content, Cached
 from papers.look import Picture
 from papers.outlook import Floor, Section, Setting
 import tudor_dynamics as td
+from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
+from tudor_dynamics.control.motion_controller import MotionController
+from tudor_dynamics.mechanics import hardware
+from tudor_dynamics.mechanics.closed_loop import Sample
+from tudor_dynamics.online.tip_force import StaticStrain
 
 RATE = 500.0
 """Of sensors and commands [Hz]."""
+GAP = 0.015
+"""Below the tip, where the floor is put [m]."""
 STIFFNESS = (100.0, 500.0, 2000.0, 20000.0)
 """Of the floors [N/m]."""
 SEEDS = 3
@@ -36,6 +43,41 @@ FIRST, SECOND = 2.0, 4.0
 BAND = 0.05
 """Part of the step within which the force has settled."""
 SECONDS = 3.0
+
+
+class ForceRig(td.Loop):
+    """The arm on a floor [N/m], its damper and the force controller, as the nodes hold them."""
+
+    def __init__(
+        self, arm: td.Arm, stiffness: float, seed: int = 0,
+        settings: ForceSettings = ForceSettings(),  # noqa: B008 (frozen)
+    ) -> None:
+        super().__init__(arm, self._follow, rate=RATE, seed=seed)
+        self._damper = MotionController(arm)
+        self.controller = ForceController(arm, settings)
+        self.static = StaticStrain(arm)
+        self._stiffness = stiffness
+
+    @property
+    def force(self) -> np.ndarray:
+        """Force of the floor at each sample so far [N]."""
+        return self.trace.array('force')[:, 2]
+
+    def _follow(self, sample: Sample) -> np.ndarray | None:
+        step = 1.0 / RATE if sample.t > 0.0 else 0.0
+        pose = sample.q if self.controller.pose is None else self.controller.pose
+        weight, share = self.static.at(pose, self.controller.force)
+        q, dq = self.controller.step(step, sample.q, sample.strain - weight, share)
+        self._damper.reference.add(sample.t, q, dq)
+        return self._damper.step(sample.t, step, sample.q, sample.strain,
+                                 np.ones(len(sample.strain), dtype=bool))
+
+    def approach(self, wanted: float) -> None:
+        """Come to rest, put the floor below the tip, and press with a force [N] until held."""
+        self.run(1.0)
+        self.process.floor = hardware.Floor(float(self.process.tip()[2]) - GAP, self._stiffness)
+        self.controller.press(wanted)
+        self.run(3.0)
 
 
 def section(setting: Setting) -> Section:
@@ -76,13 +118,13 @@ def _steps(setting: Setting, floors: tuple[float, ...], seeds: int) -> Cached:
     for number, stiffness in enumerate(floors):
         for seed in range(seeds):
             setting.progress(f'{stiffness:g} N/m', (number * seeds + seed) / total)
-            rig = td.ForceRig(setting.campaign.arm, stiffness, setting.campaign.plan.seed + seed)
+            rig = ForceRig(setting.campaign.arm, stiffness, setting.campaign.plan.seed + seed)
             rig.approach(FIRST)
-            rig.press(SECOND)
+            rig.controller.press(SECOND)
             rig.run(SECONDS)
             force = rig.force[-round(SECONDS * RATE):]
             rows.append({'stiffness': stiffness, 'seed': seed,
-                         'held': rig.held, **judge(force)})
+                         'held': rig.controller.phase is Phase.HOLD, **judge(force)})
             if seed == 0:
                 traces[f'{stiffness:g}'] = rig.force[-round((SECONDS + 0.5) * RATE):]
     return Cached({'steps': rows}, traces)

@@ -52,19 +52,18 @@ if TYPE_CHECKING:
     from tudor_dynamics.online.contact import ContactEstimator
     from tudor_dynamics.online.feedforward import Feedforward
     from tudor_dynamics.online.monitor import Monitor, MonitorSettings
-    from tudor_dynamics.online.tip_force import ForceRig
     from tudor_dynamics.parallel import on_cluster
     from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
     from tudor_dynamics.signals.preprocessing import prepare
 
 __all__ = [
     'Arm', 'ClosedLoop', 'ContactEstimator', 'ElasticModel', 'Feedforward', 'FitSettings',
-    'ForceRig', 'Imperfections', 'Loop', 'ModelBundle', 'Monitor', 'MonitorSettings', 'Plant',
-    'Push', 'Recording', 'Rig', 'Schedule', 'SimulatedRun', 'StimulusSpec', 'Trajectory',
-    'TudorError', 'arm_from_dict', 'build_mechanism', 'carried', 'detect', 'excitation', 'fit',
-    'follow_targets', 'joint_signals', 'load_arm', 'load_bundle', 'modes', 'motion_limits',
-    'on_cluster', 'planned_limits', 'predict', 'prepare', 'read_recording', 'record_stimuli',
-    'roc', 'save_bundle', 'score', 'simulate', 'stimulus_motion', 'with_payload', 'write_bag',
+    'Imperfections', 'Loop', 'ModelBundle', 'Monitor', 'MonitorSettings', 'Plant', 'Push',
+    'Recording', 'Rig', 'Schedule', 'SimulatedRun', 'StimulusSpec', 'Trajectory', 'TudorError',
+    'arm_from_dict', 'build_mechanism', 'carried', 'detect', 'excitation', 'fit', 'follow_targets',
+    'joint_signals', 'load_arm', 'load_bundle', 'modes', 'motion_limits', 'on_cluster',
+    'planned_limits', 'predict', 'prepare', 'read_recording', 'record_stimuli', 'roc',
+    'save_bundle', 'score', 'simulate', 'stimulus_motion', 'with_payload', 'write_bag',
 ]
 
 # The same as above, for the interpreter; test/test_library.py compares them.
@@ -96,7 +95,6 @@ _HOMES = {
     'tudor_dynamics.online.contact': ('ContactEstimator',),
     'tudor_dynamics.online.feedforward': ('Feedforward',),
     'tudor_dynamics.online.monitor': ('Monitor', 'MonitorSettings'),
-    'tudor_dynamics.online.tip_force': ('ForceRig',),
     'tudor_dynamics.signals.motion_profile': ('follow_targets', 'motion_limits'),
     'tudor_dynamics.signals.preprocessing': ('prepare',),
 }

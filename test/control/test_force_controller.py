@@ -21,12 +21,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from papers.force import ForceRig, RATE
 import pytest
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
 from tudor_dynamics.errors import ArmError, UsageError
-from tudor_dynamics.online.tip_force import ForceRig, RATE, StaticStrain
+from tudor_dynamics.online.tip_force import StaticStrain
 
 
 def tudor() -> Arm:
