@@ -66,7 +66,7 @@ simulate/force = simulate config/elastic_arm.yaml --seconds 0.3 --dt 0.0005 --ou
 fit/rigid+ = fit {T1} {T2} --test {TEST} --arm {BLADES} --out OUT/model --jobs 1 --json
 fit/text = fit {SHORT}
 fit/folds = fit {T1}@0-30% {T2}@0-30% {TEST}@0-30% --arm {BLADES} --out OUT/model --jobs 1 --json
-fit/elm = fit {SHORT} --models analytical elm --elm-hidden 30 --random-split --json
+fit/elm = fit {SHORT} --models analytical elm --elm-hidden 30 --json
 fit/ols = fit {SHORT} --estimator ols --friction viscous coulomb stribeck --filter causal --json
 fit/huber = fit {SHORT} --estimator huber --friction viscous cube_root square offset \
   --filter zero_phase --cutoff 6 --rate 50 --json

@@ -125,9 +125,6 @@ def fit_bags(
     """Fit models to bags, of all payloads where the bags have several."""
     found = None if ignore_payload else payload_range(bags.training, bags.test)
     if found is not None:
-        if settings.random_split:
-            raise UsageError('--random-split is for models of one payload, and these bags have '
-                             'several; leave it out, or add --ignore-payload')
         settings = replace(settings, payloads=found)
     chosen = bags.choose(settings)
     findings: tuple[Finding, ...] = ()

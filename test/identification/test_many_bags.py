@@ -237,7 +237,6 @@ def test_when_a_fit_goes_bag_by_bag() -> None:
     for bags, settings, word in ((FROM, FitSettings(kinds=('analytical', 'elm')), 'elm'),
                                  (5, FitSettings(kinds=('analytical', 'elm')),
                                   'leave out --models elm, or leave --stream out'),
-                                 (FROM, FitSettings(random_split=True), 'random-split'),
                                  (FROM, FitSettings(estimator='huber'), 'Huber'),
                                  (1, FitSettings(), 'two bags or more')):
         with pytest.raises(UsageError, match=word):

@@ -26,9 +26,7 @@ from sample_arms import multisine, recording_of
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.fit import left_out
-from tudor_dynamics.identification.validation import (
-    cases_of, method_of, random_split, trace, validated)
-from tudor_dynamics.models.base import Blocks
+from tudor_dynamics.identification.validation import cases_of, method_of, trace, validated
 from tudor_dynamics.signals.preprocessing import prepare
 from tudor_dynamics.typing import FloatArray
 
@@ -92,26 +90,3 @@ def test_validate() -> None:
     assert found.method == 'two bags'
     assert found.score.rmse == pytest.approx(np.sqrt((9 + 16) / 2))
     assert found.channels == ('a', 'b')
-
-
-def test_random_split_is_called_optimistic() -> None:
-    """Half of the samples, each once, the other half judged, stamps kept to the nanosecond."""
-    bags = [_bag(1.0), _bag(2.0)]
-    taught: list[int] = []
-
-    class Learning(Constant):
-        def fit_blocks(self, blocks: Blocks) -> Learning:
-            block, = blocks()
-            taught.append(len(block.motion))
-            self.level = block.output.mean(axis=0)
-            return self
-
-    found = random_split(Learning(np.zeros(2)), bags, 'strain')
-    assert 'optimistic' in found.method
-    total = sum(bag.samples for bag in bags)
-    assert abs(taught[0] - total / 2) <= 2
-    assert found.score.samples == total - taught[0]
-    stamps = {int(s) for bag in bags for p in bag.stretches for s in p.stamp[p.decimation.keep]}
-    assert {int(s) for s in found.traces[0].stamp} <= stamps
-    again = random_split(Learning(np.zeros(2)), bags, 'strain')
-    assert np.array_equal(again.traces[0].t, found.traces[0].t)

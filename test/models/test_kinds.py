@@ -35,7 +35,7 @@ from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 def model(fourth_kind: str, root: Path, tmp_path: Path) -> Path:  # noqa: F811
     """Fit it to the sample bags beside the analytical model."""
     bags = [str(root / f'bags/two_blade_train_{i}') for i in (1, 2)]
-    assert main(['fit', *bags, '--models', 'analytical', fourth_kind, '--random-split', '--arm',
+    assert main(['fit', *bags, '--models', 'analytical', fourth_kind, '--arm',
                  str(root / 'config/two_blade_arm.yaml'), '--out', str(tmp_path / 'm')]) == 0
     return tmp_path / 'm'
 

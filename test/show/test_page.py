@@ -156,10 +156,9 @@ def texts(figure: dict[str, Any]) -> set[str]:
 
 @pytest.fixture(scope='module')
 def result() -> FitResult:
-    """Effort and strain of a two-joint arm, with the random split."""
+    """Effort and strain of a two-joint arm."""
     arm = planar_arm(gauges=2)
-    return fit(arm, FitSettings(kinds=('analytical', 'elm'), elm_hidden=20, random_split=True),
-               strain=True)
+    return fit(arm, FitSettings(kinds=('analytical', 'elm'), elm_hidden=20), strain=True)
 
 
 @pytest.fixture(scope='module')
@@ -200,7 +199,6 @@ def test_page_names_every_finding(result: FitResult, html: str) -> None:
                 assert number(row['value'], 4) in page.text
                 assert pretty_unit(row['unit']) in page.text
         assert number(item.validation.score.rmse) in page.text
-    assert 'Random split : random half of the samples (optimistic)' in page.text
     assert 'run3' in page.text and '3 backward stamps' in page.text and 'c0ffee' in page.text
     assert 'No vibration stands out' in page.text
     # the arm, two channels each, two histograms, two of thresholds, density, pair

@@ -129,8 +129,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     models.add_argument('--elm-hidden', type=int, default=100, metavar='H')
     models.add_argument('--elm-ridge', type=float, default=1e-6, metavar='LAMBDA')
     models.add_argument('--elm-seed', type=int, default=0, metavar='N')
-    models.add_argument('--random-split', action='store_true',
-                        help='also report a random 50/50 split of the samples (optimistic)')
 
 
 def described(args: argparse.Namespace) -> Arm:
@@ -174,7 +172,7 @@ def run(args: argparse.Namespace) -> int:
         kinds=tuple(kind for kind in args.models if kind != VIBRATION) or DEFAULT_KINDS,
         tool=VIBRATION in args.models, estimator=args.estimator, strain_form=args.strain_form,
         elm_hidden=args.elm_hidden, elm_ridge=args.elm_ridge, elm_seed=args.elm_seed,
-        random_split=args.random_split, shared=CURRENTS.get(args.currents))
+        shared=CURRENTS.get(args.currents))
     payloads = parse_payloads(args.payload_of, training + test)
     streaming = None
     total = len(training) + len(test)
@@ -224,9 +222,6 @@ def _print(result: FitResult, assessment: Assessment, report: Path, *, verbose: 
     for item, where in judged:
         units = output_units(result.arm, item.output)
         rows.append((item.output, f'{item.kind}{where}', item.validation.score, units))
-        if item.random is not None:
-            rows.append((item.output, f'{item.kind}{where}, random half (optimistic)',
-                         item.random.score, units))
     print_table(score_table(title, rows))
     verdicts = [
         *((item.verdict.level, f'  {item.output} {item.kind}{where}, prediction: {item.verdict}')

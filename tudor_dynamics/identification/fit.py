@@ -36,7 +36,7 @@ from tudor_dynamics.identification.elastic_problem import Identified, Record, re
 from tudor_dynamics.identification.elastic_search import identify, taken_over
 from tudor_dynamics.identification.ringdowns import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
-    Case, cases_of, judge, method_of, noise_floor, random_split, validated, Validation,
+    Case, cases_of, judge, method_of, noise_floor, validated, Validation,
     Verdict)
 from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings, Range
 from tudor_dynamics.models.bundle import KINDS
@@ -344,8 +344,6 @@ class FitSettings(ModelSettings):
         Ridge of the output weights.
     elm_seed : int
         Seed of the hidden layer.
-    random_split : bool
-        Also report a random 50/50 split of the samples.
     payloads : (float, float) or None
         Least and largest payload of the training bags, for models of all payloads [kg].
     tool : bool
@@ -357,7 +355,6 @@ class FitSettings(ModelSettings):
     """
 
     kinds: tuple[str, ...] = DEFAULT_KINDS
-    random_split: bool = False
     tool: bool = False
     elastic_start: Mapping[str, float] | None = None
 
@@ -392,7 +389,6 @@ class FittedOutput:
     # (channels,): noise of the sensor of each channel in the validation, in its unit; empty where
     # unknown.
     noise: FloatArray
-    random: Validation | None = None  # figures of the random split
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -527,8 +523,5 @@ def _fit_one(
                        'second bag, or --test BAG')
     validation = validated(cases, output, method)
     seen = validated(cases_of(model, training), output, 'the training bags themselves')
-    # single samples have no past: a model with a memory has no random split
-    split = (random_split(blank(kind, trainer.arm, output, settings), training, output)
-             if settings.random_split and not model.has_memory else None)
     unseen = unseen_cases(fit_bags, model, validation, others)
-    return FittedOutput(output, kind, model, seen, validation, unseen, noise, split)
+    return FittedOutput(output, kind, model, seen, validation, unseen, noise)

@@ -207,7 +207,5 @@ def figures(result: FitResult) -> dict[str, Any]:
             'noise': {name: float(f'{value:.3g}') for name, value in zip(
                 validation.channels, item.noise.tolist(), strict=False)},
             'channel_verdicts': {name: level.value for name, level in verdict.channels.items()},
-            'training': rounded(item.training.score),
-            **({} if item.random is None else {
-                'random_split_optimistic': rounded(item.random.score)})}
+            'training': rounded(item.training.score)}
     return content

@@ -113,8 +113,8 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
     others = [kind for kind in settings.kinds if kind != 'analytical']
     said = f'{bags} bags are fitted one by one'
     fewer = 'leave --stream out' if bags < FROM else f'name fewer than {FROM} bags'
-    if others or settings.random_split:
-        what = '--random-split' if not others else f'--models {" ".join(others)}'
+    if others:
+        what = f'--models {" ".join(others)}'
         raise UsageError(f'{said}, but {what} needs all at once',
                          remedy=f'leave out {what}, or {fewer}')
     estimator = ESTIMATORS.get(settings.estimator)

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.dataset import all_stretches, BagData, model_for
+from tudor_dynamics.identification.dataset import BagData, model_for
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import MemorylessModel, Model
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.estimation import Products, rescaled, squared_residuals
 from tudor_dynamics.signals.preprocessing import noise_gain
 from tudor_dynamics.typing import finite_array, FloatArray
@@ -256,7 +256,6 @@ def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -
 #
 # By whole bag, as Malzahn et al. do by whole stimuli: the samples of one bag are neighbours in
 # time, so that leaving out single samples at random shows a model nearly the same samples twice.
-# That split is offered for comparison, and called optimistic.
 
 STANDING = 0.02  # slower joints stand [rad/s or m/s]
 SLOW = 0.05  # the same as a share of the largest speed, where that is less
@@ -295,7 +294,7 @@ class Validation:
     score: Score  # figures over all samples of all bags
     traces: tuple[Trace, ...]  # one for each bag
     channels: tuple[str, ...]  # names of the channels
-    cases: tuple[Case, ...] = ()  # empty for a random split
+    cases: tuple[Case, ...] = ()
 
     def __repr__(self) -> str:
         """Write how it was done, and the fit of each channel."""
@@ -339,22 +338,6 @@ def method_of(tests: Sequence[str], bags: int, groups: int) -> str:
     return (f'leave one bag out, {bags} bags' if groups == bags else
             f'leave one of {groups} {"groups" if groups < bags else "parts"} of bags out, '
             f'{bags} bags')
-
-
-def random_split(blank: MemorylessModel, data: Sequence[BagData], output: str) -> Validation:
-    """Train a model on a random half of the samples and test it on the other (optimistic)."""
-    generator = np.random.default_rng(0)
-    stretches = list(all_stretches(data))
-    motion = np.vstack([blank.inputs(s)[s.decimation.keep] for s in stretches])
-    value = np.vstack([s.decimation(getattr(s, output)) for s in stretches])
-    train = np.concatenate([generator.permutation(s.n_kept) < s.n_kept // 2 for s in stretches])
-    t, stamp = (np.concatenate([getattr(s, name)[s.decimation.keep] for s in stretches])
-                for name in ('t', 'stamp'))
-    model = blank.fit(motion[train], value[train])
-    item = Trace('random half', t[~train], stamp[~train], value[~train],
-                 model.predict(motion[~train]))
-    return Validation('random half of the samples (optimistic)',
-                      item.tally().score(model.channels), (item,), model.channels)
 
 
 # -- A verdict in words: may this model be used to predict, and why
