@@ -42,9 +42,10 @@ def launch(node: str, *args: str, executor: str = 'events', **how: Any) -> subpr
     """Start a node as its executable does; ``**how`` goes to Popen."""
     code = f'import sys; from tudor_dynamics.nodes.{node} import main; sys.exit(main())'
     return subprocess.Popen(
-        [sys.executable, '-c', code, '--executor', executor, '--ros-args', *args],
+        [sys.executable, '-c', code, '--ros-args', *args],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[1])}, **how)
+        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[1]),
+             'TUDOR_EXECUTOR': executor}, **how)
 
 
 def finish(process: subprocess.Popen, number: int) -> str:

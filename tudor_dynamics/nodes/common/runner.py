@@ -37,7 +37,7 @@ EXECUTORS = ('events', 'single')
 def new_executor(kind: str, context: Any = None) -> Any:
     """Make an executor; kind: where this rclpy has none, ``single`` is taken."""
     if kind not in EXECUTORS:
-        raise TudorError(f'--executor or TUDOR_EXECUTOR {kind}: expected {" or ".join(EXECUTORS)}')
+        raise TudorError(f'TUDOR_EXECUTOR is {kind}; expected {" or ".join(EXECUTORS)}')
     if kind == 'events':
         try:
             from rclpy.experimental import EventsExecutor
@@ -87,32 +87,18 @@ def spin_for(executor: Any, seconds: float, halt: Halt | None = None) -> None:
             Halt() if halt is None else halt, timeout_sec=seconds)
 
 
-def _take_executor(args: Sequence[str]) -> tuple[str, list[str]]:
-    """Take ``--executor KIND`` out of the arguments; the environment gives the default."""
-    rest = list(args)
-    kind = os.environ.get('TUDOR_EXECUTOR', 'events')
-    if '--executor' in rest:
-        at = rest.index('--executor')
-        if at + 1 >= len(rest):
-            raise TudorError(f'--executor without a value; expected one of {", ".join(EXECUTORS)}')
-        kind = rest[at + 1]
-        del rest[at:at + 2]
-    return kind, rest
-
-
 def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> int:
     """Run a node until it is asked to stop; args: those of the process by default."""
     node: TudorNode | None = None
     halt = Halt()
 
     try:
-        kind, rest = _take_executor(sys.argv if args is None else args)
         # Own handlers: rclpy's shut the context down under a running callback, and a damper could
         # not command standstill any more.
-        rclpy.init(args=rest, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, halt.ask)
-        executor = new_executor(kind)
+        executor = new_executor(os.environ.get('TUDOR_EXECUTOR', 'events'))
         node = factory()
         executor.add_node(node)
         gc.collect()
