@@ -16,9 +16,11 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -186,26 +188,6 @@ def follow_plan(plan: NDArray, dt: float) -> tuple[float, float, float]:
     return plan[TARGET], 0.0, 0.0
 
 
-@compiled
-def follow_all(
-    switches: NDArray, targets: NDArray, v_max: NDArray, a_max: NDArray, dt: float,
-    q: NDArray, dq: NDArray, ddq: NDArray,
-) -> None:
-    """Fill the reference from its first row on; each joint follows its own targets."""
-    plan = np.zeros(PLAN)
-    for j in range(q.shape[1]):
-        plan_motion(plan, q[0, j], 0.0, 0.0, q[0, j], v_max[j], a_max[j])
-        due = 0
-        for k in range(q.shape[0]):
-            if k > 0:
-                q[k, j], dq[k, j], ddq[k, j] = follow_plan(plan, dt)
-            while due < switches.shape[1] and switches[j, due] <= k * dt + 1e-12:
-                if targets[j, due] != plan[TARGET]:
-                    plan_motion(plan, q[k, j], dq[k, j], ddq[k, j], targets[j, due], v_max[j],
-                                a_max[j])
-                due += 1
-
-
 # -- Online planner of sin^2 motions: a new target at any time, no step in the acceleration.
 #
 # Each change of speed is one pulse of acceleration a sin^2(pi t/T), so that the jerk is bounded
@@ -330,16 +312,20 @@ def follow_targets(
         Number of samples.
 
     """
-    start = finite_array(start, 'start', len(switches))
-    count = max([len(item) for item in switches], default=0)
-    padded = np.full((2, len(switches), max(count, 1)), np.inf)
-    for j, (times, values) in enumerate(zip(switches, targets, strict=True)):
-        padded[0, j, :len(times)] = finite_array(times, 'switches', None)
-        padded[1, j, :len(values)] = finite_array(values, 'targets', len(times))
+    planner = MotionPlanner(limits, finite_array(start, 'start', len(switches)))
     check_budget(f'{samples} samples', samples, 24.0 * len(switches))
+    due = deque(sorted((
+        (time, j, value) for j, times in enumerate(switches) for time, value in zip(
+            finite_array(times, 'switches', None),
+            finite_array(targets[j], 'targets', len(times)), strict=True)), key=itemgetter(0)))
     q, dq, ddq = (np.zeros((samples, len(switches))) for _ in range(3))
-    q[0] = start
-    follow_all(padded[0], padded[1], limits.velocity, limits.acceleration, dt, q, dq, ddq)
+    for k in range(samples):
+        if k > 0:
+            planner.step(dt)
+        while due and due[0][0] <= k * dt + 1e-12:
+            _, j, target = due.popleft()
+            planner.go(np.where(np.arange(len(switches)) == j, target, np.nan))
+        q[k], dq[k], ddq[k] = planner.q, planner.dq, planner.ddq
     return Reference(q, dq, ddq, dt)
 
 
@@ -416,8 +402,7 @@ def denser(trajectory: Trajectory, rate: float) -> Trajectory:
 
 # -- Excitation
 
-TAPS = (7, 6)
-"""Feedback of a shift register of 7 bits, whose sequence repeats only after 127 clocks."""
+BITS = 7  # of a shift register, whose sequence repeats only after 127 clocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -439,15 +424,11 @@ def joint_range(arm: Arm) -> Limits:
 
 def binary_sequence(length: int, rng: np.random.Generator) -> NDArray[np.bool_]:
     """Run a shift register from a random state; returns (length,)."""
-    state = [bool(bit) for bit in rng.integers(0, 2, TAPS[0])]
-    if not any(state):
-        state[0] = True
-    result = np.empty(length, dtype=bool)
-    first, second = TAPS
-    for k in range(length):
-        result[k] = state[-1]
-        state = [state[first - 1] != state[second - 1], *state[:-1]]
-    return result
+    from scipy.signal import max_len_seq  # slow to import
+
+    state = rng.integers(0, 2, BITS)[::-1]
+    state[-1] |= not state.any()
+    return np.asarray(max_len_seq(BITS, state, length, taps=[1])[0], dtype=bool)
 
 
 def aprbs(bounds: Limits, duration: float, seed: int, *, clock: float = 1.0) -> Targets:
