@@ -19,7 +19,6 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 import shutil
 from typing import Any
@@ -32,9 +31,10 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 from tudor_dynamics.arm.description import Arm, by_topic, refuse_interfaces
 from tudor_dynamics.bags.messages import IMU, joint_signals, Signals
+from tudor_dynamics.bags.trajectory import read_trajectory
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
-from tudor_dynamics.files import read_text, whole, write_figure
+from tudor_dynamics.files import whole, write_figure
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
@@ -123,7 +123,6 @@ def check_target(path: Path) -> None:
 
 
 MAX_EXPRESSION = 2000
-MAX_TABLE_BYTES = 50_000_000
 
 
 FUNCTIONS: dict[str, Callable[..., FloatArray]] = {
@@ -188,38 +187,11 @@ def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
 
 def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Read a CSV table: time [s], then one column a joint, or a direction."""
-    text = read_text(path, MAX_TABLE_BYTES, 'the table', SimulationError)
-    first = text.lstrip().split('\n', 1)[0]
-    head = [word.strip() for word in first.lstrip('#').split(',')]
-    columns = ['t', *names]
-    try:
-        float(head[0])
-    except ValueError:
-        columns = head
-        text = text.lstrip().split('\n', 1)[1] if '\n' in text.lstrip() else ''
-    if not text.strip():
-        msg = f'{path}: the table has no rows; expected columns t, {", ".join(names)}'
-        raise SimulationError(msg)
-    try:
-        data = np.loadtxt(StringIO(text), delimiter=',', ndmin=2, comments='#')
-    except ValueError as err:
-        msg = f'{path}: no table of numbers ({err}); expected columns t, {", ".join(names)}'
-        raise SimulationError(msg) from None
-    unknown = [name for name in columns[1:] if name not in names]
-    if unknown or columns[0] not in ('t', 'time') or data.shape[1] != len(columns):
-        msg = (f'{path}: found the columns {columns if unknown else data.shape[1]}, expected t '
-               f'and some of {list(names)}')
-        raise SimulationError(msg)
-    if data.shape[0] < 2:
-        raise SimulationError(f'{path}: at least two rows are needed, found {data.shape[0]}')
-    if not np.isfinite(data).all():
-        row = int(np.flatnonzero(~np.isfinite(data).all(axis=1))[0])
-        msg = f'{path}: the value in data row {row + 1} is not finite (NaN or inf); mend the table'
-        raise SimulationError(msg)
-    if (np.diff(data[:, 0]) <= 0.0).any():
-        row = int(np.flatnonzero(np.diff(data[:, 0]) <= 0.0)[0])
-        raise SimulationError(f'{path}: time does not increase after data row {row + 1}; sort it')
-    return data[:, 0], {name: data[:, 1 + i] for i, name in enumerate(columns[1:])}
+    table = read_trajectory(path)
+    if not {*table.joints} <= {*names}:
+        raise SimulationError(f'{path}: found the columns t, {", ".join(table.joints)}; expected '
+                              f't and some of {", ".join(names)}')
+    return table.t, dict(zip(table.joints, table.q.T, strict=True))
 
 
 def named_inputs(
