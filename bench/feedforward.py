@@ -173,8 +173,7 @@ def prediction(bundle: td.ModelBundle, payload: float, path: td.Trajectory,
                record: object) -> np.ndarray:
     """Give errors of efforts from the measured and the wanted motion, as squares [A^2]."""
     q, dq, current = record
-    stamp = np.round(path.t[:len(q)] * 1e9).astype(np.int64)
-    whole = td.Recording('', stamp, q, dq, current, None, (slice(0, len(q)),), 1.0 / RATE)
+    whole = td.Recording.from_arrays(path.t[:len(q)], q=q, dq=dq, effort=current)
     model = bundle.models['effort']['analytical'].at(payload)
     efforts = td.Feedforward(bundle, payload=payload).along(path).effort
     found = []

@@ -22,8 +22,9 @@ from itertools import combinations
 from faults.injected import Fault
 import numpy as np
 
-from tudor_dynamics.bags.reader import increasing, set_backs, split_at_gaps
-from tudor_dynamics.bags.recording import Oddities, plan_from_arm, SetBack, without_zero_velocities
+from tudor_dynamics.bags.reader import increasing, set_backs
+from tudor_dynamics.bags.recording import (
+    Oddities, plan_from_arm, SetBack, split_at_gaps, without_zero_velocities)
 from tudor_dynamics.bags.storage import Notes
 from tudor_dynamics.signals.preprocessing import retimed
 

@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.messages import DecodedTopic, JOINT_STATE, load_topics, NAMED
-from tudor_dynamics.bags.reader import assemble, gap_limit, increasing, split_at_gaps
-from tudor_dynamics.bags.recording import ChannelSource, plan_from_arm, Recording, Sources
+from tudor_dynamics.bags.reader import assemble, increasing
+from tudor_dynamics.bags.recording import (
+    ChannelSource, gap_limit, plan_from_arm, Recording, Sources, split_at_gaps)
 from tudor_dynamics.bags.settings import MANY_TURNS
 from tudor_dynamics.bags.storage import Bag, open_bag
 from tudor_dynamics.errors import BagError

@@ -29,9 +29,10 @@ from tudor_dynamics.bags.messages import (
     decode_topic, DecodedTopic, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE,
     load_topics, Signals, WRENCH_STAMPED)
 from tudor_dynamics.bags.recording import (
-    ChannelSource, check_plausible, Oddities, plan_from_arm, Recording, SetBack, Sources)
+    ChannelSource, check_plausible, gap_limit, Oddities, plan_from_arm, Recording, SetBack,
+    Sources, split_at_gaps)
 from tudor_dynamics.bags.settings import (
-    FEW, GAP_FLOOR, GAP_PERIODS, LEAST_SET_BACK, MAX_VALUE, MIN_DURATION, MIN_SAMPLES, MIN_SEGMENT)
+    FEW, LEAST_SET_BACK, MAX_VALUE, MIN_DURATION, MIN_SAMPLES, MIN_SEGMENT)
 from tudor_dynamics.bags.storage import Bag, Notes, open_bag, RawMessages
 from tudor_dynamics.errors import BagError, check_type
 from tudor_dynamics.typing import FloatArray
@@ -60,20 +61,6 @@ def set_backs(stamp: NDArray[np.int64]) -> list[tuple[int, int, int]]:
             before = int(newest[first - 1])
             found.append((before, before + step - int(stamp[first]), int(last - first)))
     return found
-
-
-def gap_limit(stamp: NDArray[np.int64]) -> float:
-    """Give the longest time between samples that is not a gap [s] for stamps [ns]."""
-    if len(stamp) < 2:
-        return GAP_FLOOR
-    return max(GAP_PERIODS * float(np.median(np.diff(stamp))) * 1e-9, GAP_FLOOR)
-
-
-def split_at_gaps(stamp: NDArray[np.int64]) -> tuple[slice, ...]:
-    """Split a record at its gaps: stamp (n,) [ns]."""
-    cuts = np.flatnonzero(np.diff(stamp) * 1e-9 > gap_limit(stamp)) + 1
-    ends = [0, *cuts.tolist(), len(stamp)]
-    return tuple(slice(a, b) for a, b in zip(ends, ends[1:]) if b > a)
 
 
 def interpolate(

@@ -19,20 +19,38 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import math
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import LimitSpec, SourceSpec
 from tudor_dynamics.bags.messages import (
     DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE)
 from tudor_dynamics.bags.settings import (
-    FAST, FASTEST, MANY_TURNS, MAX_SPREAD, MIN_DISPLACEMENT, MIN_WINDOWS, STILL, UNIT_TOLERANCE,
-    UNLIMITED, WINDOW)
+    FAST, FASTEST, GAP_FLOOR, GAP_PERIODS, MANY_TURNS, MAX_SPREAD, MIN_DISPLACEMENT, MIN_WINDOWS,
+    STILL, UNIT_TOLERANCE, UNLIMITED, WINDOW)
 from tudor_dynamics.bags.storage import Notes
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray
+
+
+def gap_limit(stamp: NDArray[np.int64]) -> float:
+    """Give the longest time between samples that is not a gap [s] for stamps [ns]."""
+    if len(stamp) < 2:
+        return GAP_FLOOR
+    return max(GAP_PERIODS * float(np.median(np.diff(stamp))) * 1e-9, GAP_FLOOR)
+
+
+def split_at_gaps(stamp: NDArray[np.int64]) -> tuple[slice, ...]:
+    """Split a record at its gaps: stamp (n,) [ns]."""
+    cuts = np.flatnonzero(np.diff(stamp) * 1e-9 > gap_limit(stamp)) + 1
+    ends = [0, *cuts.tolist(), len(stamp)]
+    return tuple(slice(a, b) for a, b in zip(ends, ends[1:]) if b > a)
+
+
+SIGNALS = ('q', 'dq', 'effort', 'strain')
 
 
 @dataclass(frozen=True)
@@ -115,17 +133,52 @@ class Recording:
         lines = [f'Recording {self.path}: {self.t[-1]:.4g} s, {len(self.stamp)} samples at '
                  f'{1.0 / self.dt:.4g} Hz{stretches}']
         lines += [f'  {name}: {values.shape[1]} channels from {np.nanmin(values):.4g} to '
-                  f'{np.nanmax(values):.4g}'
-                  for name, values in (('q', self.q), ('dq', self.dq), ('effort', self.effort),
-                                       ('strain', self.strain)) if values is not None]
+                  f'{np.nanmax(values):.4g}' for name, values in self.signals.items()]
         if self.payload is not None:
             lines.append(f'  payload: {self.payload:g} kg')
         return '\n'.join(lines + [f'  warning: {warning}' for warning in self.warnings])
+
+    @classmethod
+    def from_arrays(cls, t: ArrayLike, **signals: ArrayLike) -> Recording:
+        """Make one of times [s] and of ``q``, ``dq``, ``effort``, ``strain``, split at gaps."""
+        if 'q' not in signals or not {*signals} <= {*SIGNALS}:
+            raise BagError(f'found {", ".join(signals) or "no signal"}; expected q, and perhaps '
+                           'others of dq, effort, strain')
+        stamp = np.round(finite_array(t, 't', None) * 1e9).astype(np.int64)
+        if len(stamp) < 2 or np.diff(stamp).min() <= 0:
+            raise BagError('t is not two or more times that increase; give seconds, sorted')
+        found: dict[str, Any] = dict.fromkeys(SIGNALS) | {
+            name: finite_array(values, name, len(stamp), None) for name, values in signals.items()}
+        return cls('arrays', stamp, **found, segments=split_at_gaps(stamp),
+                   dt=float(np.median(np.diff(stamp))) * 1e-9)
 
     @property
     def t(self) -> FloatArray:
         """Time since the first stamp [s]."""
         return np.asarray((self.stamp - self.stamp[0]) * 1e-9)
+
+    @property
+    def signals(self) -> dict[str, FloatArray]:
+        """All signals that were recorded, by name."""
+        return {name: values for name in SIGNALS
+                if (values := getattr(self, name)) is not None}
+
+    def to_xarray(self, arm: Arm) -> Any:
+        """Give an ``xarray.Dataset``: signals over ``time`` [s] and ``joint`` or ``gauge``."""
+        from xarray import Dataset  # optional
+
+        return Dataset(
+            {name: (('time', 'gauge' if name == 'strain' else 'joint'), values)
+             for name, values in self.signals.items()},
+            {'time': self.t, 'joint': list(arm.active_joints), 'gauge': list(arm.gauge_names)},
+            {'path': self.path})
+
+    def to_dataframe(self, arm: Arm) -> Any:
+        """Give a ``pandas.DataFrame`` over ``time`` [s], columns such as ``('q', 'joint2')``."""
+        from pandas import concat  # optional
+
+        return concat({name: values.to_pandas() for name, values in self.to_xarray(arm).items()},
+                      axis=1)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from operator import itemgetter
 from pathlib import Path
 import shutil
 import sqlite3
-from typing import Any, Literal
+from typing import Any, cast, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ from tudor_dynamics.bags.messages import (
     FIELDS, IMU, joint_signals, JOINT_STATE, LAYOUTS, Signals, WRENCH_STAMPED)
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import one_line, RawMessages
-from tudor_dynamics.errors import BagError
+from tudor_dynamics.errors import BagError, check_type
 from tudor_dynamics.files import scratch_folder, whole
 
 
@@ -173,8 +173,8 @@ def _template(signals: Signals, frame: str) -> bytes:
 
 
 def write_bag(
-    path: str | Path, series: Sequence[Signals | RawMessages], *, storage: str = 'mcap',
-    custom: Mapping[str, str] | None = None,
+    path: str | Path, series: Sequence[Signals | RawMessages] | Recording, *,
+    arm: Arm | None = None, storage: str = 'mcap', custom: Mapping[str, str] | None = None,
 ) -> None:
     """
     Write a rosbag2 directory, messages in the order of their log times.
@@ -185,8 +185,10 @@ def write_bag(
     ----------
     path : str or Path
         Directory that does not exist yet.
-    series : sequence of Signals or RawMessages
+    series : sequence of Signals or RawMessages, or Recording
         What each topic holds, such as ``joint_signals`` gives.
+    arm : Arm, optional
+        On whose topics a recording is laid out.
     storage : {'mcap', 'sqlite3'}
         Format of the messages.
     custom : mapping of str to str, optional
@@ -194,11 +196,14 @@ def write_bag(
 
     Raises
     ------
-    BagError
-        If the path exists or cannot be written, or the storage is unknown.
+    BagError, ArgumentError
+        If the path exists or cannot be written, the storage is unknown, or a recording has no arm.
 
     """
     path = Path(path)
+    if isinstance(series, Recording):
+        check_type(arm, Arm, 'arm', 'a recording knows no topics')
+        series = recording_series(series, cast(Arm, arm))
     if storage not in PLUGINS:
         raise BagError(f'{path}: storage {storage!r} is unknown; use one of {", ".join(PLUGINS)}')
     _check_free(path)
