@@ -36,8 +36,14 @@ def sound(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setenv('ROS_HOME', str(tmp_path / 'new' / 'ros'))
     monkeypatch.setattr('os.getloadavg', lambda: (0.1, 0.1, 0.1))
     monkeypatch.setattr(doctor, 'find_spec', lambda name: object())
-    monkeypatch.setattr(doctor.subprocess, 'run', lambda *_, **__: SimpleNamespace(stdout='yes'))
+    machine(monkeypatch)
     return tmp_path
+
+
+def machine(monkeypatch: pytest.MonkeyPatch, clock: str = 'yes', heard: str = '{}') -> None:
+    """Let other programs say whether the clock is synchronised, and what topics were heard."""
+    monkeypatch.setattr(doctor.subprocess, 'run', lambda call, **_: SimpleNamespace(
+        stdout=heard if 'live_topics' in call else clock))
 
 
 def test_a_sound_machine(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,7 +87,7 @@ def test_what_the_machine_lacks(
     monkeypatch.setattr(doctor, 'find_spec', lambda name: None)
     assert list(remedies(capsys)) == ['ROS 2']
     monkeypatch.setattr(doctor, 'find_spec', lambda name: object())
-    monkeypatch.setattr(doctor.subprocess, 'run', lambda *_, **__: SimpleNamespace(stdout='no'))
+    machine(monkeypatch, clock='no')
     assert 'chrony' in remedies(capsys)['clock']
     monkeypatch.setattr(doctor.time, 'localtime', lambda: time.gmtime(0))
     assert 'set the clock' in remedies(capsys)['clock']
@@ -91,3 +97,31 @@ def test_what_the_machine_lacks(
     assert {'compiled loops', 'bags of events', 'temporary files'} <= set(remedies(capsys))
     monkeypatch.setattr(shutil, 'disk_usage', lambda path: SimpleNamespace(free=10**9))
     assert '1.3 GB' in remedies(capsys)['space for them']
+
+
+FINE = {'publishers': 1, 'rate': 500.0, 'gap': 0.004, 'age': 0.002}
+
+
+@pytest.mark.parametrize(('changed', 'said'), [
+    ({}, ''), ({'age': 4e7}, ''), ({'rate': 2.0, 'gap': 0.6}, ''),
+    ({'publishers': 2}, 'stop all but one'), ({'publishers': 0}, 'start its driver'),
+    ({'rate': 0.0}, 'see whether that node runs'), ({'gap': 0.4}, '0.4 s without a message'),
+    ({'age': 3.2}, 'stamps are 3.2 s old'), ({'age': -0.5}, 'stamps are 0.5 s ahead')])
+def test_live_topics(
+    changed: dict[str, float], said: str, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Each fault of a stream has its remedy; slow streams and stamps of bags have none."""
+    machine(monkeypatch, heard=json.dumps({'/joint_states': {**FINE, **changed}}))
+    assert main(['doctor', '--json']) == bool(said)
+    last = json.loads(capsys.readouterr().out)['checks'][-1]
+    assert last['name'] == '/joint_states' and said in last['remedy']
+    assert bool(said) == bool(last['remedy'])
+
+
+def test_ros_that_does_not_run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A process that fails is a finding, not an error of the command."""
+    machine(monkeypatch, heard='Segmentation fault')
+    assert 'rclpy does not run' in remedies(capsys)['live topics']

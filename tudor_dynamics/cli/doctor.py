@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 import io
+import json
 import os
 from pathlib import Path
 import shlex
@@ -32,7 +33,7 @@ import time
 import traceback
 from typing import Any, TextIO
 
-from tudor_dynamics.cli.console import new_table, print_json, print_table, say
+from tudor_dynamics.cli.console import new_table, print_json, print_table, say, steps
 from tudor_dynamics.compiled import DIRECTORY
 from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES
@@ -42,11 +43,14 @@ EXAMPLES = """\
 examples:
   tudor doctor --json
 
-It looks at versions, ROS 2, clock, processor, rights and space, and says what to do where one is
-missing. exit codes: 0 nothing to do; 1 something to do.
+It looks at versions, ROS 2, clock, processor, rights and space, listens for 5 s to live topics of
+joint states, and says what to do. exit codes: 0 nothing to do; 1 something to do.
 """
 LAST_DOMAIN = 101  # the ports of larger ones are among those that Linux gives to any program
 FIRST_YEAR = 2024  # a clock that is set is not before it
+OLDEST, YOUNGEST = 0.1, -0.01  # ages of stamps that clocks in step give [s]
+PAUSE = 0.1  # within which a stream that runs sends again [s]
+A_MONTH = 3e6  # stamps that are older are of a simulation or a bag [s]
 LONGEST = 1_000_000  # characters of the output that a bug report keeps
 
 
@@ -66,7 +70,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Look at everything, and print it."""
-    made, found = provenance(), list(checks())
+    with steps(2) as step:
+        step('machine')
+        found = list(checks())
+        step('live topics')
+        found += live_topics()
+    made = provenance()
     remedies = [check for check in found if check.remedy]
     if args.json:
         print_json({'made': made, 'checks': [asdict(check) for check in found]})
@@ -111,6 +120,42 @@ def _ros() -> Iterator[Check]:
     yield Check('discovery', os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') or 'SUBNET, the '
                 'default', 'unset ROS_LOCALHOST_ONLY, which overrides the discovery range of jazzy'
                 if os.environ.get('ROS_LOCALHOST_ONLY') == '1' else '')
+
+
+def live_topics() -> Iterator[Check]:
+    """Look at joint states that arrive, in a process of its own: nodes alone use ROS."""
+    if find_spec('rclpy') is None:
+        return
+    try:
+        said = subprocess.run([sys.executable, '-m', 'tudor_dynamics.nodes', 'live_topics'],
+                              capture_output=True, text=True, timeout=60.0, check=True).stdout
+        heard = json.loads(said)
+    except (OSError, subprocess.SubprocessError, ValueError) as err:
+        yield Check('live topics', 'not heard', f'rclpy does not run ({err}): mend the '
+                    'installation of ROS 2')
+        return
+    if not heard:
+        yield Check('live topics', 'no joint states')
+    for topic, found in heard.items():
+        yield _live_topic(topic, **found)
+
+
+def _live_topic(
+    topic: str, publishers: int, rate: float = 0.0, gap: float = 0.0, age: float = 0.0,
+) -> Check:
+    if not publishers:
+        return Check(topic, 'no node publishes it', 'a node waits for it: start its driver')
+    if not rate:
+        return Check(topic, 'nothing arrives', 'a node publishes it: see whether that node runs')
+    foreign = abs(age) > A_MONTH
+    said = [f'{publishers} nodes publish it: stop all but one'] * (publishers > 1)
+    if gap > PAUSE + 3.0 / rate:
+        said.append(f'{gap:.2g} s without a message: look for a busy computer or network')
+    if not foreign and not YOUNGEST < age < OLDEST:
+        said.append(f'stamps are {abs(age):.3g} s {"old" if age > 0.0 else "ahead"}: synchronise '
+                    'the clocks (chrony, ntp), or let its driver stamp at the measurement')
+    clock = 'stamps of a simulation or a bag' if foreign else f'stamps {1e3 * age:.3g} ms old'
+    return Check(topic, f'{rate:.4g} Hz, longest gap {1e3 * gap:.3g} ms, {clock}', '; '.join(said))
 
 
 def _clock() -> Check:

@@ -90,3 +90,5 @@ STATE_PERIOD = 0.05
 look by default [s]."""
 SHORTEST_STOP = 0.1
 """Least time in which a controller is to be at rest: it has to take the message before [s]."""
+
+LISTEN = 5.0  # time to find and measure live topics: DDS announces itself every 3 s [s]
