@@ -61,6 +61,10 @@ def _raise(err: BaseException) -> Any:
     (PermissionError(13, 'Permission denied', '/x/y'), 2,
      'tudor evaluate: /x/y: Permission denied; check the rights'),
     (OSError('odd'), 2, 'tudor evaluate: odd; check path, rights and disk'),
+    (MemoryError(), 2, 'tudor evaluate: not enough memory; give fewer or shorter bags, a lower '
+     'rate, or use a machine with more'),
+    (MemoryError('for 37 GiB'), 2, 'tudor evaluate: not enough memory (for 37 GiB); give fewer or '
+     'shorter bags, a lower rate, or use a machine with more'),
     (KeyboardInterrupt(), 130, 'tudor evaluate: interrupted')])
 def test_errors_are_one_line(
     command: Any, capsys: pytest.CaptureFixture[str], err: BaseException, code: int, line: str,
@@ -71,7 +75,7 @@ def test_errors_are_one_line(
     assert capsys.readouterr() == ('', f'{line}\n')
 
 
-@pytest.mark.parametrize('err', [ZeroDivisionError('a\n\x1b[2Jb'), MemoryError(), RecursionError(
+@pytest.mark.parametrize('err', [ZeroDivisionError('a\n\x1b[2Jb'), RecursionError(
     'x' * 9000), KeyError('k')])
 def test_mistakes_of_ours_are_one_line_and_a_file(
     command: Any, capsys: pytest.CaptureFixture[str], tmp_path: Path, err: Exception,

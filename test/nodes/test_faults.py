@@ -78,6 +78,8 @@ def test_order_and_names(world: World, model: Path, recording) -> None:
 def test_a_parameter_that_no_node_has(world: World, model: Path, recording) -> None:
     """A typo is named, with what was meant; what a file holds for other nodes is not."""
     node = start(world, model, fasle_alarms_per_hour=2.0, damping=0.5)
+    world.status('monitor', lambda status: status.level == DiagnosticStatus.STALE and (
+        '; there is no parameter fasle_alarms_per_hour; ' in status.message))
     feed(world, recording, counter(node), last=60)
     world.status('monitor', lambda status: status.message == (
         'there is no parameter fasle_alarms_per_hour; did you mean false_alarms_per_hour?'))

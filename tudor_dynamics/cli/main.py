@@ -193,6 +193,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             except OSError:
                 _forget_output()
             return WRONG_INPUT
+        except MemoryError as err:
+            _complain(name, f'not enough memory{f" ({err})" * bool(str(err))}; give fewer or '
+                      'shorter bags, a lower rate, or use a machine with more')
+            return WRONG_INPUT
         except KeyboardInterrupt:
             return _interrupted(name)
         except Exception as err:

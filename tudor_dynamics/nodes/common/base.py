@@ -443,6 +443,8 @@ class TudorNode(Node):
         unusable = self._unusable() or self._unknown
         if level == OK and unusable:
             level, message = WARN, unusable
+        elif self._unknown:  # it may be why nothing arrives
+            message = f'{message}; {self._unknown}'
         values = {**self.meter.report(self.counters()), **more}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,
