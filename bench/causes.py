@@ -122,7 +122,7 @@ def write(arm: td.Arm, sent: Messages, out: Path, leaps_at: int | None = None) -
 def motion(arm: td.Arm, kind: str, seed: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Plan what the arm does: at rest, with stops, fast without damping, or as in the training."""
     limits, random = td.motion_limits(arm), np.random.default_rng(seed)
-    planned = td.stimulus_motion(arm, 'aprbs', SECONDS, seed, dt)
+    planned = td.stimulus_motion(arm, SECONDS, seed, dt)
     if kind == 'touch at rest':
         q = np.tile(planned.q[len(planned.q) // 2], (len(planned.q), 1))
         return q, np.zeros_like(q)
@@ -226,7 +226,7 @@ def rows(args: argparse.Namespace) -> Iterator[tuple[str, ...]]:
     missing = [k for k, path in enumerate(training) if not path.exists()]
     if missing:
         td.record_stimuli(source, [td.StimulusSpec(
-            0.0, 60.0, RATE, 1.0, 'aprbs', 100 + k, 200 + k, 0) for k in missing],
+            0.0, 60.0, RATE, 1.0, 100 + k, 200 + k, 0) for k in missing],
             [training[k] for k in missing], 2)
     model = args.work / f'{arm.name}_model'
     if not model.exists():

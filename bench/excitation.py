@@ -47,10 +47,10 @@ from tudor_dynamics.cli.main import main as tudor  # noqa: E402
 from tudor_dynamics.identification.excitation import (  # noqa: E402
     covariance_of, Information, mean_error, played)
 from tudor_dynamics.identification.excitation_plan import (  # noqa: E402
-    best_series, bounds_of, default_highest, make_plan, Order, target_of_arm)
+    best_series, bounds_of, default_highest, make_plan, Order, random_series, target_of_arm)
 from tudor_dynamics.models.analytical import AnalyticalModel  # noqa: E402
 from tudor_dynamics.models.regressor import base_sets, random_inputs  # noqa: E402
-from tudor_dynamics.signals.motion_profile import aprbs_motion, fourier_motion  # noqa: E402
+from tudor_dynamics.signals.motion_profile import aprbs_motion  # noqa: E402
 from tudor_dynamics.signals.preprocessing import prepare  # noqa: E402
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
@@ -154,10 +154,10 @@ def criteria():
 def random_motions(arm, bounds):
     """Draw random motions of three kinds, which keep to the same limits."""
     for name, make in (
-            ('Fourier, 0.5 Hz', lambda seed: fourier_motion(
-                bounds.range, bounds.limits, SECONDS, seed, DT)),
-            ('Fourier, 1 Hz', lambda seed: fourier_motion(
-                bounds.range, bounds.limits, SECONDS, seed, DT, harmonics=10)),
+            ('Fourier, 0.5 Hz', lambda seed: random_series(
+                bounds.range, bounds.limits, Order(SECONDS, 0.5, DT, 1, seed))),
+            ('Fourier, 1 Hz', lambda seed: random_series(
+                bounds.range, bounds.limits, Order(SECONDS, 1.0, DT, 1, seed))),
             ('APRBS', lambda seed: aprbs_motion(arm, SECONDS, seed, DT))):
         yield name, [make(seed).motion[::EVERY] for seed in range(RANDOM)]
 

@@ -50,6 +50,7 @@ from tables import show
 import tudor_dynamics as td
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.control.cascade import INTEGRAL, INTEGRAL_GAIN
+from tudor_dynamics.identification.excitation_plan import Order, random_series
 from tudor_dynamics.mechanics.campaign import (
     record_stimuli, stimulus_motion, stimulus_seeds, StimulusSpec)
 from tudor_dynamics.mechanics.closed_loop import ClosedLoop
@@ -58,7 +59,7 @@ from tudor_dynamics.mechanics.run import Probe
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.signals.filters import low_pass_gain
-from tudor_dynamics.signals.motion_profile import denser
+from tudor_dynamics.signals.motion_profile import denser, joint_range, motion_limits
 from tudor_dynamics.signals.preprocessing import prepare
 import yaml
 
@@ -111,7 +112,7 @@ def fitted(work: Path, config: Path) -> td.ModelBundle:
     specs, paths = [], []
     for payload in TRAINING:
         for number in range(2):
-            specs.append(StimulusSpec(payload, 40.0, RATE, 1.0, 'aprbs',
+            specs.append(StimulusSpec(payload, 40.0, RATE, 1.0,
                                       *stimulus_seeds(3, number)))
             paths.append(work / f'{payload:g}_{number}')
     record_stimuli(config, specs, paths, 2)
@@ -198,7 +199,8 @@ def closed_loop(bundle: td.ModelBundle, arm: td.Arm) -> None:
         loops = {which: ClosedLoop(carrying, damping=0.0, seed=seed) for which in LOOPS}
         loops['torque'].cascade.rows[:, INTEGRAL_GAIN] = 0.0
         dt = loops['speed'].dt
-        reference = stimulus_motion(arm, kind, SECONDS, seed, dt)
+        reference = (stimulus_motion(arm, SECONDS, seed, dt) if kind == 'aprbs' else random_series(
+            joint_range(arm), motion_limits(arm), Order(SECONDS, 0.5, dt, 1, seed)))
         step = round(1.0 / (RATE * dt))
         path = td.Trajectory(
             arm.active_joints, np.arange(len(reference.q[::step])) / RATE, reference.q[::step],

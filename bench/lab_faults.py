@@ -141,12 +141,12 @@ def own_bags(folder: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[str,
         yield bag.name, bag, ROOT / 'config/two_blade_arm.yaml'
     for bag in sorted((ROOT / 'bags').glob('tudor_*')):
         yield bag.name, bag / 'stimulus_01', ROOT / 'config/tudor.yaml'
-    for kilograms, seed, options in ((0.0, 31, ()), (0.4, 32, ('--excitation', 'fourier'))):
+    for kilograms, seed in ((0.0, 31), (0.4, 32)):
         out = folder / f'simulated_{kilograms:g}'
         if wanted(out.name):
             spoken('record', '--arm', ROOT / 'config/tudor.yaml', '--payload', kilograms,
                    '--stimuli', 1, '--seconds', SECONDS, '--seed', seed, '--jobs', 1,
-                   '--out', out, *options)
+                   '--out', out)
         yield out.name, out / 'stimulus_01', ROOT / 'config/tudor.yaml'
 
 

@@ -53,7 +53,7 @@ def main() -> int:
         rows = []
         for seed in range(args.seeds):
             motion, noise, _ = stimulus_seeds(seed, 0)
-            reference = stimulus_motion(arm, 'aprbs', args.seconds, motion, loop.dt)
+            reference = stimulus_motion(arm, args.seconds, motion, loop.dt)
             loop._seed = noise
             loop.reset(reference.q[0])
             seen = loop.run(reference.q, reference.dq)

@@ -58,6 +58,8 @@ from tudor_dynamics.arm.schema import PreprocessingSpec  # noqa: E402
 from tudor_dynamics.bags.recording import Recording  # noqa: E402
 from tudor_dynamics.bags.trajectory import Trajectory  # noqa: E402
 from tudor_dynamics.errors import TudorError  # noqa: E402
+from tudor_dynamics.identification.excitation_plan import (  # noqa: E402
+    make_moves, MOVE, Order, REST as QUIET, target_of_arm, UNKNOWN)
 from tudor_dynamics.identification.tool import find_moves, fit_tool  # noqa: E402
 from tudor_dynamics.models.bundle import ModelBundle  # noqa: E402
 from tudor_dynamics.models.still_timing import shaped_for, still_timing  # noqa: E402
@@ -192,30 +194,52 @@ def recordings(
             to = HOME + random.uniform(-SPAN, SPAN)
             parts.append(commands(move(q, to, random, 1.0), REST))
             q = to
-        wanted = np.vstack(parts)
-        sensed = plant.follow(begin, wanted)
-        every = round(1.0 / (RATE * DT))
-        n = len(wanted[::every])
-        stamp = 1_700_000_000_000_000_000 + np.round(np.arange(n) * 1e9 / RATE).astype(np.int64)
-        measured = sensed.q[::every] + random.normal(0.0, noise * POSITION_NOISE, (n, 7))
-        effort = sensed.effort[::every]
-        effort = np.vstack([np.tile(effort[0], (LATE, 1)), effort[:-LATE]])
-        effort = effort + random.normal(0.0, noise * EFFORT_NOISE, (n, 7))
-        found.append((
-            Recording('recorded', stamp, measured, None, effort, None, (slice(0, n),), 1.0 / RATE),
-            Recording('planned', stamp, wanted[::every], None, None, None, (slice(0, n),),
-                      1.0 / RATE)))
+        found.append(recorded(plant, begin, np.vstack(parts), random, noise))
     return found
+
+
+def recorded(
+    plant: CarriedTool, begin: Any, wanted: FloatArray, random: np.random.Generator,
+    noise: float,
+) -> tuple[Recording, Recording]:
+    """Record what is measured while the plant follows, and what was planned."""
+    sensed = plant.follow(begin, wanted)
+    every = round(1.0 / (RATE * DT))
+    n = len(wanted[::every])
+    stamp = 1_700_000_000_000_000_000 + np.round(np.arange(n) * 1e9 / RATE).astype(np.int64)
+    measured = sensed.q[::every] + random.normal(0.0, noise * POSITION_NOISE, (n, 7))
+    effort = sensed.effort[::every]
+    effort = np.vstack([np.tile(effort[0], (LATE, 1)), effort[:-LATE]])
+    effort = effort + random.normal(0.0, noise * EFFORT_NOISE, (n, 7))
+    return (Recording('recorded', stamp, measured, None, effort, None, (slice(0, n),), 1.0 / RATE),
+            Recording('planned', stamp, wanted[::every], None, None, None, (slice(0, n),),
+                      1.0 / RATE))
+
+
+def excited(
+    arm: Arm, plant: CarriedTool, seed: list[int], moves: int, noise: float,
+) -> list[tuple[Recording, Recording]]:
+    """Record the moves that tudor excite plans for a tool that nobody knows."""
+    near = arm.changed(joints=tuple(
+        joint.model_copy(update={'limits': joint.limits.model_copy(update={
+            'lower': float(low), 'upper': float(high)})})
+        for joint, low, high in zip(arm.spec.joints, HOME - SPAN, HOME + SPAN, strict=True)))
+    plan = make_moves(target_of_arm(near), Order(
+        moves * (MOVE + QUIET) + 0.01, 1.0, POINT, 60, sum(seed)), UNKNOWN)
+    wanted = np.vstack([np.tile(plan.trajectory.q[0], (round(FIRST / DT), 1)),
+                        commands(plan.trajectory, 0.0)])
+    return [recorded(plant, plant.settled(wanted[0]), wanted, np.random.default_rng(seed), noise)]
 
 
 def learned(
     arm: Arm, plant: CarriedTool, seed: list[int], by: str = 'planned', moves: int = LEARNED,
-    noise: float = 1.0,
+    noise: float = 1.0, planned_moves: int = 0,
 ) -> Any:
-    """Learn the tool."""
-    found = [one for recorded, planned in recordings(plant, seed, moves, noise)
-             for one in find_moves(arm, recorded, planned if by == 'planned' else None)]
-    return fit_tool(arm, found, by)
+    """Learn the tool, from random moves or from some of tudor excite."""
+    pairs = (excited(arm, plant, seed, planned_moves, noise) if planned_moves else
+             recordings(plant, seed, moves, noise))
+    return fit_tool(arm, [one for measured, planned in pairs for one in find_moves(
+        arm, measured, planned if by == 'planned' else None)], by)
 
 
 # -- Judging
@@ -364,7 +388,7 @@ def variant(arm: Arm, options: Options, seed: int, args: argparse.Namespace) -> 
         for often in (1, 2):  # a fit that fails asks for more motion
             try:
                 tool = learned(arm, plant, [seed, 2, number], args.by, often * args.learned,
-                               args.noise)
+                               args.noise, often * args.excited)
                 break
             except TudorError as err:
                 about['not_learned'] = [*about.get('not_learned', []), str(err)]
@@ -402,6 +426,8 @@ def main() -> int:
     parser.add_argument('--seeds', nargs='+', type=int, default=list(SEEDS),
                         help='of tools and moves')
     parser.add_argument('--learned', type=int, default=LEARNED, help='moves to learn from')
+    parser.add_argument('--excited', type=int, default=0, metavar='MOVES',
+                        help='learn from so many moves of tudor excite --for vibration instead')
     parser.add_argument('--noise', type=float, default=1.0, help='times that of the recordings')
     parser.add_argument('--verbose', action='store_true', help='say each move as it is done')
     parser.add_argument('--out', type=Path, help='also write the figures there, plant by plant')

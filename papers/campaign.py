@@ -203,7 +203,7 @@ class Campaign:
         for number in missing:
             motion, noise, push = stimulus_seeds(seed, number)
             specs.append(td.StimulusSpec(payload, plan.seconds, 100.0, 1.0 if damped else 0.0,
-                                         'aprbs', motion, noise, push, pushes))
+                                         motion, noise, push, pushes))
         text = (f'record {grams(payload)}, {"damped" if damped else "undamped"}'
                 f'{", pushed" if pushes else ""}')
         self.progress(text, 0.0)

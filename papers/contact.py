@@ -141,7 +141,7 @@ def _move(
     seed = 1000 * setting.campaign.plan.seed + number + 17
     loop = td.ClosedLoop(models.arm, damping=0.0, seed=seed)
     seconds = 3.0 + SLOT * pushes
-    motion = td.stimulus_motion(models.arm, 'aprbs', seconds, seed, loop.dt)
+    motion = td.stimulus_motion(models.arm, seconds, seed, loop.dt)
     chosen = random_pushes(models.arm, loop.plant.mechanism, pushes, seconds, seed)
     loop.reset(motion.q[0])
     loop.set_pushes(chosen)

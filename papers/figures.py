@@ -115,7 +115,7 @@ def gauge_moments(campaign: Campaign, payload: float) -> Cached:
         for variant in (arm, _at_joints(arm)):
             loop = td.ClosedLoop(variant, imperfections=td.Imperfections.none())
             motion = stimulus_seeds(plan.seed + round(1000 * payload), 0)[0]
-            reference = td.stimulus_motion(arm, 'aprbs', min(plan.seconds, 40.0), motion, loop.dt)
+            reference = td.stimulus_motion(arm, min(plan.seconds, 40.0), motion, loop.dt)
             loop.reset(reference.q[0])
             seen = loop.run(reference.q, reference.dq, every=20)
             arrays['t'] = seen.t

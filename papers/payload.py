@@ -194,7 +194,7 @@ def picked_up(setting: Setting, models: td.ModelBundle, *, announced: bool) -> d
     seeds = [stimulus_seeds(LOADED + setting.campaign.plan.seed, k) for k in range(size.bags)]
     changes = [random_loads(size.each, size.seconds, 0.0, seed[2]) for seed in seeds]
     paths = _recorded(setting, 'bags_payload_loads', [
-        td.StimulusSpec(0.0, size.seconds, 100.0, 1.0, 'aprbs', *seed, loads=loads)
+        td.StimulusSpec(0.0, size.seconds, 100.0, 1.0, *seed, loads=loads)
         for seed, loads in zip(seeds, changes, strict=True)])
     errors, reported, events, corrections = [], 0, 0, 0
     for path, loads in zip(paths, changes, strict=True):
@@ -224,7 +224,7 @@ def pushed(setting: Setting, models: td.ModelBundle, *, estimate: bool) -> dict[
     seeds = [stimulus_seeds(PUSHED + setting.campaign.plan.seed, k) for k in range(count)]
     known = [0.0 if k % 2 else 0.2 for k in range(count)]
     paths = _recorded(setting, 'bags_payload_pushes', [
-        td.StimulusSpec(mass, size.seconds, 100.0, 1.0, 'aprbs', *seed, size.each, held=True)
+        td.StimulusSpec(mass, size.seconds, 100.0, 1.0, *seed, size.each, held=True)
         for mass, seed in zip(known, seeds, strict=True)])
     total = found = reported = 0
     latency = []

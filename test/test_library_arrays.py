@@ -96,9 +96,9 @@ CALLS = {
     'load of an arm': lambda m: td.with_payload(m['arm'], NUMBER),
     'loads': lambda m: random_loads(1, NUMBER, 0.0, 0),
     'pushes': lambda m: random_pushes(m['arm'], m['mechanism'], 1, NUMBER, 0),
-    'stimulus': lambda m: td.stimulus_motion(m['arm'], 'aprbs', NUMBER, 0, 1e-3),
-    'stimulus dt': lambda m: td.stimulus_motion(m['arm'], 'aprbs', 10.0, 0, 1e-300),
-    'stimulus dt 0': lambda m: td.stimulus_motion(m['arm'], 'fourier', 10.0, 0, 0.0),
+    'stimulus': lambda m: td.stimulus_motion(m['arm'], NUMBER, 0, 1e-3),
+    'stimulus dt': lambda m: td.stimulus_motion(m['arm'], 10.0, 0, 1e-300),
+    'stimulus dt 0': lambda m: td.stimulus_motion(m['arm'], 10.0, 0, 0.0),
     'prepare': lambda m: td.prepare(recorded(q=np.full((300, 2), np.nan)), PreprocessingSpec()),
     'prepare effort': lambda m: td.prepare(recorded(effort=np.zeros((9, 2))), PreprocessingSpec()),
 }

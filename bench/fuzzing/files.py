@@ -100,7 +100,7 @@ class Plans:
     """Folders of `tudor excite`: compared with a fit, and played in simulation."""
 
     memory = 1 << 30
-    samples = ('fourier', 'aprbs')
+    samples = ('rigid',)
 
     def __init__(self, folder, root):
         """Plan a short motion of each kind, and fit a bag of the same arm."""
@@ -109,7 +109,7 @@ class Plans:
         self._files = {}
         for kind in self.samples:
             with contextlib.redirect_stdout(io.StringIO()):
-                code = main(['excite', self._arm.source, '--floor', '-2', '--kind', kind,
+                code = main(['excite', self._arm.source, '--floor', '-2', '--for', kind,
                              '--seconds', '10', '--rate', '20', '--steps', '9', '--out',
                              str(folder / kind)])
             if code:

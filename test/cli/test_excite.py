@@ -74,11 +74,38 @@ def test_plan_record_fit(
     assert {item['output'] for item in found['parameters']} == {'effort', 'strain'}
 
     # that model says noise and friction of the next plan
-    assert excite(root, tmp_path / 'next', '--model', str(tmp_path / 'model'), '--kind',
-                  'aprbs') == 0
+    assert excite(root, tmp_path / 'next', '--model', str(tmp_path / 'model')) == 0
     head = json.loads((tmp_path / 'next' / 'plan.json').read_text())
     assert head['noise_of'] == 'residuals' and head['noise_stated']
     assert max(head['part_of_limits']['effort'].values()) > 0.0
+
+
+def test_moves_for_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Moves with rests within the limits; what they do not push is said, and in the plan."""
+    described_arm(tmp_path, currents=False)
+    arm = tmp_path / 'robot.yaml'
+    words = {'name': 'robot', 'kinematics': {'urdf': 'robot.urdf'}, 'joints': [
+        {'name': name, 'effort': {'topic': 'joint_states', 'unit': 'N m'},
+         'limits': {'acceleration': 6.0}} for name in JOINTS]}
+    arm.write_text(json.dumps(words))
+    call = ['excite', str(arm), '--for', 'vibration', '--floor', '0', '--seconds', '16', '--steps',
+            '4', '--out']
+    assert main([*call, str(tmp_path / 'plan')]) == 0
+    said = unwrapped(capsys.readouterr().out)
+    head = json.loads((tmp_path / 'plan' / 'plan.json').read_text())
+    assert head['kind'] == 'moves' and head['expected'] == [] and head['gain_over_random'] is None
+    assert 'moves: 3, each with a rest of 3.5 s' in said and 'standard errors' not in said
+    assert ('are pushed' in said) == bool(head['hidden'])
+    plan = read_trajectory(tmp_path / 'plan' / 'trajectory.csv')
+    assert max(head['part_of_limits']['velocity'].values()) <= 1.0 + 1e-6
+    for first in (0, 500, 1000):
+        assert np.ptp(plan.q[first:first + 150], axis=0).max() > 0.1
+        assert not plan.dq[first + 180:first + 500].any()
+    for joint in words['joints']:
+        joint['effort']['unit'] = 'A'
+    arm.write_text(json.dumps(words))
+    assert main([*call, str(tmp_path / 'other')]) == 2
+    assert 'leave vibration out' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('options', 'said'), [

@@ -389,7 +389,8 @@ def test_a_flexible_tool_with_the_models(
     assert main(words) == 0
     said = ' '.join(capsys.readouterr().out.split())
     assert ('tool: rings at 3 Hz without gravity, damping ratio 0.02, 0.5 kg at 0.3 m, by 4 rests '
-            'after measured motion; these moves do not show rotation') in said
+            'after measured motion; these moves do not show rotation, moves of tudor excite '
+            '--for vibration do') in said
     assert load_bundle(tmp_path / 'm').tool == tool
     arm = load_arm(root / 'config/two_blade_arm.yaml')
     bare = library.fit(words[1], arm, settings=FitSettings(tool=True), bare=True)

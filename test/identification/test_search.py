@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +29,11 @@ from tudor_dynamics.errors import SignalError
 from tudor_dynamics.identification.excitation import (
     Bounds, Efforts, Information, known_efforts, series, TOUCH)
 from tudor_dynamics.identification.excitation_plan import (
-    best_aprbs, best_series, bounds_of, make_plan, Order, target_of_arm)
-from tudor_dynamics.signals.motion_profile import fourier_motion, motion_limits
+    bounds_of, make_moves, make_plan, Order, random_series, target_of_arm)
+from tudor_dynamics.identification.tool import pushes, sizes_of
+from tudor_dynamics.models.flexible_tool import flange_motion
+from tudor_dynamics.signals.filters import MotionState
+from tudor_dynamics.signals.motion_profile import motion_limits
 
 URDF = """<robot name="box">
 <link name="base"><collision><origin xyz="0 0 0.2"/><geometry>
@@ -96,8 +100,8 @@ def test_within_limits_and_better_than_chance():
     assert (moved.q >= bounds.range.lower - 1e-9).all()
     assert (moved.q <= bounds.range.upper + 1e-9).all()
     information = Information(wanted.models, wanted.noise.size)
-    chance = [information.cost(fourier_motion(
-        bounds.range, limits, 30.0, seed, 0.01).motion[::5])[0] for seed in range(3)]
+    chance = [information.cost(random_series(bounds.range, limits, Order(
+        30.0, 1.0, 0.01, 1, seed)).motion[::5])[0] for seed in range(3)]
     own = information.cost(np.hstack([moved.q, moved.dq, moved.ddq])[::5])[0]
     assert own < min(chance) - np.log(2.0)
 
@@ -121,17 +125,32 @@ def test_a_search_can_be_ended():
     assert len(calls) == 3 and plan.beyond.velocity.max() <= 1.0 + 1e-9
 
 
-@pytest.mark.parametrize('kind', [best_series, best_aprbs])
+@pytest.mark.parametrize('kind', ['series', 'moves'])
 def test_links_do_not_touch(kind, tmp_path):
     """Both kinds keep clear of the column that their range leads into."""
     arm = box_arm(tmp_path)
     wanted, links = target(arm), SelfCollision(arm)
     assert links.near(np.array([0.0, 2.8]), 0.1).distance < 0.0  # the fore-arm in the column
-    bounds = bounds_of(wanted, links)
-    reference = kind(Information(wanted.models, wanted.noise.size), bounds, Order(
-        12.0, 0.7, 0.02, 15 if kind is best_series else 60, 1))
-    found = bounds.beyond(reference.motion)
-    assert found.clearance >= TOUCH and np.ptp(reference.q, axis=0).min() > 0.5
+    order = Order(12.0, 0.7, 0.02, 15, 1)
+    plan = (make_plan(wanted, order, links=links) if kind == 'series' else
+            make_moves(wanted, order, [3.0], links=links))
+    assert plan.beyond.clearance >= TOUCH and np.ptp(plan.trajectory.q, axis=0).min() > 0.4
+
+
+def test_moves_push_a_tool_each_way():
+    """Those that are chosen leave no direction out, and push more than those at random."""
+    wanted, order = target(six_joints()), Order(25.0, 1.0, 0.01, 40, 3)
+
+    def shown(found):
+        t = np.arange(2500) * 0.01
+        motion = MotionState(*(getattr(found.trajectory, name) for name in ('q', 'dq', 'ddq')))
+        rows = pushes(flange_motion(wanted.arm, t, motion), 2.0, np.arange(0.0, 25.1, 5.0))
+        return np.exp(np.mean(np.log([*sizes_of(rows).values()])))
+    plan = make_moves(wanted, order, [2.0])
+    assert not plan.hidden and len(plan.trajectory.t) == 2500
+    random = [shown(make_moves(wanted, replace(order, steps=1, seed=seed), [2.0]))
+              for seed in range(4)]
+    assert shown(plan) > max(*random, 1.2 * np.mean(random))
 
 
 def test_efforts_stay_within_their_limits(tmp_path):

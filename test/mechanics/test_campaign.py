@@ -38,7 +38,7 @@ from tudor_dynamics.mechanics.mechanism import build_mechanism
 def spec(**changes: object) -> StimulusSpec:
     """Give a short stimulus."""
     values = {'payload': 0.2, 'seconds': 9.0, 'rate': 100.0, 'damping': 1.0,
-              'excitation': 'aprbs', 'motion_seed': 1, 'noise_seed': 2, 'push_seed': 3,
+              'motion_seed': 1, 'noise_seed': 2, 'push_seed': 3,
               'pushes': 2, **changes}
     return StimulusSpec(**values)  # type: ignore[arg-type]
 
@@ -124,7 +124,7 @@ def test_recorded_motion_stays_within_the_limits(root: Path, payload: float) -> 
     arm = load_arm(root / 'config' / 'tudor.yaml')
     limits = hard_limits(arm)
     loop = ClosedLoop(with_payload(arm, payload), seed=1)
-    reference = stimulus_motion(arm, 'aprbs', 25.0, stimulus_seeds(4, 0)[0], loop.dt)
+    reference = stimulus_motion(arm, 25.0, stimulus_seeds(4, 0)[0], loop.dt)
     loop.reset(reference.q[0])
     seen = loop.run(reference.q, reference.dq)
     assert np.ptp(seen.q, axis=0).min() > np.radians(60.0)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""APRBS and Fourier series: range, clock, coverage, limits, seeds."""
+"""APRBS: range, clock, coverage, limits, seeds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.motion_profile import (
-    aprbs, aprbs_motion, binary_sequence, fourier_motion, joint_range, motion_limits)
+    aprbs, aprbs_motion, binary_sequence, joint_range, motion_limits)
 
 BOUNDS = Limits(np.radians([13.0, -80.0]), np.radians([178.0, 80.0]), np.full(2, 1.2),
                 np.full(2, 3.5))
@@ -80,21 +80,3 @@ def test_motion_keeps_to_limits(root: Path) -> None:
         assert (np.abs(seen.ddq) <= limits.acceleration * (1 + 1e-9)).all()
         assert (seen.q >= bounds.lower - 1e-9).all() and (seen.q <= bounds.upper + 1e-9).all()
         assert np.ptp(seen.q, axis=0).min() > 0.7 * (bounds.upper - bounds.lower).min()
-
-
-def test_fourier_series() -> None:
-    """Derivatives are exact, limits kept, ends at rest, and the band is what was asked for."""
-    limits = BOUNDS
-    seen = fourier_motion(BOUNDS, limits, 40.0, 5, 1e-3)
-    np.testing.assert_allclose(np.gradient(seen.q, 1e-3, axis=0)[1:-1], seen.dq[1:-1], atol=1e-5)
-    np.testing.assert_allclose(np.gradient(seen.dq, 1e-3, axis=0)[1:-1], seen.ddq[1:-1],
-                               atol=1e-4)
-    assert (np.abs(seen.dq) <= limits.velocity + 1e-12).all()
-    assert (np.abs(seen.ddq) <= limits.acceleration + 1e-12).all()
-    assert (seen.q >= BOUNDS.lower - 1e-12).all() and (seen.q <= BOUNDS.upper + 1e-12).all()
-    assert not seen.dq[0].any() and np.abs(seen.dq[-1]).max() < 1e-5
-    power = np.abs(np.fft.rfft(seen.q - seen.q.mean(axis=0), axis=0)) ** 2
-    low = np.fft.rfftfreq(len(seen.q), 1e-3) < 0.7
-    assert power[low].sum() > 0.995 * power.sum()
-    with pytest.raises(SignalError, match='at least'):
-        fourier_motion(BOUNDS, limits, 20.0, 5, 1e-3)

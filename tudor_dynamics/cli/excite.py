@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 import math
 from pathlib import Path
 import time
@@ -31,12 +32,13 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import whole
 from tudor_dynamics.identification.excitation import CLEARANCE, ExpectedError, mean_error
 from tudor_dynamics.identification.excitation_plan import (
-    bounds_of, default_highest, KINDS, make_plan, Order, PICTURE, Plan,
-    plan_head, STAGES, Target, target_of_arm, target_of_model, write_plan)
+    default_highest, make_moves, make_plan, MOVE, Order, PICTURE, Plan, plan_head,
+    random_series, REST, STAGES, Target, target_of_arm, target_of_model, UNKNOWN, write_plan)
 from tudor_dynamics.identification.next_steps import Comparison, Promise
+from tudor_dynamics.identification.tool import check_efforts
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.regressor import output_units
-from tudor_dynamics.signals.motion_profile import fourier_motion, joint_range, motion_limits
+from tudor_dynamics.signals.motion_profile import joint_range, motion_limits
 from tudor_dynamics.typing import FloatArray
 
 
@@ -77,6 +79,9 @@ examples:
         other noise for single joints and gauges, in their units
   tudor excite my_arm.yaml --floor 0 --out plan --model MODEL
         noise, friction and filters of an earlier fit, and efforts by its model
+  tudor excite my_arm.yaml --floor 0 --out plan --for vibration
+        moves with rests, of which tudor fit RUN --models analytical vibration learns how a tool
+        rings; with --model, at the frequency of the tool that it has
   tudor excite my_arm.yaml --box -0.9 0.9 -0.9 0.9 0 1.5 --out plan --srdf my_arm.srdf \\
       --meshes my_workspace/src
 
@@ -93,8 +98,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor excite``."""
     parser.add_argument('arm', metavar='ARM', help='arm description with limits')
     parser.add_argument('--out', required=True, metavar='FOLDER', help='folder to be made')
-    parser.add_argument('--kind', choices=KINDS, default='fourier',
-                        help='kind of motion (default: fourier)')
+    parser.add_argument('--for', choices=('rigid', 'vibration'), default='rigid', dest='purpose',
+                        help='show masses and friction by a Fourier series, or a flexible tool by '
+                             'moves with rests (default: rigid)')
     parser.add_argument('--seconds', type=float, default=60.0, metavar='S',
                         help='length, with a second of rest at both ends (default: 60)')
     parser.add_argument('--rate', type=float, default=100.0, metavar='HZ',
@@ -123,8 +129,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                        help='where packages with meshes are')
     search = parser.add_argument_group('search')
     search.add_argument('--steps', type=int, metavar='N',
-                        help='steps of each of three stages, or draws of an APRBS (default: 60; '
-                             '600)')
+                        help='steps of each of three stages, or draws of each move (60)')
     search.add_argument('--budget', type=float, metavar='S',
                         help='end the search after this time, with the best so far')
     search.add_argument('--seed', type=int, default=0, metavar='N',
@@ -179,32 +184,42 @@ def run(args: argparse.Namespace) -> int:
     """Search, say what is to be expected, write."""
     _check(args)
     arm = load_arm(args.arm)
-    target = (target_of_arm(arm, _noise(args, arm)) if args.model is None else
-              target_of_model(load_bundle(args.model, arm=arm), arm))
+    rigid, frequencies = args.purpose == 'rigid', list(UNKNOWN)
+    if not rigid:
+        check_efforts(arm)
+    if args.model is None:
+        target = target_of_arm(arm, _noise(args, arm))
+    else:
+        bundle = load_bundle(args.model, arm=arm)
+        target = target_of_model(bundle, arm)
+        frequencies = frequencies if bundle.tool is None else bundle.tool.frequencies[:1]
     motion_limits(arm)  # missing ones are named before shapes are read
     links = SelfCollision(arm, tuple(map(Path, args.meshes)),
                           None if args.srdf is None else Path(args.srdf),
                           walls_of(arm, args.floor, args.box), args.radius)
-    steps = args.steps or (60 if args.kind == 'fourier' else 600)
+    steps = args.steps or 60
     order = Order(args.seconds, args.highest or default_highest(arm), 1.0 / args.rate, steps,
                   args.seed)
     begun, cut = time.perf_counter(), False
-    with bar(steps * (len(STAGES) if args.kind == 'fourier' else 1),
-             'search, mean error {task.description}', BarColumn(), TimeElapsedColumn()) as advance:
+    with bar(steps * len(STAGES) if rigid else int(args.seconds / (MOVE + REST)),
+             'search, mean error {task.description}' if rigid else 'search, move by move',
+             BarColumn(), TimeElapsedColumn()) as advance:
         def over(cost: float) -> bool:
             nonlocal cut
             advance(advance=1, description=f'{np.exp(min(cost, 700.0)):.3g}')
             cut = args.budget is not None and time.perf_counter() - begun >= args.budget
             return cut
 
-        plan = make_plan(target, order, kind=args.kind, links=links, report=over)
+        plan = (make_plan(target, order, links=links, report=over) if rigid else
+                make_moves(target, order, frequencies, links=links, report=over))
     seconds = time.perf_counter() - begun
-    gain = _gain(target, plan, order)
+    gain = _gain(target, plan, order) if rigid else math.nan
     stated = bool(args.model or args.noise or args.noise_of)
     head = plan_head(plan, arm, {
-        'kind': args.kind, 'seconds': args.seconds, 'rate': args.rate, 'highest': order.highest,
-        'seed': args.seed, 'steps': steps, 'complete': not cut,
-        'self_collision_pairs': links.pairs, 'gain_over_random': round(gain, 3)}, stated=stated)
+        'kind': 'fourier' if rigid else 'moves', 'seconds': args.seconds, 'rate': args.rate,
+        'highest': order.highest, 'seed': args.seed, 'steps': steps, 'complete': not cut,
+        'self_collision_pairs': links.pairs, 'hidden': list(plan.hidden),
+        'gain_over_random': round(gain, 3) if rigid else None}, stated=stated)
     with whole(Path(args.out), replace=False) as folder:
         folder.mkdir()
         write_plan(folder, plan, head)
@@ -216,24 +231,30 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json({'out': args.out, 'search_seconds': round(seconds, 2), **head})
         return 0
-    _print(target, plan, links, stated=stated)
+    _print_limits(target, plan, links)
     if cut:
         say(f'the search was ended after {seconds:.0f} s; a longer --budget may find better')
-    say(f'standard errors are {gain:.2g} times smaller than those of random Fourier series '
-        'within the same limits (geometric mean)', f'plan: {args.out} (search: {seconds:.1f} s)')
+    if rigid:
+        _print_errors(target, plan, stated=stated)
+        say(f'standard errors are {gain:.2g} times smaller than those of random Fourier series '
+            'within the same limits (geometric mean)')
+    else:
+        say(f'moves: {len(plan.trajectory.t) * order.dt / (MOVE + REST):.0f}, each with a rest of '
+            f'{REST:g} s' + (f'; not all directions of {" and ".join(plan.hidden)} of the flange '
+                             'are pushed' if plan.hidden else ''))
+    say(f'plan: {args.out} (search: {seconds:.1f} s)')
     return 0
 
 
 def _gain(target: Target, plan: Plan, order: Order) -> float:
     """Compare with random motions: mean ratio of standard errors to those of the median one."""
-    bounds = bounds_of(target)
-    costs = [target.information.value(fourier_motion(
-        bounds.range, bounds.limits, order.seconds, order.seed + 1 + seed, order.dt,
-        base=max(0.1, 3.0 / order.seconds)).motion, mean_error) for seed in range(RANDOM)]
+    costs = [target.information.value(random_series(
+        joint_range(target.arm), motion_limits(target.arm), replace(order, seed=order.seed + k),
+    ).motion, mean_error) for k in range(1, RANDOM + 1)]
     return float(np.exp(np.median(costs) - plan.cost))
 
 
-def _print(target: Target, plan: Plan, links: SelfCollision, *, stated: bool) -> None:
+def _print_limits(target: Target, plan: Plan, links: SelfCollision) -> None:
     arm = target.arm
     table = new_table(f'{arm.name}: the motion, in parts of its limits', names=('joint',),
                       figures=('position', 'speed', 'acceleration', 'effort'))
@@ -247,6 +268,9 @@ def _print(target: Target, plan: Plan, links: SelfCollision, *, stated: bool) ->
         say('efforts are not looked at: no limit of them, or nothing of the bodies, is known')
     say(links.note if not links.pairs else
         f'{links.note}; none comes nearer than {1e3 * min(beyond.clearance, CLEARANCE):.0f} mm')
+
+
+def _print_errors(target: Target, plan: Plan, *, stated: bool) -> None:
     table = new_table('what one recording of it will show', names=('parameter', 'unit'),
                       figures=('standard error',))
     for item in plan.expected:
@@ -255,7 +279,7 @@ def _print(target: Target, plan: Plan, links: SelfCollision, *, stated: bool) ->
     print_table(table)
     kind = 'residuals' if plan.noise.residual else 'samples'
     for output, size in plan.noise.size.items():
-        units = output_units(arm, output)
+        units = output_units(target.arm, output)
         say(f'{output}, noise of {kind}: ' + ', '.join(
             f'{name} {value:.3g} {unit}' for (name, unit), value in zip(
               units.items(), size, strict=True)))

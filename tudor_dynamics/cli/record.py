@@ -74,11 +74,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--loads', type=int, default=0, metavar='N',
                         help='loads of 100 to 400 g that are picked up and put down in each '
                              'stimulus; what is carried is in /applied_payload (default: 0)')
-    parser.add_argument('--excitation', choices=('aprbs', 'fourier'), default='aprbs',
-                        help='kind of motion (default: aprbs)')
     parser.add_argument('--trajectory', metavar='PLAN',
                         help='motion to be played in each stimulus, with noise of its own: folder '
-                             'of tudor excite, or CSV; in place of --seconds and --excitation')
+                             'of tudor excite, or CSV; in place of --seconds')
     parser.add_argument('--ideal', nargs='+', default=[], metavar='WHAT',
                         choices=(*Imperfections.names(), 'all'),
                         help=f'leave imperfections out: {", ".join(Imperfections.names())} '
@@ -109,7 +107,7 @@ def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
         args.seconds = round(len(played_motion(arm, trajectory, dt).q) * dt, 6)
     seeds = (stimulus_seeds(args.seed, number) for number in range(args.stimuli))
     return [StimulusSpec(
-        args.payload, args.seconds, args.rate, 0.0 if args.no_damping else 1.0, args.excitation,
+        args.payload, args.seconds, args.rate, 0.0 if args.no_damping else 1.0,
         motion, noise, push, args.pushes, Imperfections(**dict.fromkeys(ideal, False)),
         random_loads(args.loads, args.seconds, args.payload, push), args.held, trajectory)
         for motion, noise, push in seeds]
@@ -154,7 +152,7 @@ def _write_campaign(
     content = {
         'arm': arm.name, 'digest': arm.digest, 'payload': args.payload, 'seed': args.seed,
         'seconds': args.seconds, 'rate': args.rate, 'damping': not args.no_damping,
-        'excitation': args.excitation if args.trajectory is None else 'trajectory',
+        'excitation': 'aprbs' if args.trajectory is None else 'trajectory',
         'ideal': sorted(args.ideal),
         'stimuli': [{**result.content(), 'bag': Path(result.bag).name,
                      'motion_seed': spec.motion_seed}

@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
 import json
 import math
@@ -38,12 +38,14 @@ from tudor_dynamics.identification.dataset import OUTPUTS
 from tudor_dynamics.identification.excitation import (
     Beyond, Bounds, CLEARANCE, Criterion, expected_errors, ExpectedError, Information,
     known_efforts, mean_error, Noise, Series, series)
+from tudor_dynamics.identification.tool import hidden_in, pushes, sizes_of
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.flexible_tool import flange_motion
 from tudor_dynamics.models.friction import sliding
 from tudor_dynamics.models.regressor import regressor_of
 from tudor_dynamics.signals.motion_profile import (
-    aprbs, follow_targets, joint_range, motion_limits, Reference, states, Targets)
+    follow_targets, joint_range, motion_limits, Reference, states)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -52,8 +54,8 @@ from tudor_dynamics.typing import FloatArray
 # A Fourier series has hundreds of coefficients, and the cost exact slopes by them: a quasi-Newton
 # descent (L-BFGS) with penalties for what is beyond the limits, which grow from stage to stage. At
 # its end each joint is scaled into its limits exactly, and the whole motion is drawn towards its
-# middle where efforts or links ask for it. An APRBS is a draw: the best of many, and of changes to
-# the best.
+# middle where efforts or links ask for it. What shows a flexible tool are moves with rests, each
+# the best of many draws for what those before it leave hidden.
 
 STAGES = (10.0, 1e3, 1e4)  # weights of the penalties, one after the other
 SAMPLES, CLOSE_SAMPLES = 4.0, 20.0
@@ -65,7 +67,9 @@ POSES = 100
 """Random poses from which the one with the most room between links is where a search begins."""
 HALVINGS = 12
 CHECKED = 50.0  # rate at which efforts and distances between links are looked at in the end [Hz]
-LOOKED_AT = 20.0  # rate at which a random motion is judged [Hz]
+MOVE, REST = 1.5, 3.5  # longest move, and the rest after it, in which a tool rings [s]
+UNKNOWN = (1.5, 3.0, 5.0)  # frequencies at which a tool is pushed that nobody knows yet [Hz]
+LEAST_PUSH = 1e-6  # what a direction counts that no move of an arm can push
 
 Report = Callable[[float], bool]  # told the cost of each step of a search; answers whether to stop
 
@@ -77,7 +81,7 @@ class Order:
     seconds: float  # length with the rests at its ends [s]
     highest: float  # largest frequency of a Fourier series [Hz]
     dt: float  # sample time of the motion that comes out [s]
-    steps: int  # steps of the descent in each stage, or draws of an APRBS
+    steps: int  # steps of the descent in each stage, or draws of each move
     seed: int  # of where the search begins
 
 
@@ -92,7 +96,7 @@ def best_series(
     shape = basis.sizes.shape
     generator = np.random.default_rng(order.seed)
     x = generator.normal(size=shape) / np.sqrt(shape[0])
-    x[0] = _middle(bounds, basis, generator)
+    x[0] = _middle(bounds, basis.centre, basis.sizes[0], generator)
     from scipy import optimize  # slow to import
 
     stopped = False
@@ -123,7 +127,16 @@ def best_series(
     return _within(fine, x, bounds)
 
 
-def _middle(bounds: Bounds, basis: Series, generator: np.random.Generator) -> FloatArray:
+def random_series(bounds: Limits, limits: Limits, order: Order) -> Reference:
+    """Draw a Fourier series that keeps to positions, speeds and accelerations."""
+    fine = series(bounds, limits, order.seconds, order.highest, order.dt)
+    x = np.random.default_rng(order.seed).normal(size=fine.sizes.shape)
+    return _within(fine, x / math.sqrt(len(x)), Bounds(bounds, limits))
+
+
+def _middle(
+    bounds: Bounds, centre: FloatArray, half: FloatArray, generator: np.random.Generator,
+) -> FloatArray:
     """Choose the pose about which a search begins: that with the most room between links."""
     n = len(bounds.range.lower)
     if bounds.links is None:
@@ -131,7 +144,7 @@ def _middle(bounds: Bounds, basis: Series, generator: np.random.Generator) -> Fl
     best, room = np.zeros(n), -np.inf
     for _ in range(POSES):
         x = generator.uniform(-0.5, 0.5, n)
-        near = bounds.links.near(basis.centre + basis.sizes[0] * x, 10.0 * CLEARANCE)
+        near = bounds.links.near(centre + half * x, 10.0 * CLEARANCE)
         least = float(near.distance.min(initial=10.0 * CLEARANCE))
         if least > room:
             best, room = x, least
@@ -180,60 +193,8 @@ def _within(fine: Series, x: FloatArray, bounds: Bounds) -> Reference:
     return fine.reference(scaled(factor))
 
 
-def best_aprbs(
-    information: Information, bounds: Bounds, order: Order, report: Report = lambda _: False,
-    criterion: Criterion = mean_error,
-) -> Reference:
-    """Find an APRBS that shows parameters well, by draws and by changes to the best of them."""
-    generator = np.random.default_rng(order.seed)
-    samples = int(round(order.seconds / order.dt)) + 1
-    every = max(int(round(1.0 / (LOOKED_AT * order.dt))), 1)
-    best: tuple[tuple[float, float], Targets, Reference] | None = None
-    for draw in range(order.steps):
-        if best is None or draw < order.steps // 3:
-            targets = aprbs(_part(bounds, generator), order.seconds,
-                            int(generator.integers(2**31)),
-                            clock=float(generator.uniform(0.5, 1.5)))
-        else:
-            targets = _changed(best[1], bounds, generator)
-        reference = follow_targets(targets.start, targets.times, targets.values, bounds.limits,
-                                   order.dt, samples)
-        motion = reference.motion[::every]
-        # first what is allowed, then what shows most
-        cost = bounds.beyond(motion).excess, information.value(motion, criterion)
-        if best is None or cost < best[0]:
-            best = (cost, targets, reference)
-        if report(best[0][1]):
-            break
-    if best is None or best[0][0] > 0.0:
-        raise SignalError(f'each of {order.steps} random step motions (APRBS) collides or exceeds '
-                          'effort limits', remedy='use --kind fourier, or reduce joints[].planned')
-    return best[2]
-
-
-def _part(bounds: Bounds, generator: np.random.Generator) -> Limits:
-    """Draw a part of the range, where all of it is more than links and efforts allow."""
-    if bounds.links is None and bounds.efforts is None:
-        return bounds.range
-    size = bounds.range.upper - bounds.range.lower
-    length = size * generator.uniform(0.2, 1.0)
-    lower = bounds.range.lower + generator.uniform(0.0, 1.0, len(size)) * (size - length)
-    return replace(bounds.range, lower=lower, upper=lower + length)
-
-
-def _changed(targets: Targets, bounds: Bounds, generator: np.random.Generator) -> Targets:
-    """Give one joint another target at one time."""
-    j = int(generator.integers(len(targets.values)))
-    values = targets.values[j].copy()
-    values[int(generator.integers(len(values)))] = generator.uniform(
-        bounds.range.lower[j], bounds.range.upper[j])
-    return replace(targets, values=tuple(
-        values if i == j else item for i, item in enumerate(targets.values)))
-
-
 # -- From an arm to the plan of a recording: the motion, what it keeps to, what it will show
 
-KINDS = ('fourier', 'aprbs')
 HIGHEST = 2.0  # largest frequency of a series where links do not bend [Hz]
 
 
@@ -262,6 +223,7 @@ class Plan:
     beyond: Beyond  # how far it goes to the limits
     noise: Noise  # noise that the standard errors are for
     cost: float  # of the motion, by the criterion of the search
+    hidden: Sequence[str] = ()  # directions in which moves do not push a tool
 
 
 def target_of_arm(arm: Arm, noise: dict[str, FloatArray] | None = None) -> Target:
@@ -313,16 +275,63 @@ def bounds_of(target: Target, links: SelfCollision | None = None) -> Bounds:
 
 
 def make_plan(
-    target: Target, order: Order, *, kind: str = 'fourier', links: SelfCollision | None = None,
+    target: Target, order: Order, *, links: SelfCollision | None = None,
     report: Report = lambda _: False, criterion: Criterion = mean_error,
 ) -> Plan:
     """Search for the motion that shows best what is to be identified."""
     bounds = bounds_of(target, links)
-    best = best_series if kind == 'fourier' else best_aprbs
-    reference = best(target.information, bounds, order, report, criterion)
-    return judged(target, Trajectory(
-        target.arm.active_joints, np.asarray(np.arange(len(reference.q)) * reference.dt),
-        reference.q, reference.dq, reference.ddq), bounds, criterion)
+    reference = best_series(target.information, bounds, order, report, criterion)
+    return judged(target, _trajectory(target.arm, reference), bounds, criterion)
+
+
+def make_moves(
+    target: Target, order: Order, frequencies: Sequence[float], *,
+    links: SelfCollision | None = None, report: Report = lambda _: False,
+) -> Plan:
+    """Search for moves with rests that push a tool, which rings at frequencies [Hz], each way."""
+    bounds = bounds_of(target, links)
+    generator, limits = np.random.default_rng(order.seed), bounds.limits
+    half = 0.5 * (bounds.range.upper - bounds.range.lower)
+    q = bounds.range.lower + half * (1.0 + _middle(
+        bounds, bounds.range.lower + half, half, generator))
+    reach = 0.5 * MOVE * np.minimum(limits.velocity, 0.25 * MOVE * limits.acceleration)
+    every, t = max(round(1.0 / (CHECKED * order.dt)), 1), np.arange(0.0, MOVE + REST, order.dt)
+    moves: list[Reference] = []
+    pushed = {frequency: np.zeros((0, 6)) for frequency in frequencies}
+    for _ in range(int(order.seconds / (MOVE + REST))):
+        best: tuple[float, Reference, dict[float, FloatArray]] | None = None
+        for _ in range(order.steps):
+            to = np.clip(q + generator.uniform(-reach, reach), bounds.range.lower,
+                         bounds.range.upper)
+            move = follow_targets(q, [np.zeros(1)] * len(q), list(to[:, None]), limits, order.dt,
+                                  len(t))
+            if bounds.beyond(move.motion[:round(MOVE / order.dt):every]).excess > 0.0:
+                continue
+            flange = flange_motion(target.arm, t, move)
+            rows = {frequency: np.vstack([own, pushes(flange, frequency, np.array([0.0, MOVE]))])
+                    for frequency, own in pushed.items()}
+            shown = sum(float(np.log(np.maximum(size, LEAST_PUSH)).sum())
+                        for each in rows.values() for size in sizes_of(each).values())
+            if best is None or shown > best[0]:
+                best = shown, move, rows
+        if best is None:
+            raise SignalError(f'each of {order.steps} moves from one pose collides or exceeds '
+                              'effort limits', remedy='give another --seed, or reduce '
+                              'joints[].planned')
+        moves.append(best[1])
+        q, pushed = best[1].q[-1], best[2]
+        if report(-best[0]):
+            break
+    motion = np.vstack([move.motion for move in moves])
+    q, dq, ddq = np.split(motion, 3, axis=1)
+    return Plan(_trajectory(target.arm, Reference(q, dq, ddq, order.dt)), [],
+                bounds.beyond(motion), target.noise, 0.0,
+                sorted({name for rows in pushed.values() for name in hidden_in(rows)}))
+
+
+def _trajectory(arm: Arm, motion: Reference) -> Trajectory:
+    return Trajectory(arm.active_joints, np.asarray(np.arange(len(motion.q)) * motion.dt),
+                      motion.q, motion.dq, motion.ddq)
 
 
 def judged(target: Target, trajectory: Trajectory, bounds: Bounds, criterion: Criterion) -> Plan:

@@ -122,8 +122,8 @@ def check_efforts(arm: Arm) -> None:
     unknown = [joint.name for joint in arm.joints if joint.effort.unit == 'A']
     if unknown:
         raise FitError(f'{arm.source}: a flexible tool needs efforts in N m or N; those of '
-                       f'{", ".join(unknown)} are in A', remedy='remove vibration from --models, '
-                       'or give torques')
+                       f'{", ".join(unknown)} are in A', remedy='leave vibration out, or '
+                       'give torques')
 
 
 def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> FlexibleTool:
@@ -282,7 +282,8 @@ class _Search:
         if len(clear) < settings.TOOL_LEAST or 2 * len(clear) < sum(loud):
             raise FitError(f'a flexible tool explains {len(clear)} of {sum(loud)} rests that '
                            f'ring; it needs {settings.TOOL_LEAST}, and half of them',
-                           remedy='record more and faster motion, with rests of 3 s or more')
+                           remedy='record moves of tudor excite --for vibration, or faster '
+                           'ones with rests of 3 s or more')
         covariance = 0.5 * (best.covariance + best.covariance.T)[:-1, :-1]
         mass, length, *others = np.exp(x[6:-1]).tolist()
         return FlexibleTool.model_validate({
@@ -297,16 +298,29 @@ class _Search:
 
     def hidden(self, frequency: float) -> list[str]:
         """Name what hardly moved the flange at the frequency of the tool."""
-        driven = []
-        for one in self.moves:
-            turned = np.exp(2j * math.pi * frequency * one.flange.t)[:, None]
-            lever = [1.0] * 3 + [settings.TOOL_LEVER] * 3
-            whole = np.cumsum(turned * one.flange.motion[:, :6] * lever, axis=0)
-            ends = np.searchsorted(one.flange.t, [0.0, *(rest.t[0] for rest in one.rests)])
-            driven += list(np.diff(whole[np.minimum(ends, len(whole) - 1)], axis=0))
-        rows = np.vstack([np.real(driven), np.imag(driven)])
-        sizes = {name: np.linalg.svd(rows[:, part], compute_uv=False)
-                 for name, part in KINDS.items()}
-        most = max(float(size[0]) for size in sizes.values())
-        return [name for name, size in sizes.items()
-                if len(size) < 3 or size[2] < settings.TOOL_HIDDEN * most]
+        return hidden_in(np.vstack([pushes(one.flange, frequency, np.array(
+            [0.0, *(rest.t[0] for rest in one.rests)])) for one in self.moves]))
+
+
+def pushes(flange: Flange, frequency: float, ends: FloatArray) -> FloatArray:
+    """Give how a flange moves at a frequency between ends (n + 1,) [s]: (2 n, 6), as a lever."""
+    turned = np.exp(2j * math.pi * frequency * flange.t)[:, None]
+    lever = [1.0] * 3 + [settings.TOOL_LEVER] * 3
+    whole = np.cumsum(turned * flange.motion[:, :6] * lever, axis=0)
+    ends = np.minimum(np.searchsorted(flange.t, ends), len(whole) - 1)
+    found = np.diff(whole[ends], axis=0)
+    return np.vstack([np.real(found), np.imag(found)])
+
+
+def sizes_of(rows: FloatArray) -> dict[str, FloatArray]:
+    """Give how much pushes (n, 6) move in three directions, the largest first, of each kind."""
+    return {name: np.asarray(np.linalg.svd(rows[:, part], compute_uv=False))
+            for name, part in KINDS.items()}
+
+
+def hidden_in(rows: FloatArray) -> list[str]:
+    """Name the kinds of which pushes (n, 6) leave a direction out."""
+    sizes = sizes_of(rows)
+    most = max(float(size[0]) for size in sizes.values())
+    return [name for name, size in sizes.items()
+            if len(size) < 3 or size[2] < settings.TOOL_HIDDEN * most]

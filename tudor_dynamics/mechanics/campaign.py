@@ -43,8 +43,7 @@ from tudor_dynamics.mechanics.hardware import (
 from tudor_dynamics.mechanics.mechanism import beam_axes, Mechanism
 from tudor_dynamics.mechanics.run import FIRST_STAMP
 from tudor_dynamics.parallel import Count, in_processes
-from tudor_dynamics.signals.motion_profile import (
-    aprbs_motion, fourier_motion, joint_range, motion_limits, Reference, states)
+from tudor_dynamics.signals.motion_profile import aprbs_motion, Reference, states
 from tudor_dynamics.typing import FloatArray
 
 
@@ -165,16 +164,14 @@ def stimulus_seeds(seed: int, stimulus: int) -> tuple[int, int, int]:
     return int(state[0]), int(state[1]), int(state[2])
 
 
-def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: float) -> Reference:
+def stimulus_motion(arm: Arm, seconds: float, seed: int, dt: float) -> Reference:
     """
-    Make the motion of a stimulus.
+    Make the motion of a stimulus, an APRBS.
 
     Parameters
     ----------
     arm : Arm
         Arm with limits.
-    excitation : {'aprbs', 'fourier'}
-        Kind of motion.
     seconds : float
         Length of the motion [s].
     seed : int
@@ -184,9 +181,7 @@ def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: fl
 
     """
     check_budget(f'{seconds:g} s at steps of {dt:g} s', seconds / dt if dt > 0.0 else math.nan)
-    if excitation == 'aprbs':
-        return aprbs_motion(arm, seconds, seed, dt)
-    return fourier_motion(joint_range(arm), motion_limits(arm), seconds, seed, dt)
+    return aprbs_motion(arm, seconds, seed, dt)
 
 
 def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
@@ -226,8 +221,6 @@ class StimulusSpec:
         Of the messages [Hz].
     damping : float
         Part of the damper's gains, 0 for none.
-    excitation : {'aprbs', 'fourier'}
-        Kind of motion.
     motion_seed, noise_seed, push_seed : int
         Of motion, noise and pushes.
     pushes : int
@@ -247,7 +240,6 @@ class StimulusSpec:
     seconds: float
     rate: float
     damping: float
-    excitation: str
     motion_seed: int
     noise_seed: int
     push_seed: int
@@ -288,7 +280,7 @@ def record_stimulus(
                       imperfections=spec.imperfections, seed=spec.noise_seed)
     every = steps_per_message(loop.dt, spec.rate)
     reference = (
-        stimulus_motion(arm, spec.excitation, spec.seconds, spec.motion_seed, loop.dt)
+        stimulus_motion(arm, spec.seconds, spec.motion_seed, loop.dt)
         if spec.trajectory is None else played_motion(arm, spec.trajectory, loop.dt))
     pushes = random_pushes(arm, loop.plant.mechanism, spec.pushes, spec.seconds, spec.push_seed,
                            held=spec.held)

@@ -232,7 +232,8 @@ class FlexibleTool(BundlePart):
 
     def __str__(self) -> str:
         """Write the modes, and what the moves did not show."""
-        hidden = f'; these moves do not show {" or ".join(self.hidden)}' if self.hidden else ''
+        hidden = (f'; these moves do not show {" or ".join(self.hidden)}, moves of tudor excite '
+                  '--for vibration do' if self.hidden else '')
         each = (f'{" and ".join(f"{value:.{digits}g}" for value in values)}' for values, digits in
                 ((self.frequencies, 3), (self.damping, 2)))
         return (f'rings at {next(each)} Hz without gravity, damping ratio {next(each)}, '

@@ -465,38 +465,6 @@ def aprbs_motion(arm: Arm, duration: float, seed: int, dt: float) -> Reference:
                           int(round(duration / dt)))
 
 
-def fourier_motion(
-    bounds: Limits, limits: Limits, duration: float, seed: int, dt: float, *,
-    base: float = 0.1, harmonics: int = 5,
-) -> Reference:
-    """Make a random band-limited Fourier series of a base [Hz] that starts and ends at rest."""
-    ramp = 1.0 / base
-    if harmonics < 1 or duration < 3.0 * ramp:
-        raise SignalError(f'a Fourier series of {duration:g} s with {harmonics} harmonics of '
-                          f'{base:g} Hz needs {3.0 * ramp:g} s or more, and at least one harmonic')
-    rng = np.random.default_rng(seed)
-    t = np.asarray(np.arange(int(round(duration / dt))) * dt, dtype=np.float64)
-    w = 2.0 * np.pi * base * np.arange(1, harmonics + 1)[:, None]
-    window = fade(t, duration, ramp)
-    q, dq, ddq = (np.zeros((len(t), len(bounds.lower))) for _ in range(3))
-    for j in range(len(bounds.lower)):
-        a, b = rng.standard_normal((2, harmonics, 1))
-        s = (a / w * np.sin(w * t) - b / w * np.cos(w * t)).sum(axis=0)
-        ds = (a * np.cos(w * t) + b * np.sin(w * t)).sum(axis=0)
-        dds = (-a * w * np.sin(w * t) + b * w * np.cos(w * t)).sum(axis=0)
-        parts = (window[0] * s, window[1] * s + window[0] * ds,
-                 window[2] * s + 2.0 * window[1] * ds + window[0] * dds)
-        half = 0.5 * (bounds.upper[j] - bounds.lower[j])
-        scale = min(half / np.abs(parts[0]).max(), limits.velocity[j] / np.abs(parts[1]).max(),
-                    limits.acceleration[j] / np.abs(parts[2]).max())
-        # Where the range is not used up, the centre may lie anywhere in what is left.
-        left = half - scale * np.abs(parts[0]).max()
-        centre = 0.5 * (bounds.upper[j] + bounds.lower[j]) + rng.uniform(-left, left)
-        q[:, j] = centre + scale * parts[0]
-        dq[:, j], ddq[:, j] = scale * parts[1], scale * parts[2]
-    return Reference(q, dq, ddq, dt)
-
-
 def fade(t: FloatArray, duration: float, ramp: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Fade in and out along a quintic, at rest outside: window, first and second derivative."""
     x = np.clip(np.minimum(t, duration - t) / ramp, 0.0, 1.0)
