@@ -48,9 +48,9 @@ from tudor_dynamics.identification.excitation import (  # noqa: E402
     covariance_of, Information, mean_error, played)
 from tudor_dynamics.identification.excitation_plan import (  # noqa: E402
     best_series, bounds_of, default_highest, make_plan, Order, random_series, target_of_arm)
+from tudor_dynamics.mechanics.campaign import stimulus_motion  # noqa: E402
 from tudor_dynamics.models.analytical import AnalyticalModel  # noqa: E402
 from tudor_dynamics.models.regressor import base_sets, random_inputs  # noqa: E402
-from tudor_dynamics.signals.motion_profile import aprbs_motion  # noqa: E402
 from tudor_dynamics.signals.preprocessing import prepare  # noqa: E402
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
@@ -158,7 +158,7 @@ def random_motions(arm, bounds):
                 bounds.range, bounds.limits, Order(SECONDS, 0.5, DT, 1, seed))),
             ('Fourier, 1 Hz', lambda seed: random_series(
                 bounds.range, bounds.limits, Order(SECONDS, 1.0, DT, 1, seed))),
-            ('APRBS', lambda seed: aprbs_motion(arm, SECONDS, seed, DT))):
+            ('APRBS', lambda seed: stimulus_motion(arm, SECONDS, seed, DT))):
         yield name, [make(seed).motion[::EVERY] for seed in range(RANDOM)]
 
 

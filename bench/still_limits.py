@@ -81,7 +81,7 @@ def drawn(random: np.random.Generator) -> FlexibleTool:
         'length': max(random.uniform(0.25, 0.5), 3.0 * 9.81 / (2.0 * np.pi * frequency) ** 2),
         'frequencies': [frequency, frequency * random.uniform(1.0, 1.8)][:planes],
         'damping': [0.02] * planes, 'covariance': np.diag([1e-6] * (8 + 2 * planes)).tolist(),
-        'quiet': 0.02, 'scatter': 0.05, 'hidden': []})
+        'quiet': 0.02, 'scatter': 0.05, 'pushed': np.eye(6).tolist()})
 
 
 def largest(q: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -42,7 +42,8 @@ RATE = 200.0
 KNOWN = FlexibleTool.model_validate({
     'motion': 'planned', 'rests': 9, 'turn': TURN.tolist(), 'place': PLACE.tolist(), 'mass': MASS,
     'length': LENGTH, 'frequencies': FREQUENCIES, 'damping': [DAMPING, DAMPING],
-    'covariance': np.diag([1e-6] * 12).tolist(), 'quiet': 0.02, 'scatter': 0.01, 'hidden': []})
+    'covariance': np.diag([1e-6] * 12).tolist(), 'quiet': 0.02, 'scatter': 0.01,
+    'pushed': np.eye(6).tolist()})
 
 
 def moves(seed: int, count: int = 4, rest: float = 5.0) -> FloatArray:

@@ -383,14 +383,15 @@ def test_a_flexible_tool_with_the_models(
     tool = FlexibleTool.model_validate({
         'motion': 'measured', 'rests': 4, 'turn': [0.3, 0.2, 0.1], 'place': [0.1, 0.0, 0.3],
         'mass': 0.5, 'length': 0.3, 'frequencies': [3.0], 'damping': [0.02],
-        'covariance': np.eye(10).tolist(), 'quiet': 0.02, 'scatter': 0.1, 'hidden': ['rotation']})
+        'covariance': np.eye(10).tolist(), 'quiet': 0.02, 'scatter': 0.1,
+        'pushed': np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]).tolist()})
     monkeypatch.setattr(library, 'check_efforts', lambda arm: None)
     monkeypatch.setattr(loads, 'tool_of_bags', lambda arm, bags, model: tool)
     assert main(words) == 0
     said = ' '.join(capsys.readouterr().out.split())
     assert ('tool: rings at 3 Hz without gravity, damping ratio 0.02, 0.5 kg at 0.3 m, by 4 rests '
-            'after measured motion; these moves do not show rotation, moves of tudor excite '
-            '--for vibration do') in said
+            'after measured motion; these moves do not show rotation: see tudor excite '
+            '--for vibration') in said
     assert load_bundle(tmp_path / 'm').tool == tool
     arm = load_arm(root / 'config/two_blade_arm.yaml')
     bare = library.fit(words[1], arm, settings=FitSettings(tool=True), bare=True)

@@ -30,8 +30,7 @@ from tudor_dynamics.identification.excitation import (
     Bounds, Efforts, Information, known_efforts, series, TOUCH)
 from tudor_dynamics.identification.excitation_plan import (
     bounds_of, make_moves, make_plan, Order, random_series, target_of_arm)
-from tudor_dynamics.identification.tool import pushes, sizes_of
-from tudor_dynamics.models.flexible_tool import flange_motion
+from tudor_dynamics.models.flexible_tool import flange_motion, pushes, sizes_of, square
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import motion_limits
 
@@ -145,7 +144,7 @@ def test_moves_push_a_tool_each_way():
         t = np.arange(2500) * 0.01
         motion = MotionState(*(getattr(found.trajectory, name) for name in ('q', 'dq', 'ddq')))
         rows = pushes(flange_motion(wanted.arm, t, motion), 2.0, np.arange(0.0, 25.1, 5.0))
-        return np.exp(np.mean(np.log([*sizes_of(rows).values()])))
+        return np.exp(np.mean(np.log([*sizes_of(square(rows)).values()])))
     plan = make_moves(wanted, order, [2.0])
     assert not plan.hidden and len(plan.trajectory.t) == 2500
     random = [shown(make_moves(wanted, replace(order, steps=1, seed=seed), [2.0]))

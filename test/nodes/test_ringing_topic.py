@@ -34,7 +34,8 @@ def test_amplitudes_of_all_joints(world: World, root: Path, model: Path, tmp_pat
     bundle.tool = FlexibleTool.model_validate({
         'motion': 'planned', 'rests': 9, 'turn': [0.3, 0.2, 0.1], 'place': [0.1, 0.0, 0.3],
         'mass': 0.5, 'length': 0.3, 'frequencies': [3.0, 3.0], 'damping': [0.02, 0.02],
-        'covariance': np.eye(12).tolist(), 'quiet': 1e-4, 'scatter': 0.1, 'hidden': []})
+        'covariance': np.eye(12).tolist(), 'quiet': 1e-4, 'scatter': 0.1,
+        'pushed': np.eye(6).tolist()})
     save_bundle(bundle, tmp_path / 'model')
     recording = read_recording(root / 'bags/two_blade_test',
                                load_arm(root / 'config/two_blade_arm.yaml'))

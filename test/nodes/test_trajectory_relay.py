@@ -258,7 +258,7 @@ def tool_bundle(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         'motion': 'planned', 'rests': 9, 'turn': [0.0, 0.0, 0.0], 'place': [0.0, 0.0, 0.3],
         'mass': 1.0, 'length': 0.3, 'frequencies': [2.0], 'damping': [0.05],
         'covariance': np.diag([1e-6] * 10).tolist(), 'quiet': 0.02, 'scatter': 0.01,
-        'hidden': []})), path)
+        'pushed': np.eye(6).tolist()})), path)
     return path
 
 

@@ -25,13 +25,13 @@ import pytest
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.errors import ModelError
+from tudor_dynamics.mechanics.campaign import stimulus_motion
 from tudor_dynamics.mechanics.closed_loop import ClosedLoop
 from tudor_dynamics.mechanics.hardware import Push
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.contact import ContactEstimate, ContactEstimator
 from tudor_dynamics.online.contact_fronts import link_axes, RigidFront, Span, spans_of
-from tudor_dynamics.signals.motion_profile import aprbs_motion
 from tudor_dynamics.typing import FloatArray
 
 POSE = np.array([0.7, -0.5])
@@ -89,7 +89,7 @@ def test_pushes_of_a_ringing_arm_are_told_on_the_link_they_are_on() -> None:
     """The inner link is told, though the outer one has more freedom to explain what rings."""
     arm = tudor()
     loop = ClosedLoop(arm, damping=0.0, seed=3)
-    motion = aprbs_motion(arm, 21.0, 3, loop.dt)
+    motion = stimulus_motion(arm, 21.0, 3, loop.dt)
     places = (0.28, 0.31, 0.34, 0.37)
     pushes = [Push(3.0 + 2.0 * k, 0.6, 'joint2', places[k % 4], (4.0, 0.0, 6.0 * (-1.0) ** k))
               for k in range(9)]

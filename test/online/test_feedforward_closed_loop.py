@@ -24,6 +24,7 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.cascade import INTEGRAL, INTEGRAL_GAIN
+from tudor_dynamics.mechanics.campaign import stimulus_motion
 from tudor_dynamics.mechanics.closed_loop import ClosedLoop
 from tudor_dynamics.mechanics.hardware import with_payload
 from tudor_dynamics.mechanics.run import Probe
@@ -31,7 +32,7 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.online.feedforward import Feedforward
-from tudor_dynamics.signals.motion_profile import aprbs_motion, denser
+from tudor_dynamics.signals.motion_profile import denser
 
 EVERY = 20
 """Steps of the loop between two points of a trajectory, 10 ms."""
@@ -53,7 +54,7 @@ def loop(arm: Arm) -> ClosedLoop:
 
 def wanted(arm: Arm, seed: int, dt: float) -> Trajectory:
     """Plan ten seconds of steps."""
-    motion = aprbs_motion(arm, 10.0, seed, dt)
+    motion = stimulus_motion(arm, 10.0, seed, dt)
     q, dq, ddq = (part[::EVERY] for part in (motion.q, motion.dq, motion.ddq))
     return Trajectory(arm.active_joints, np.arange(len(q)) * EVERY * dt, q, dq, ddq)
 

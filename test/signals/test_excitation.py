@@ -24,9 +24,10 @@ import pytest
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.mechanics.campaign import stimulus_motion
 from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.motion_profile import (
-    aprbs, aprbs_motion, binary_sequence, joint_range, motion_limits)
+    aprbs, binary_sequence, joint_range, motion_limits)
 
 BOUNDS = Limits(np.radians([13.0, -80.0]), np.radians([178.0, 80.0]), np.full(2, 1.2),
                 np.full(2, 3.5))
@@ -75,7 +76,7 @@ def test_motion_keeps_to_limits(root: Path) -> None:
     arm = load_arm(root / 'config' / 'tudor.yaml')
     bounds, limits = joint_range(arm), motion_limits(arm)
     for seed in range(4):
-        seen = aprbs_motion(arm, 80.0, seed, 2e-3)
+        seen = stimulus_motion(arm, 80.0, seed, 2e-3)
         assert (np.abs(seen.dq) <= limits.velocity * (1 + 1e-9)).all()
         assert (np.abs(seen.ddq) <= limits.acceleration * (1 + 1e-9)).all()
         assert (seen.q >= bounds.lower - 1e-9).all() and (seen.q <= bounds.upper + 1e-9).all()

@@ -134,10 +134,8 @@ def live_topics() -> Iterator[Check]:
         yield Check('live topics', 'not heard', f'rclpy does not run ({err}): mend the '
                     'installation of ROS 2')
         return
-    if not heard:
-        yield Check('live topics', 'no joint states')
-    for topic, found in heard.items():
-        yield _live_topic(topic, **found)
+    yield from ([_live_topic(topic, **found) for topic, found in heard.items()]
+                or [Check('live topics', 'no joint states')])
 
 
 def _live_topic(

@@ -128,7 +128,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     links.add_argument('--meshes', nargs='+', default=[], metavar='DIR', action='extend',
                        help='where packages with meshes are')
     search = parser.add_argument_group('search')
-    search.add_argument('--steps', type=int, metavar='N',
+    search.add_argument('--steps', type=int, default=60, metavar='N',
                         help='steps of each of three stages, or draws of each move (60)')
     search.add_argument('--budget', type=float, metavar='S',
                         help='end the search after this time, with the best so far')
@@ -184,24 +184,19 @@ def run(args: argparse.Namespace) -> int:
     """Search, say what is to be expected, write."""
     _check(args)
     arm = load_arm(args.arm)
-    rigid, frequencies = args.purpose == 'rigid', list(UNKNOWN)
+    rigid, bundle = args.purpose == 'rigid', args.model and load_bundle(args.model, arm=arm)
     if not rigid:
         check_efforts(arm)
-    if args.model is None:
-        target = target_of_arm(arm, _noise(args, arm))
-    else:
-        bundle = load_bundle(args.model, arm=arm)
-        target = target_of_model(bundle, arm)
-        frequencies = frequencies if bundle.tool is None else bundle.tool.frequencies[:1]
+    target = target_of_model(bundle, arm) if bundle else target_of_arm(arm, _noise(args, arm))
+    frequencies = bundle.tool.frequencies[:1] if bundle and bundle.tool else UNKNOWN
     motion_limits(arm)  # missing ones are named before shapes are read
     links = SelfCollision(arm, tuple(map(Path, args.meshes)),
                           None if args.srdf is None else Path(args.srdf),
                           walls_of(arm, args.floor, args.box), args.radius)
-    steps = args.steps or 60
-    order = Order(args.seconds, args.highest or default_highest(arm), 1.0 / args.rate, steps,
+    order = Order(args.seconds, args.highest or default_highest(arm), 1.0 / args.rate, args.steps,
                   args.seed)
     begun, cut = time.perf_counter(), False
-    with bar(steps * len(STAGES) if rigid else int(args.seconds / (MOVE + REST)),
+    with bar(order.steps * len(STAGES) if rigid else int(args.seconds / (MOVE + REST)),
              'search, mean error {task.description}' if rigid else 'search, move by move',
              BarColumn(), TimeElapsedColumn()) as advance:
         def over(cost: float) -> bool:
@@ -217,7 +212,7 @@ def run(args: argparse.Namespace) -> int:
     stated = bool(args.model or args.noise or args.noise_of)
     head = plan_head(plan, arm, {
         'kind': 'fourier' if rigid else 'moves', 'seconds': args.seconds, 'rate': args.rate,
-        'highest': order.highest, 'seed': args.seed, 'steps': steps, 'complete': not cut,
+        'highest': order.highest, 'seed': args.seed, 'steps': order.steps, 'complete': not cut,
         'self_collision_pairs': links.pairs, 'hidden': list(plan.hidden),
         'gain_over_random': round(gain, 3) if rigid else None}, stated=stated)
     with whole(Path(args.out), replace=False) as folder:
@@ -240,8 +235,7 @@ def run(args: argparse.Namespace) -> int:
             'within the same limits (geometric mean)')
     else:
         say(f'moves: {len(plan.trajectory.t) * order.dt / (MOVE + REST):.0f}, each with a rest of '
-            f'{REST:g} s' + (f'; not all directions of {" and ".join(plan.hidden)} of the flange '
-                             'are pushed' if plan.hidden else ''))
+            f'{REST:g} s', *(f'not all directions of {name} are pushed' for name in plan.hidden))
     say(f'plan: {args.out} (search: {seconds:.1f} s)')
     return 0
 

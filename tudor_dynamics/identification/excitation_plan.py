@@ -38,10 +38,10 @@ from tudor_dynamics.identification.dataset import OUTPUTS
 from tudor_dynamics.identification.excitation import (
     Beyond, Bounds, CLEARANCE, Criterion, expected_errors, ExpectedError, Information,
     known_efforts, mean_error, Noise, Series, series)
-from tudor_dynamics.identification.tool import hidden_in, pushes, sizes_of
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.flexible_tool import flange_motion
+from tudor_dynamics.models.flexible_tool import (
+    flange_motion, hidden_in, pushes, sizes_of, square)
 from tudor_dynamics.models.friction import sliding
 from tudor_dynamics.models.regressor import regressor_of
 from tudor_dynamics.signals.motion_profile import (
@@ -291,29 +291,28 @@ def make_moves(
     """Search for moves with rests that push a tool, which rings at frequencies [Hz], each way."""
     bounds = bounds_of(target, links)
     generator, limits = np.random.default_rng(order.seed), bounds.limits
-    half = 0.5 * (bounds.range.upper - bounds.range.lower)
-    q = bounds.range.lower + half * (1.0 + _middle(
-        bounds, bounds.range.lower + half, half, generator))
+    low, high = bounds.range.lower, bounds.range.upper
+    half = 0.5 * (high - low)
+    q = low + half * (1.0 + _middle(bounds, low + half, half, generator))
     reach = 0.5 * MOVE * np.minimum(limits.velocity, 0.25 * MOVE * limits.acceleration)
     every, t = max(round(1.0 / (CHECKED * order.dt)), 1), np.arange(0.0, MOVE + REST, order.dt)
     moves: list[Reference] = []
-    pushed = {frequency: np.zeros((0, 6)) for frequency in frequencies}
+    pushed = {frequency: np.zeros((6, 6)) for frequency in frequencies}
     for _ in range(int(order.seconds / (MOVE + REST))):
         best: tuple[float, Reference, dict[float, FloatArray]] | None = None
         for _ in range(order.steps):
-            to = np.clip(q + generator.uniform(-reach, reach), bounds.range.lower,
-                         bounds.range.upper)
+            to = np.clip(q + generator.uniform(-reach, reach), low, high)
             move = follow_targets(q, [np.zeros(1)] * len(q), list(to[:, None]), limits, order.dt,
                                   len(t))
             if bounds.beyond(move.motion[:round(MOVE / order.dt):every]).excess > 0.0:
                 continue
             flange = flange_motion(target.arm, t, move)
-            rows = {frequency: np.vstack([own, pushes(flange, frequency, np.array([0.0, MOVE]))])
+            more = {frequency: own + square(pushes(flange, frequency, np.array([0.0, MOVE])))
                     for frequency, own in pushed.items()}
             shown = sum(float(np.log(np.maximum(size, LEAST_PUSH)).sum())
-                        for each in rows.values() for size in sizes_of(each).values())
+                        for each in more.values() for size in sizes_of(each).values())
             if best is None or shown > best[0]:
-                best = shown, move, rows
+                best = shown, move, more
         if best is None:
             raise SignalError(f'each of {order.steps} moves from one pose collides or exceeds '
                               'effort limits', remedy='give another --seed, or reduce '
@@ -326,7 +325,7 @@ def make_moves(
     q, dq, ddq = np.split(motion, 3, axis=1)
     return Plan(_trajectory(target.arm, Reference(q, dq, ddq, order.dt)), [],
                 bounds.beyond(motion), target.noise, 0.0,
-                sorted({name for rows in pushed.values() for name in hidden_in(rows)}))
+                sorted({name for each in pushed.values() for name in hidden_in(each)}))
 
 
 def _trajectory(arm: Arm, motion: Reference) -> Trajectory:

@@ -325,8 +325,6 @@ TOOL_OTHER = (-0.6, 0.6, 0.01)  # logarithms of frequencies tried of a second pl
 TOOL_SECOND = 0.95
 TOOL_SURE = 0.05  # least error of a predicted ring, relative to it
 TOOL_HEARD = 0.05  # variance of a ring over that of noise from which on it counts
-TOOL_LEVER = 0.3  # translation that counts as much as a rotation of 1 rad: half a long tool [m]
-TOOL_HIDDEN = 0.1  # singular value of a direction, over the largest, below which it is hidden
 TOOL_LEAST = 3  # rests that a fit needs
 
 # -- Causes of alarms (causes.py); chosen on the simulated arm of config/tudor.yaml, SHARED_TOUCH

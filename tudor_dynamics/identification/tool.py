@@ -35,15 +35,15 @@ from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.ringdowns import block_means, loudest_of, with_rests
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.flexible_tool import Flange, flange_motion, FlexibleTool, row_of
-from tudor_dynamics.models.settings import TOOL_CUTOFF
+from tudor_dynamics.models.flexible_tool import (
+    Flange, flange_motion, FlexibleTool, pushes, row_of, square)
+from tudor_dynamics.models.settings import TOOL_CUTOFF, TOOL_HIDDEN
 from tudor_dynamics.models.tool_motion import follow, pulls
 from tudor_dynamics.signals.filters import MotionState, zero_phase
 from tudor_dynamics.typing import FloatArray
 
 STEP = settings.TOOL_LEARN
 REFERENCE = 'joint_reference'  # what a planned motion is recorded on
-KINDS = {'translation': slice(0, 3), 'rotation': slice(3, 6)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +121,8 @@ def check_efforts(arm: Arm) -> None:
     """Refuse an arm whose rings have no size, before hours of work and not after."""
     unknown = [joint.name for joint in arm.joints if joint.effort.unit == 'A']
     if unknown:
-        raise FitError(f'{arm.source}: a flexible tool needs efforts in N m or N; those of '
-                       f'{", ".join(unknown)} are in A', remedy='leave vibration out, or '
-                       'give torques')
+        raise FitError(f'{arm.source}: efforts of {", ".join(unknown)} are in A; a flexible tool '
+                       'needs N m or N', remedy='leave vibration out, or give torques')
 
 
 def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> FlexibleTool:
@@ -269,7 +268,7 @@ class _Search:
         return _Found(last.x, np.linalg.inv(last.jac.T @ last.jac), excess)
 
     def tool(self, best: _Found, motion: str) -> FlexibleTool:
-        """Make the tool of a solution, with its uncertainty and what is hidden."""
+        """Make the tool of a solution, with its uncertainty and what was pushed."""
         x, planes = best.x, (len(best.x) - 9) // 2
         left, loud = [], []
         for found, rest in zip(self.efforts(x), self.rests, strict=True):
@@ -294,33 +293,11 @@ class _Search:
             'quiet': float(np.median([np.sqrt(np.mean(rest.noise**2)) for rest in self.rests])),
             'scatter': max(math.sqrt(float(np.median([left[k] for k in clear]))),
                            settings.TOOL_SURE),
-            'hidden': self.hidden(float(others[0]))})
+            'pushed': self.pushed(float(others[0])).tolist()})
 
-    def hidden(self, frequency: float) -> list[str]:
-        """Name what hardly moved the flange at the frequency of the tool."""
-        return hidden_in(np.vstack([pushes(one.flange, frequency, np.array(
-            [0.0, *(rest.t[0] for rest in one.rests)])) for one in self.moves]))
-
-
-def pushes(flange: Flange, frequency: float, ends: FloatArray) -> FloatArray:
-    """Give how a flange moves at a frequency between ends (n + 1,) [s]: (2 n, 6), as a lever."""
-    turned = np.exp(2j * math.pi * frequency * flange.t)[:, None]
-    lever = [1.0] * 3 + [settings.TOOL_LEVER] * 3
-    whole = np.cumsum(turned * flange.motion[:, :6] * lever, axis=0)
-    ends = np.minimum(np.searchsorted(flange.t, ends), len(whole) - 1)
-    found = np.diff(whole[ends], axis=0)
-    return np.vstack([np.real(found), np.imag(found)])
-
-
-def sizes_of(rows: FloatArray) -> dict[str, FloatArray]:
-    """Give how much pushes (n, 6) move in three directions, the largest first, of each kind."""
-    return {name: np.asarray(np.linalg.svd(rows[:, part], compute_uv=False))
-            for name, part in KINDS.items()}
-
-
-def hidden_in(rows: FloatArray) -> list[str]:
-    """Name the kinds of which pushes (n, 6) leave a direction out."""
-    sizes = sizes_of(rows)
-    most = max(float(size[0]) for size in sizes.values())
-    return [name for name, size in sizes.items()
-            if len(size) < 3 or size[2] < settings.TOOL_HIDDEN * most]
+    def pushed(self, frequency: float) -> FloatArray:
+        """Sum up in what directions the rests were pushed (6, 6), loud ones alike."""
+        found = np.vstack([pushes(one.flange, frequency, np.array(
+            [0.0, *(rest.t[0] for rest in one.rests)])) for one in self.moves])
+        sizes = np.linalg.norm(found, axis=1)
+        return square(found / np.hypot(sizes, TOOL_HIDDEN * sizes.max())[:, None])

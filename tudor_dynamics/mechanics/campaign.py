@@ -43,7 +43,8 @@ from tudor_dynamics.mechanics.hardware import (
 from tudor_dynamics.mechanics.mechanism import beam_axes, Mechanism
 from tudor_dynamics.mechanics.run import FIRST_STAMP
 from tudor_dynamics.parallel import Count, in_processes
-from tudor_dynamics.signals.motion_profile import aprbs_motion, Reference, states
+from tudor_dynamics.signals.motion_profile import (
+    aprbs, follow_targets, joint_range, motion_limits, Reference, states)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -181,7 +182,9 @@ def stimulus_motion(arm: Arm, seconds: float, seed: int, dt: float) -> Reference
 
     """
     check_budget(f'{seconds:g} s at steps of {dt:g} s', seconds / dt if dt > 0.0 else math.nan)
-    return aprbs_motion(arm, seconds, seed, dt)
+    targets = aprbs(joint_range(arm), seconds, seed)
+    return follow_targets(targets.start, targets.times, targets.values, motion_limits(arm), dt,
+                          round(seconds / dt))
 
 
 def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -32,12 +32,15 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base import BundlePart
 from tudor_dynamics.models.settings import (
-    RING_AFTER, TOOL_CUTOFF, TOOL_DRAWS, TOOL_MEMORY, TOOL_NUDGE, TOOL_STEP)
+    RING_AFTER, TOOL_CUTOFF, TOOL_DRAWS, TOOL_HIDDEN, TOOL_LEVER, TOOL_MEMORY, TOOL_NUDGE,
+    TOOL_STEP, TOOL_UNSEEN)
 from tudor_dynamics.models.tool_motion import accelerate, follow, MOTION, PLACES, settled, TOOL
 from tudor_dynamics.signals.filters import MotionState, zero_phase
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.typing import FloatArray
 
+Six = Annotated[list[Finite], Field(min_length=6, max_length=6)]
+KINDS = {'translation': slice(0, 3), 'rotation': slice(3, 6)}
 LIKELY = 1.96  # standard deviations of an interval of 95 %
 
 
@@ -113,6 +116,32 @@ def flange_motion(arm: Arm, t: FloatArray, motion: MotionState) -> Flange:
     return Flange(t, rows, velocity, jacobian[:, arm.velocity_index])
 
 
+def pushes(flange: Flange, frequency: float, ends: FloatArray) -> Any:
+    """Give how a flange moves at a frequency between ends (n + 1,) [s], complex (n, 6)."""
+    turned = np.exp(2j * math.pi * frequency * flange.t)[:, None]
+    lever = [1.0] * 3 + [TOOL_LEVER] * 3
+    whole = np.cumsum(turned * flange.motion[:, :6] * lever, axis=0)
+    return np.diff(whole[np.minimum(np.searchsorted(flange.t, ends), len(whole) - 1)], axis=0)
+
+
+def square(pushed: Any) -> FloatArray:
+    """Sum up pushes (n, 6) as (6, 6)."""
+    return np.asarray(np.real(pushed.conj().T @ pushed))
+
+
+def sizes_of(pushed: FloatArray) -> dict[str, FloatArray]:
+    """Give how much of each kind is pushed in its three directions, the least first: (6, 6)."""
+    return {name: np.sqrt(np.maximum(np.linalg.eigvalsh(pushed[part, part]), 0.0))
+            for name, part in KINDS.items()}
+
+
+def hidden_in(pushed: FloatArray) -> list[str]:
+    """Name the kinds of which pushes (6, 6) leave a direction out."""
+    sizes = sizes_of(pushed)
+    most = max(float(size[-1]) for size in sizes.values())
+    return [name for name, size in sizes.items() if size[0] < TOOL_HIDDEN * most]
+
+
 def row_of(x: FloatArray) -> FloatArray:
     """Give the numbers of ``tool_motion`` of parameters, see FlexibleTool.parameters."""
     planes = (len(x) - 8) // 2
@@ -167,7 +196,8 @@ class FlexibleTool(BundlePart):
     covariance: list[list[Finite]]  # of the parameters
     quiet: Positive  # ring that was not heard in the rests [N m or N]
     scatter: Positive  # error of a predicted ring, relative to it
-    hidden: list[Literal['translation', 'rotation']]  # what the moves do not show
+    # In what directions its rests were pushed, each once: translations, then rotations (6, 6).
+    pushed: list[Six] = Field(min_length=6, max_length=6)
 
     def model_post_init(self, _: Any) -> None:
         """Refuse what is no covariance, and planes that differ in number."""
@@ -225,15 +255,23 @@ class FlexibleTool(BundlePart):
         """Predict the ring at the end of a motion, in even steps, from rest to rest."""
         noise = np.random.default_rng(1).normal(size=(2, TOOL_DRAWS)) * math.sqrt(0.5)
         shown = np.array([_shown(x, flange) for x in self.drawn()])
-        shown[1:] *= np.abs(1.0 + self.scatter * (noise[0] + 1j * noise[1]))[:, None]
+        shown[1:] *= np.abs(1.0 + self.error_of(flange) * (noise[0] + 1j * noise[1]))[:, None]
         loudest = int(np.argmax(shown[0]))
         return Oscillation(shown[0], loudest, Estimate(
             float(shown[0, loudest]), *_ends(shown[:, loudest])))
 
+    def error_of(self, flange: Flange) -> float:
+        """Give the error of a ring relative to it: larger the less its push was learned from."""
+        push = pushes(flange, self.frequencies[0], flange.t[[0, -1]])[0]
+        sizes, ways = np.linalg.eigh(np.array(self.pushed))
+        shares = np.abs(ways.T @ push)**2 / max(float(np.sum(np.abs(push)**2)), 1e-12)
+        return math.sqrt(self.scatter**2 + float(shares @ (
+            1.0 / (np.maximum(sizes, 0.0) / self.scatter**2 + TOOL_UNSEEN**-2))))
+
     def __str__(self) -> str:
         """Write the modes, and what the moves did not show."""
-        hidden = (f'; these moves do not show {" or ".join(self.hidden)}, moves of tudor excite '
-                  '--for vibration do' if self.hidden else '')
+        names = ' or '.join(hidden_in(np.array(self.pushed)))
+        hidden = names and f'; these moves do not show {names}: see tudor excite --for vibration'
         each = (f'{" and ".join(f"{value:.{digits}g}" for value in values)}' for values, digits in
                 ((self.frequencies, 3), (self.damping, 2)))
         return (f'rings at {next(each)} Hz without gravity, damping ratio {next(each)}, '

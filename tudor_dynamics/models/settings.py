@@ -140,6 +140,11 @@ TOOL_CUTOFF = 25.0  # corner of the zero-phase filter of motion [Hz]
 # Samples of a trajectory, and how much of it a tool remembers, from its end [s].
 TOOL_STEP, TOOL_MEMORY = 0.004, 60.0
 TOOL_DRAWS = 120  # random tools within the uncertainty, for an interval
+TOOL_LEVER = 0.3  # translation that counts as much as a rotation of 1 rad: half a long tool [m]
+TOOL_HIDDEN = 0.1  # push in a direction, over the largest, below which the direction is hidden
+# Error of the ring that a direction adds in which nothing has pushed the tool, relative to it: its
+# shape alone says how it is pushed there (bench/flexible_tool.py, the transfer that rotates).
+TOOL_UNSEEN = 0.5
 TOOL_NUDGE = 1e-4  # of its place, for differences [m]
 
 # -- Another timing of a path (still_timing.py); measured by bench/still_moves.py

@@ -458,13 +458,6 @@ def aprbs(bounds: Limits, duration: float, seed: int, *, clock: float = 1.0) -> 
     return Targets(start, tuple(times), tuple(values))
 
 
-def aprbs_motion(arm: Arm, duration: float, seed: int, dt: float) -> Reference:
-    """Plan the motion of an arm through an APRBS within its limits: duration, dt [s]."""
-    targets = aprbs(joint_range(arm), duration, seed)
-    return follow_targets(targets.start, targets.times, targets.values, motion_limits(arm), dt,
-                          int(round(duration / dt)))
-
-
 def fade(t: FloatArray, duration: float, ramp: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Fade in and out along a quintic, at rest outside: window, first and second derivative."""
     x = np.clip(np.minimum(t, duration - t) / ramp, 0.0, 1.0)
