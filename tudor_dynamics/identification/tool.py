@@ -296,7 +296,7 @@ class _Search:
             'pushed': self.pushed(float(others[0])).tolist()})
 
     def pushed(self, frequency: float) -> FloatArray:
-        """Sum up in what directions the rests were pushed (6, 6), loud ones alike."""
+        """Give in what directions the rests were moved as one sum (6, 6), loud ones alike."""
         found = np.vstack([pushes(one.flange, frequency, np.array(
             [0.0, *(rest.t[0] for rest in one.rests)])) for one in self.moves])
         sizes = np.linalg.norm(found, axis=1)
