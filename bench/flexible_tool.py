@@ -45,7 +45,7 @@ from tudor_dynamics.identification.ringdowns import ring_of  # noqa: E402
 from tudor_dynamics.identification.tool import find_moves, fit_tool, Moves, REFERENCE  # noqa: E402
 from tudor_dynamics.library import fit  # noqa: E402
 from tudor_dynamics.models.base import Model  # noqa: E402
-from tudor_dynamics.models.flexible_tool import Flange, FlexibleTool, hidden_in  # noqa: E402
+from tudor_dynamics.models.flexible_tool import Flange, FlexibleTool  # noqa: E402
 from tudor_dynamics.typing import FloatArray  # noqa: E402
 
 DATA = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT / '../shared/data'))
@@ -128,8 +128,7 @@ def figures(
              if not name.endswith('_1')]
     return {
         'tool': str(tool), 'place': np.round(tool.place, 3).tolist(),
-        'hidden': hidden_in(np.array(tool.pushed)),
-        'hidden_with_T1': hidden_in(np.array(with_t1.pushed)), 'scatter': tool.scatter,
+        'hidden': tool.hidden, 'hidden_with_T1': with_t1.hidden, 'scatter': tool.scatter,
         'frequency_not_in_training': frequency, 'transfers': transfers,
         'order_right': order[0] == order[1], 'order': order,
         'repetitions': {

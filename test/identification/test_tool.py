@@ -31,7 +31,7 @@ from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.identification.ringdowns import ring_of
 from tudor_dynamics.identification.tool import check_efforts, find_moves, fit_tool, Moves
 from tudor_dynamics.models.base import read
-from tudor_dynamics.models.flexible_tool import Flange, FlexibleTool, hidden_in
+from tudor_dynamics.models.flexible_tool import Flange, FlexibleTool
 from tudor_dynamics.models.still_timing import still_timing
 
 GANTRY = arm_from_dict({
@@ -92,7 +92,7 @@ def test_where_its_mass_is(tool: FlexibleTool) -> None:
     assert found[:, 2] @ truth[:, 2] > 0.999
     slow = found[:, int(np.argmin(tool.frequencies))]  # either plane may be called x
     assert abs(slow @ truth[:, 0]) > 0.995
-    assert not hidden_in(np.array(tool.pushed)) and tool.scatter < 0.15 and tool.rests >= 6
+    assert tool.hidden == [] and tool.scatter < 0.15 and tool.rests >= 6
 
 
 def test_rings_of_other_motion(tool: FlexibleTool, records: list[Moves]) -> None:
@@ -143,7 +143,7 @@ def test_one_plane_and_rotation_that_moves_do_not_show() -> None:
         q = s**3 * (10.0 - s * (15.0 - 6.0 * s)) * random.uniform(-0.5, 0.5, 3)
         found += find_moves(GANTRY, recording(q, tool_efforts(GANTRY, q, frequencies=ONE)))
     tool = fit_tool(GANTRY, found, 'planned')
-    assert hidden_in(np.array(tool.pushed)) == ['rotation'] and len(tool.frequencies) == 1
+    assert tool.hidden == ['rotation'] and len(tool.frequencies) == 1
     ring = tool.ring(until(found[0], 0)).torque
     assert ring.value == pytest.approx(shown(found[0], 0).max(), rel=0.15)
     assert read(FlexibleTool, tool.model_dump()) == tool

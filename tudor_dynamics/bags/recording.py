@@ -160,8 +160,7 @@ class Recording:
     @property
     def signals(self) -> dict[str, FloatArray]:
         """All signals that were recorded, by name."""
-        return {name: values for name in SIGNALS
-                if (values := getattr(self, name)) is not None}
+        return {name: values for name in SIGNALS if (values := getattr(self, name)) is not None}
 
     def to_xarray(self, arm: Arm) -> Any:
         """Give an ``xarray.Dataset``: signals over ``time`` [s] and ``joint`` or ``gauge``."""

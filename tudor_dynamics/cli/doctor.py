@@ -50,7 +50,7 @@ LAST_DOMAIN = 101  # the ports of larger ones are among those that Linux gives t
 FIRST_YEAR = 2024  # a clock that is set is not before it
 OLDEST, YOUNGEST = 0.1, -0.01  # ages of stamps that clocks in step give [s]
 PAUSE = 0.1  # within which a stream that runs sends again [s]
-A_MONTH = 3e6  # stamps that are older are of a simulation or a bag [s]
+OTHER_CLOCK = 3e6  # age from which on stamps are of a simulation or a bag [s]
 LONGEST = 1_000_000  # characters of the output that a bug report keeps
 
 
@@ -75,15 +75,14 @@ def run(args: argparse.Namespace) -> int:
         found = list(checks())
         step('live topics')
         found += live_topics()
-    made = provenance()
     remedies = [check for check in found if check.remedy]
     if args.json:
-        print_json({'made': made, 'checks': [asdict(check) for check in found]})
+        print_json({'made': provenance(), 'checks': [asdict(check) for check in found]})
     else:
         say('to do:' if remedies else 'nothing to do',
             *(f'  {check.name}: {check.remedy}' for check in remedies))
         table = new_table('', ('check', 'found'), ())
-        for name, text in (*made.items(), *((check.name, check.found) for check in found)):
+        for name, text in (*provenance().items(), *((check.name, check.found) for check in found)):
             table.add_row(name, text)
         print_table(table)
     return 1 if remedies else 0
@@ -145,7 +144,7 @@ def _live_topic(
         return Check(topic, 'no node publishes it', 'a node waits for it: start its driver')
     if not rate:
         return Check(topic, 'nothing arrives', 'a node publishes it: see whether that node runs')
-    foreign = abs(age) > A_MONTH
+    foreign = abs(age) > OTHER_CLOCK
     said = [f'{publishers} nodes publish it: stop all but one'] * (publishers > 1)
     if gap > PAUSE + 3.0 / rate:
         said.append(f'{gap:.2g} s without a message: look for a busy computer or network')

@@ -249,11 +249,10 @@ def _gain(target: Target, plan: Plan, order: Order) -> float:
 
 
 def _print_limits(target: Target, plan: Plan, links: SelfCollision) -> None:
-    arm = target.arm
-    table = new_table(f'{arm.name}: the motion, in parts of its limits', names=('joint',),
+    table = new_table(f'{target.arm.name}: the motion, in parts of its limits', names=('joint',),
                       figures=('position', 'speed', 'acceleration', 'effort'))
     beyond = plan.beyond
-    for j, name in enumerate(arm.active_joints):
+    for j, name in enumerate(target.arm.active_joints):
         table.add_row(name, *(f'{100 * part[j]:.0f} %' for part in (
             beyond.position, beyond.velocity, beyond.acceleration)),
             f'{100 * beyond.effort[j]:.0f} %' if beyond.effort[j] > 0.0 else '-')

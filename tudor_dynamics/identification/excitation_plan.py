@@ -40,8 +40,7 @@ from tudor_dynamics.identification.excitation import (
     known_efforts, mean_error, Noise, Series, series)
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.flexible_tool import (
-    flange_motion, hidden_in, pushes, sizes_of, square)
+from tudor_dynamics.models.flexible_tool import flange_motion, hidden_in, pushes, sizes_of, square
 from tudor_dynamics.models.friction import sliding
 from tudor_dynamics.models.regressor import regressor_of
 from tudor_dynamics.signals.motion_profile import (
@@ -67,7 +66,7 @@ POSES = 100
 """Random poses from which the one with the most room between links is where a search begins."""
 HALVINGS = 12
 CHECKED = 50.0  # rate at which efforts and distances between links are looked at in the end [Hz]
-MOVE, REST = 1.5, 3.5  # longest move, and the rest after it, in which a tool rings [s]
+MOVE, REST = 1.5, 3.5  # longest move, rest after it [s] (bench/still_moves.py --excited 3)
 UNKNOWN = (1.5, 3.0, 5.0)  # frequencies at which a tool is pushed that nobody knows yet [Hz]
 LEAST_PUSH = 1e-6  # what a direction counts that no move of an arm can push
 
@@ -281,7 +280,7 @@ def make_plan(
     """Search for the motion that shows best what is to be identified."""
     bounds = bounds_of(target, links)
     reference = best_series(target.information, bounds, order, report, criterion)
-    return judged(target, _trajectory(target.arm, reference), bounds, criterion)
+    return judged(target, _trajectory(target.arm, reference.motion, order.dt), bounds, criterion)
 
 
 def make_moves(
@@ -314,23 +313,20 @@ def make_moves(
             if best is None or shown > best[0]:
                 best = shown, move, more
         if best is None:
-            raise SignalError(f'each of {order.steps} moves from one pose collides or exceeds '
-                              'effort limits', remedy='give another --seed, or reduce '
-                              'joints[].planned')
+            raise SignalError(f'each of {order.steps} moves collides or exceeds effort limits',
+                              remedy='give another --seed, or reduce joints[].planned')
         moves.append(best[1])
         q, pushed = best[1].q[-1], best[2]
         if report(-best[0]):
             break
     motion = np.vstack([move.motion for move in moves])
-    q, dq, ddq = np.split(motion, 3, axis=1)
-    return Plan(_trajectory(target.arm, Reference(q, dq, ddq, order.dt)), [],
-                bounds.beyond(motion), target.noise, 0.0,
-                sorted({name for each in pushed.values() for name in hidden_in(each)}))
+    return Plan(_trajectory(target.arm, motion, order.dt), [], bounds.beyond(motion), target.noise,
+                0.0, sorted({name for each in pushed.values() for name in hidden_in(each)}))
 
 
-def _trajectory(arm: Arm, motion: Reference) -> Trajectory:
-    return Trajectory(arm.active_joints, np.asarray(np.arange(len(motion.q)) * motion.dt),
-                      motion.q, motion.dq, motion.ddq)
+def _trajectory(arm: Arm, motion: FloatArray, dt: float) -> Trajectory:
+    t = np.asarray(np.arange(len(motion)) * dt)
+    return Trajectory(arm.active_joints, t, *np.split(motion, 3, axis=1))
 
 
 def judged(target: Target, trajectory: Trajectory, bounds: Bounds, criterion: Criterion) -> Plan:

@@ -36,8 +36,7 @@ from tudor_dynamics.identification.elastic_problem import Identified, Record, re
 from tudor_dynamics.identification.elastic_search import identify, taken_over
 from tudor_dynamics.identification.ringdowns import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
-    Case, cases_of, judge, method_of, noise_floor, validated, Validation,
-    Verdict)
+    Case, cases_of, judge, method_of, noise_floor, validated, Validation, Verdict)
 from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings, Range
 from tudor_dynamics.models.bundle import KINDS
 from tudor_dynamics.models.elastic.arm import DrivenArm

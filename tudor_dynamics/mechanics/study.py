@@ -188,9 +188,9 @@ def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
 def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Read a CSV table: time [s], then one column a joint, or a direction."""
     table = read_trajectory(path)
-    if not {*table.joints} <= {*names}:
-        raise SimulationError(f'{path}: found the columns t, {", ".join(table.joints)}; expected '
-                              f't and some of {", ".join(names)}')
+    if len(table.t) < 2 or not {*table.joints} <= {*names}:
+        raise SimulationError(f'{path}: found {len(table.t)} rows of {list(table.joints)}; '
+                              f'expected two rows or more, of t and some of {list(names)}')
     return table.t, dict(zip(table.joints, table.q.T, strict=True))
 
 

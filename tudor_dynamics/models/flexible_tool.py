@@ -216,6 +216,11 @@ class FlexibleTool(BundlePart):
         sizes = [self.mass, self.length, *self.frequencies, *self.damping]
         return np.array([*self.turn, *self.place, *np.log(sizes)])
 
+    @property
+    def hidden(self) -> list[str]:
+        """Kinds of motion of which its rests leave a direction out."""
+        return hidden_in(np.array(self.pushed))
+
     def drawn(self) -> FloatArray:
         """Give the parameters, then random ones within their uncertainty."""
         return np.vstack([self.parameters, np.random.default_rng(0).multivariate_normal(
@@ -270,7 +275,7 @@ class FlexibleTool(BundlePart):
 
     def __str__(self) -> str:
         """Write the modes, and what the moves did not show."""
-        names = ' or '.join(hidden_in(np.array(self.pushed)))
+        names = ' or '.join(self.hidden)
         hidden = names and f'; these moves do not show {names}: see tudor excite --for vibration'
         each = (f'{" and ".join(f"{value:.{digits}g}" for value in values)}' for values, digits in
                 ((self.frequencies, 3), (self.damping, 2)))

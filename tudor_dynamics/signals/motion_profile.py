@@ -312,7 +312,8 @@ def follow_targets(
         Number of samples.
 
     """
-    planner = MotionPlanner(limits, finite_array(start, 'start', len(switches)))
+    aims = finite_array(start, 'start', len(switches)).copy()
+    planner = MotionPlanner(limits, aims)
     check_budget(f'{samples} samples', samples, 24.0 * len(switches))
     due = deque(sorted((
         (time, j, value) for j, times in enumerate(switches) for time, value in zip(
@@ -324,7 +325,9 @@ def follow_targets(
             planner.step(dt)
         while due and due[0][0] <= k * dt + 1e-12:
             _, j, target = due.popleft()
-            planner.go(np.where(np.arange(len(switches)) == j, target, np.nan))
+            if target != aims[j]:
+                aims[j] = target
+                planner.go(np.where(np.arange(len(aims)) == j, target, np.nan))
         q[k], dq[k], ddq[k] = planner.q, planner.dq, planner.ddq
     return Reference(q, dq, ddq, dt)
 
