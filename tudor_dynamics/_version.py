@@ -14,4 +14,4 @@
 
 """The version, in a module that needs no other."""
 
-__version__ = '0.2.0'
+__version__ = '1.0.0rc1'

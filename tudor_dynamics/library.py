@@ -57,6 +57,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import check_target, read_facts, save_bundle
 from tudor_dynamics.online.monitor import MonitorSettings
 from tudor_dynamics.provenance import provenance
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import Progress
 
 if TYPE_CHECKING:
@@ -307,7 +308,7 @@ T = TypeVar('T')
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class Prediction(Shown):
     """What the models of a bundle make of bags."""
 
     arm: Arm  # arm of the models

@@ -35,6 +35,7 @@ from tudor_dynamics.arm.schema import (
     ArmSpec, FRICTION_KEYS, GaugeSpec, JointSpec, read_spec, SourceSpec)
 from tudor_dynamics.errors import ArmError, check_type, TudorWarning
 from tudor_dynamics.files import load_yaml, read_text, YamlError
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import FloatArray
 
 
@@ -81,7 +82,7 @@ def check_no_open_values(content: Any, source: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class Arm(Shown):
     """
     An arm description that was read and checked, with its models.
 

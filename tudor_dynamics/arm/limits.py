@@ -36,6 +36,7 @@ from tudor_dynamics.arm.schema import DRIVE_TIMEOUT, JointSpec, LimitSpec, Plann
 from tudor_dynamics.arm.urdf import adapt, check_numbers, parse
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import read_text
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import FloatArray
 
 
@@ -49,8 +50,8 @@ PLANNED_SPEED = 2.0 / 3.0
 PLANNED_ACCELERATION = 1.0 / 3.0  # the same of the acceleration, of which the damper needs more
 
 
-@dataclass(frozen=True, eq=False)
-class Limits:
+@dataclass(frozen=True, eq=False, repr=False)
+class Limits(Shown):
     """Limits of the active joints; infinite where none is known."""
 
     # Smallest and largest positions, (joints,) [rad or m].

@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.storage import Bag, RawMessages
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import FloatArray
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -367,8 +368,8 @@ LAYOUTS: Mapping[str, Callable[[bytes], Layout]] = {
     **{msgtype: partial(fixed_layout, parts=parts) for msgtype, parts in FIXED.items()}}
 
 
-@dataclass(frozen=True, eq=False)
-class Signals:
+@dataclass(frozen=True, eq=False, repr=False)
+class Signals(Shown):
     """
     Signals over time of one topic: what its messages hold, or are to hold.
 

@@ -33,6 +33,7 @@ from tudor_dynamics.bags.settings import (
     STILL, UNIT_TOLERANCE, UNLIMITED, WINDOW)
 from tudor_dynamics.bags.storage import Notes
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import finite_array, FloatArray
 
 
@@ -74,7 +75,7 @@ class Oddities:
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class Recording(Shown):
     """
     Signals of one bag on the stamps of the joint states.
 

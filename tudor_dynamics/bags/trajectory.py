@@ -31,6 +31,7 @@ from tudor_dynamics.bags.storage import open_bag, RawMessages
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError, SignalError, TudorError, UsageError
 from tudor_dynamics.files import read_text, write_whole
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import FloatArray
 
 
@@ -47,8 +48,8 @@ FIELDS = {'': 'q', '_velocity': 'dq', '_acceleration': 'ddq', '_effort': 'effort
 """What follows the name of a joint in the head of a table's column, and what stands there."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Shown):
     """
     Points in time that joints pass.
 

@@ -41,6 +41,7 @@ from tudor_dynamics.online.detector import CollisionEvent, Level, time_of_day
 from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.online.settings import BLOCK
 from tudor_dynamics.online.streams import Predictor, StateFilter
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import FloatArray
 
 
@@ -229,8 +230,8 @@ class DetectedEvent:
                 'seconds': self.seconds, 'push': self.push, 'contact': self.contact}
 
 
-@dataclass(frozen=True, eq=False)
-class WatchedBag:
+@dataclass(frozen=True, eq=False, repr=False)
+class WatchedBag(Shown):
     """One bag as one method saw it."""
 
     bag: str  # path of the bag
@@ -286,8 +287,8 @@ def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) ->
 # A push counts by the largest ratio in its time, free motion by that of each second: alarms that
 # last do not merge into one, and a lower threshold never finds less.
 
-@dataclass(frozen=True, eq=False)
-class Roc:
+@dataclass(frozen=True, eq=False, repr=False)
+class Roc(Shown):
     """Receiver operating characteristic of one method; intervals are exact ones of 90 %."""
 
     factor: FloatArray  # thresholds, as multiples of those in force, falling, (points,)
@@ -362,8 +363,8 @@ def roc_of(watched: Sequence[WatchedBag], hours: float, grid: FloatArray = FACTO
 
 # -- How well collisions are found: recordings replayed past every method of detection
 
-@dataclass(frozen=True, eq=False)
-class MethodResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class MethodResult(Shown):
     """Result of one method."""
 
     method: str  # `strain`, `effort` or `momentum`

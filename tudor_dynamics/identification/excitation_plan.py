@@ -43,6 +43,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.flexible_tool import flange_motion, hidden_in, pushes, sizes_of, square
 from tudor_dynamics.models.friction import sliding
 from tudor_dynamics.models.regressor import regressor_of
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals.motion_profile import (
     follow_targets, joint_range, motion_limits, Reference, states)
 from tudor_dynamics.typing import FloatArray
@@ -213,8 +214,8 @@ class Target:
         return Information(self.models, self.noise.size)
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Shown):
     """A motion to record."""
 
     trajectory: Trajectory  # motion of the active joints, at the rate of the messages

@@ -33,6 +33,7 @@ from tudor_dynamics.identification.dataset import BagData, model_for
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.estimation import Products, rescaled, squared_residuals
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals.preprocessing import noise_gain
 from tudor_dynamics.typing import finite_array, FloatArray
 
@@ -55,8 +56,8 @@ class ChannelScore:
     standing_rmse: float | None = None
 
 
-@dataclass(frozen=True)
-class Score:
+@dataclass(frozen=True, repr=False)
+class Score(Shown):
     """Figures over all channels of an output; NaN where no channel changes."""
 
     samples: int  # number of samples
@@ -264,8 +265,8 @@ SLOW = 0.05  # the same as a share of the largest speed, where that is less
 Case = tuple[Model, BagData]  # a bag with the model that is to predict it
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trace(Shown):
     """Measured against predicted output of one bag, at the samples used."""
 
     bag: str  # bag, or part of one
@@ -287,7 +288,7 @@ class Trace:
 
 
 @dataclass(frozen=True, eq=False)
-class Validation:
+class Validation(Shown):
     """Result of a validation of one model for one output."""
 
     method: str  # how it was done, in words

@@ -32,6 +32,7 @@ from tudor_dynamics.load.rows import (
 from tudor_dynamics.load.settings import (
     LARGEST_ARM, PASSES, POSES, STEP, SURE, TURNS, UNKNOWN_STD, WIDER, WINDOW)
 from tudor_dynamics.models.base import Model
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -156,8 +157,8 @@ class OutputMass:
     leftover: Leftover  # the same by sample, with the load at the tip or as a body
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PayloadEstimate:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class PayloadEstimate(Shown):
     """What the arm carries."""
 
     verdict: Presence  # whether there is a load; `UNKNOWN` where the recording does not show

@@ -43,6 +43,7 @@ from tudor_dynamics.mechanics.hardware import (
 from tudor_dynamics.mechanics.mechanism import beam_axes, Mechanism
 from tudor_dynamics.mechanics.run import FIRST_STAMP
 from tudor_dynamics.parallel import Count, in_processes
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals.motion_profile import (
     aprbs, follow_targets, joint_range, motion_limits, Reference, states)
 from tudor_dynamics.typing import FloatArray
@@ -253,8 +254,8 @@ class StimulusSpec:
     trajectory: Trajectory | None = None
 
 
-@dataclass(frozen=True)
-class StimulusResult:
+@dataclass(frozen=True, repr=False)
+class StimulusResult(Shown):
     """What a recording came to."""
 
     bag: str  # directory of the bag

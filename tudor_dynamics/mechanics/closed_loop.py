@@ -41,6 +41,7 @@ from tudor_dynamics.mechanics.integrator import PlantTables
 from tudor_dynamics.mechanics.mechanism import build_mechanism
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import Probe
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals.filters import low_pass_gain
 from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.typing import finite_array, FloatArray
@@ -210,8 +211,8 @@ def run_loop(
 CHUNK = 2000  # steps between two looks from outside
 
 
-@dataclass(frozen=True, eq=False)
-class LoopRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopRecord(Shown):
     """Readings and truth of one ``run``, at the times of its samples."""
 
     t: FloatArray  # times of the samples, (samples,) [s]

@@ -32,6 +32,7 @@ from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import Chain
 from tudor_dynamics.mechanics.matrices import Composite
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import FloatArray, IntArray
 
 
@@ -305,8 +306,8 @@ class Builder:
 
 # -- A mechanism: the bodies, nodes and coordinates that compiled code works on
 
-@dataclass(frozen=True, eq=False)
-class Mechanism:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mechanism(Shown):
     """A mechanism as arrays, see ``layout``; parameters may be changed in place between steps."""
 
     name: str  # name of the arm

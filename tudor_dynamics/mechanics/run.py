@@ -39,6 +39,7 @@ from tudor_dynamics.mechanics.chain import (
 from tudor_dynamics.mechanics.equations import joint_reactions, LOADS, nodal_motion, section_loads
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge, with_motors
 from tudor_dynamics.mechanics.plant import Plant
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import FloatArray
 
 
@@ -198,7 +199,7 @@ class InertialSensors:
 # -- Eigenfrequencies and mode shapes of a mechanism, joints held or free
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class Modes(Shown):
     """Small vibrations about a configuration."""
 
     # Undamped frequencies, ascending; negative where gravity makes the state unstable, (modes,)
@@ -302,8 +303,8 @@ def count_steps(seconds: float, dt: float, rate: float) -> tuple[int, int]:
     return total, max(int(round(1.0 / (rate * dt))), 1) if rate * dt > 1e-9 else 2 * total
 
 
-@dataclass(frozen=True, eq=False)
-class PlantRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlantRecord(Shown):
     """Recorded signals of a run."""
 
     t: FloatArray  # times of the records, (samples,) [s]

@@ -40,6 +40,7 @@ from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import (
     count_steps, FIRST_STAMP, InertialSensors, PlantRecord, Probe, run_plant)
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import FloatArray
 
 
@@ -299,7 +300,7 @@ def run_series(run: PlantRecord, arm: Arm, mechanism: Mechanism) -> list[Signals
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedRun:
+class SimulatedRun(Shown):
     """
     A run with the names of what it holds.
 

@@ -27,6 +27,7 @@ from tudor_dynamics.models.base import Model, SAME
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.flexible_tool import FlexibleTool
+from tudor_dynamics.shown import Shown
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class CausalModels:
 
 
 @dataclass(eq=False)
-class ModelBundle:
+class ModelBundle(Shown):
     """
     Models of one arm, with the preprocessing that they were fitted to.
 

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals import settings
 from tudor_dynamics.typing import FloatArray
 
@@ -92,8 +93,8 @@ def _run(sections: FloatArray, x: FloatArray, backward: bool) -> None:
 # The papers' causal differentiation filter is one object for all uses: fed sample by sample next
 # to the robot, or with a whole record offline, it gives the same numbers.
 
-@dataclass(frozen=True, eq=False)
-class MotionState:
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionState(Shown):
     """Positions with their derivatives, at an instant (joints,) or one row a sample."""
 
     q: FloatArray  # positions of the joints [rad or m]

@@ -196,7 +196,7 @@ def follow_plan(plan: NDArray, dt: float) -> tuple[float, float, float]:
 # lets it go on to its end or lets the acceleration fade out along a cosine squared first, whatever
 # is sooner there.
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reference(MotionState):
     """A reference motion, sample by sample."""
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.filters import (
     CausalDifferentiator, chebyshev, forward_backward, low_pass, low_pass_sections, MotionState,
@@ -167,8 +168,8 @@ class TrainingBlock:
     decimation: Decimation | None = None  # of `motion` to `output`; None where rows match
 
 
-@dataclass(frozen=True, eq=False)
-class Stretch:
+@dataclass(frozen=True, eq=False, repr=False)
+class Stretch(Shown):
     """A gapless stretch of a recording, filtered."""
 
     t: FloatArray  # time since the start of the recording, (samples,) [s]
