@@ -29,6 +29,7 @@ from tudor_dynamics.errors import SignalError
 from tudor_dynamics.models import still_timing as module
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.flexible_tool import FlexibleTool
+from tudor_dynamics.models.settings import TIMING_WINDOW
 from tudor_dynamics.models.still_timing import shaped_for, still_timing
 from tudor_dynamics.signals.motion_profile import spline
 
@@ -106,6 +107,18 @@ def test_efforts(monkeypatch: pytest.MonkeyPatch) -> None:
         beyond.append(float((model.most(free) / most)[:4].max()))
         assert ring_after(found) < 0.2 * ring_after(wanted)
     assert max(beyond) > 1.05
+
+
+def test_only_the_end_of_a_long_motion_changes() -> None:
+    """What lasts longer than the window passes its begin as given, and is as still at its end."""
+    wanted = curved(3, 9.0, 60)
+    found = still_timing(ARM, KNOWN, wanted)
+    t = np.linspace(0.0, 9.0 - TIMING_WINDOW, 500)
+    assert np.allclose(np.asarray(spline(found)(t)), np.asarray(spline(wanted)(t)), atol=1e-6)
+    assert ring_after(found) < 0.1 * ring_after(wanted)
+    made = spline(found)
+    t = np.linspace(found.t[0], found.t[-1], 4000)
+    assert np.abs(np.gradient(np.asarray(made(t)), t, axis=0) - np.asarray(made(t, 1))).max() < 0.01
 
 
 def test_other_joints_and_impulses() -> None:

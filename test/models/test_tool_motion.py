@@ -22,7 +22,7 @@ import pytest
 from tool_making import ARM, KNOWN, MASS, moves, ONE, RATE, tool_efforts
 
 from tudor_dynamics.models.flexible_tool import flange_motion, row_of
-from tudor_dynamics.models.tool_motion import end_slopes, follow, MOTION, pulls
+from tudor_dynamics.models.tool_motion import end_slopes, follow, MOTION, pulls, settled
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.typing import FloatArray
 
@@ -41,7 +41,8 @@ def test_efforts(planes: int) -> None:
     given = {'frequencies': KNOWN.frequencies[:planes], 'damping': KNOWN.damping[:planes]}
     row = row_of(KNOWN.model_copy(update=given).parameters)
     motion = driven(q)
-    pulled = MASS * pulls(row, motion, follow(row, 1.0 / RATE, motion))
+    steps = np.full(len(motion) - 1, 1.0 / RATE)
+    pulled = MASS * pulls(row, motion, follow(row, steps, motion, settled(row, motion[0, 9:])))
     found, data = np.empty_like(q), ARM.model.createData()
     for k, pose in enumerate(q):
         pin.computeJointJacobians(ARM.model, data, pose)
@@ -52,15 +53,20 @@ def test_efforts(planes: int) -> None:
 
 
 def test_slopes() -> None:
-    """They are what small changes of the motion do to the end."""
+    """They are what small changes of the motion, and of its steps, do to the end."""
     row, motion = row_of(KNOWN.parameters), driven(moves(2, count=1, rest=0.3))
     random = np.random.default_rng(0)
     ways = random.normal(size=(2, len(motion), MOTION))
-    states = follow(row, 1.0 / RATE, motion)
-    found = end_slopes(row, 1.0 / RATE, motion, states, ways)
+    steps, begin = random.uniform(0.5, 1.5, len(motion) - 1) / RATE, np.array([0.01, 0, 0.1, 0])
+    states = follow(row, steps, motion, begin)
+    found, of_steps = end_slopes(row, steps, motion, states, ways)
     for k in random.integers(1, len(motion), 6):
         for way in range(2):
             changed = motion.copy()
             changed[k] += 1e-5 * ways[way, k]
-            truth = (follow(row, 1.0 / RATE, changed)[-1] - states[-1]) / 1e-5
+            truth = (follow(row, steps, changed, begin)[-1] - states[-1]) / 1e-5
             assert found[:, way, k] == pytest.approx(truth, rel=1e-3, abs=1e-6)
+        longer = steps.copy()
+        longer[k - 1] += 1e-7
+        truth = (follow(row, longer, motion, begin)[-1] - states[-1]) / 1e-7
+        assert of_steps[:, k - 1] == pytest.approx(truth, rel=1e-3, abs=1e-5)

@@ -155,7 +155,7 @@ def row_of(x: FloatArray) -> FloatArray:
 def modes_of(row: FloatArray, gravity: FloatArray) -> ToolModes:
     """Find the modes of a tool of 1 kg where gravity (3,) has a direction in the flange."""
     still, planes = np.concatenate([np.zeros(9), gravity]), int(row[17]) + 1
-    hangs = settled(row, still)
+    hangs = settled(row, gravity)
 
     def near(k: int, by: float) -> tuple[FloatArray, FloatArray]:
         found, state = np.empty(PLACES), hangs.copy()
@@ -295,7 +295,9 @@ def _shown(x: FloatArray, flange: Flange) -> FloatArray:
     row = row_of(x)
     step = float(flange.t[-1] - flange.t[0]) / max(len(flange.t) - 1, 1)
     modes = modes_of(row, flange.motion[-1, 9:])
-    pulls = modes.poles**2 * modes.of(follow(row, step, flange.motion)[-1])
+    pulls = modes.poles**2 * modes.of(follow(
+        row, np.full(len(flange.t) - 1, step), flange.motion,
+        settled(row, flange.motion[0, 9:]))[-1])
     t = np.linspace(0.0, 2.0 * math.pi / modes.poles[0].imag, 48)
     waves = (np.exp(np.outer(t, modes.poles)) * pulls) @ modes.pulls @ flange.jacobian
     return 0.5 * math.exp(x[6]) * np.ptp(waves.real, axis=0)

@@ -158,7 +158,13 @@ TIMING_SPREAD = 0.05  # part by which the frequency may be another
 TIMING_GOOD, TIMING_OFF, TIMING_MOST = 0.01, 0.05, 0.2
 TIMING_LEAST = 0.02  # of what a motion drives in all, a ring that is not worth less
 TIMING_ROUNDS = 12  # most linear programmes in turn
-TIMING_RADII = (0.3, 0.12, 0.05, 0.02, 0.008)  # largest change of the rate in a step
-TIMING_SLOWEST = 0.05  # least rate
+TIMING_WORTH = 0.9  # part that may remain after one, so that another one is tried
+TIMING_CUTS = 8  # most solutions of one, each with the limits that the one before passed
+TIMING_NEAR = 1e-6  # limits, and time [s], are met as near as this
+# Largest change of the squared rate in a step, relative to it; what a change of 1 has to remove of
+# the ring.
+TIMING_RADIUS, TIMING_SMALL = 0.3, 0.1
+TIMING_FULL = 0.998  # part of a limit that is used, as joints may need more between samples
+TIMING_SLOWEST = 0.2  # least rate
 TIMING_SAME = 0.05  # frequencies that are closer are one to impulses
-TIMING_EVERY = 4  # samples between those at which a step keeps to limits; all are checked after it
+TIMING_WINDOW = 4.0  # before the end, in which a timing may be another [s]

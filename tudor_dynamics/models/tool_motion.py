@@ -106,9 +106,10 @@ def advance(
 
 
 @compiled
-def settled(p: FloatArray, m: FloatArray) -> FloatArray:
-    """Give the state (4,) in which a tool hangs."""
-    state, out = np.zeros(4), np.zeros(PLACES)
+def settled(p: FloatArray, gravity: FloatArray) -> FloatArray:
+    """Give the state (4,) in which a tool hangs under a gravity (3,)."""
+    state, out, m = np.zeros(4), np.zeros(PLACES), np.zeros(MOTION)
+    m[9:] = gravity
     for _ in range(60):
         accelerate(p, state[:2], state[2:], m, out)
         state[0] += 0.7 * out[0] / p[13]
@@ -117,13 +118,14 @@ def settled(p: FloatArray, m: FloatArray) -> FloatArray:
 
 
 @compiled
-def follow(p: FloatArray, step: float, motion: FloatArray) -> FloatArray:
-    """Give the states (samples, 4) along a motion that begins at rest: motion (samples, 12)."""
-    states, room, still = np.zeros((len(motion), 4)), np.zeros(24), np.zeros(MOTION)
-    still[9:] = motion[0, 9:]
-    states[0] = settled(p, still)
+def follow(
+    p: FloatArray, steps: FloatArray, motion: FloatArray, begin: FloatArray,
+) -> FloatArray:
+    """Give the states (samples, 4) along a motion (samples, 12), in steps [s], from a state."""
+    states, room = np.zeros((len(motion), 4)), np.zeros(24)
+    states[0] = begin
     for n in range(len(motion) - 1):
-        advance(p, step, states[n], motion[n], motion[n + 1], room, states[n + 1])
+        advance(p, steps[n], states[n], motion[n], motion[n + 1], room, states[n + 1])
     return states
 
 
@@ -142,22 +144,26 @@ def pulls(p: FloatArray, motion: FloatArray, states: FloatArray) -> FloatArray:
 
 @compiled
 def end_slopes(
-    p: FloatArray, step: float, motion: FloatArray, states: FloatArray, changes: FloatArray,
-) -> FloatArray:
+    p: FloatArray, steps: FloatArray, motion: FloatArray, states: FloatArray, changes: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     """Give what changes of a motion (ways, samples, 12) do to its end (4, ways, samples)."""
+    # and what longer steps do, (4, steps)
     found, left = np.zeros((4, len(changes), len(motion))), np.eye(4)
+    by_step = np.zeros((4, len(steps)))
     room, one, own = np.zeros(24), np.zeros(4), np.zeros((4, 4))
     for n in range(len(motion) - 2, -1, -1):
         for way in range(len(changes)):
             for k in range(2):
                 pair = motion[n:n + 2].copy()
                 pair[k] += NUDGE * changes[way, n + k]
-                advance(p, step, states[n], pair[0], pair[1], room, one)
+                advance(p, steps[n], states[n], pair[0], pair[1], room, one)
                 found[:, way, n + k] += left @ ((one - states[n + 1]) / NUDGE)
+        advance(p, (1.0 + NUDGE) * steps[n], states[n], motion[n], motion[n + 1], room, one)
+        by_step[:, n] = left @ ((one - states[n + 1]) / (NUDGE * steps[n]))
         for j in range(4):
             near = states[n].copy()
             near[j] += NUDGE
-            advance(p, step, near, motion[n], motion[n + 1], room, one)
+            advance(p, steps[n], near, motion[n], motion[n + 1], room, one)
             own[:, j] = (one - states[n + 1]) / NUDGE
         left = left @ own
-    return found
+    return found, by_step
