@@ -27,19 +27,30 @@ var Scorer = {
   partialTerm: 2,
 };
 
-// A question in words that no page has together still has answers: the rarest word is left out
-// until there are some; what has fewer of the words comes after what has more.
-const ENOUGH = 5, LEFT_OUT = 30;
+// A question in words that no page has together still has answers: pages with some of its words,
+// and the rarer these are the more they count. Words that are on no page count nothing.
+const ENOUGH = 5, LEAST = 0.3, WEIGHT = 8, LEFT_OUT = 30;
 {
   const strict = Search.performTermsSearch;
-  const pages = (word) => new Set(Object.entries(Search._index.terms)
-    .filter(([term]) => term.includes(word)).flatMap(([, files]) => files)).size;
+  const pages = (word) => new Set(
+    [Search._index.terms, Search._index.titleterms].flatMap((terms) => Object.entries(terms))
+      .filter(([term]) => term.includes(word)).flatMap(([, files]) => files)).size;
   Search.performTermsSearch = (terms, excluded) => {
-    const words = [...terms].sort((one, other) => pages(other) - pages(one));
-    const found = new Map();
-    for (let less = 0; words.length && found.size < ENOUGH; words.pop(), less += LEFT_OUT)
-      for (const [name, title, anchor, text, score, ...rest] of strict(new Set(words), excluded))
-        if (!found.has(name)) found.set(name, [name, title, anchor, text, score - less, ...rest]);
-    return [...found.values()];
+    const whole = strict(terms, excluded);
+    if (whole.length >= ENOUGH) return whole;
+    const most = Search._index.docnames.length;
+    const rare = new Map([...terms].filter(pages).map((word) => [word, Math.log(most / pages(word))]));
+    const all = [...rare.values()].reduce((sum, value) => sum + value, 0);
+    const found = new Map(whole.map((item) => [item[0], {item, sum: all + LEFT_OUT / WEIGHT}]));
+    const some = new Map();
+    for (const [word, value] of rare)
+      for (const item of strict(new Set([word]), excluded)) {
+        const old = some.get(item[0]) || {item, sum: 0};
+        some.set(item[0], {item: item[4] > old.item[4] ? item : old.item, sum: old.sum + value});
+      }
+    for (const [page, one] of some)
+      if (!found.has(page) && one.sum > LEAST * all) found.set(page, one);
+    return [...found.values()].map(({item: [page, title, anchor, text, score, ...rest], sum}) =>
+      [page, title, anchor, text, score + WEIGHT * sum - LEFT_OUT, ...rest]);
   };
 }

@@ -152,7 +152,7 @@ def test_detection_by_the_force_that_is_noticed(
 def test_a_payload_in_kilograms(result: FitResult) -> None:
     """The error of a mean over what a kilogram at the tip adds."""
     use = next(use for use in uses_of(result.fitted[0], ARM, {}, {}) if use.name == 'payload')
-    kilograms = float(use.why.split(' kg of')[0])
+    kilograms = float(use.why.removeprefix('uncertain by ').split(' kg')[0])
     item = result.fitted[0].validation
     error = 2.0 * np.concatenate([trace.measured - trace.predicted for trace in item.traces])
     means = error[:len(error) // 20 * 20].reshape(-1, 20, 2).mean(axis=1)
@@ -243,5 +243,5 @@ def test_what_runs_beside_the_robot_comes_first(
     # in short: nothing of recordings, and no verdict that is good
     _print(replace(result, causal=result), assessment, Path('report.html'), verbose=False)
     said = capsys.readouterr().out
-    assert 'models beside the robot' in said and 'report: report.html' in said
+    assert 'as the running monitor filters' in said and 'report: report.html' in said
     assert 'offline' not in said and 'prediction: good' not in said

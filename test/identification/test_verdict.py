@@ -31,7 +31,7 @@ def _validation(fit: float, *channels: float) -> Validation:
 @pytest.mark.parametrize(('fit', 'level', 'text'), [
     (99.0, Grade.GOOD, 'fit 99.0 % (>= 85) on test bag x'),
     (85.0, Grade.GOOD, 'fit 85.0 % (>= 85)'),
-    (84.99, Grade.USABLE, 'fit 84.9 % (60 to 85)'),
+    (84.99, Grade.USABLE, 'fit 84.9 % (usable: 60 to 85)'),
     (60.0, Grade.USABLE, '60.0 %'),
     (59.99, Grade.DO_NOT_USE, 'fit 59.9 % (< 60)'),
     (float('-inf'), Grade.DO_NOT_USE, '(< 60)')])

@@ -149,8 +149,8 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
         'wrong joints: the arm has no multi-DOF joints'),
     'impossible tolerance': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'position': -2.0}}, -1,
-        'goal_tolerance of joint2 has the position -2; give rad or m, 0 for the default, -1 for '
-        'no bound')}
+        'goal_tolerance of joint2 has the position -2; give a bound above 0 [rad or m], 0 for '
+        'the default, or -1 for none')}
 
 
 def test_refusals_have_code_and_reason(client: Client) -> None:

@@ -173,10 +173,10 @@ class McapFile:
         number, schema = _U16.unpack_from(record)[0], _U16.unpack_from(record, 2)[0]
         topic, _ = _text(record, 4)
         if schema not in self._schemas:
-            raise Damaged('a channel has no schema')
+            raise Damaged(f'topic {topic} has no schema')
         found = topic, self._schemas[schema]
         if self._channels.setdefault(number, found) != found:
-            raise Damaged('a channel changes its topic or type')
+            raise Damaged(f'channel {number} changes its topic or type')
         return int(number)
 
     def read(self, topics: Collection[str] | None, *, with_data: bool) -> dict[str, Scan]:

@@ -119,7 +119,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
         _check_tables(connection)
         yield connection
     except sqlite3.Error as err:
-        cause = 'its rows do not end' if left < 0 else str(err)
+        cause = 'its tables loop' if left < 0 else str(err)
         raise Damaged(f'SQLite: {cause}') from None
     finally:
         connection.close()

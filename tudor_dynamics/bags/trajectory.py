@@ -255,7 +255,7 @@ def read_trajectories(path: Path, topic: str = '') -> list[Sent]:
     raw = bag.read([name])[name]
     if not 0 < len(raw.data) <= MOST_MESSAGES:
         msg = f'topic {name} has {len(raw.data)} messages; expected 1 to {MOST_MESSAGES}'
-        raise BagError(msg, place=path)
+        raise BagError(msg, place=path, remedy='give a bag that holds the trajectory')
     return [_decode(data, name, int(time), f'{path}, message {number} of {name}')
             for number, (data, time) in enumerate(zip(raw.data, raw.log_time, strict=True))]
 

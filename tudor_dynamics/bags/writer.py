@@ -377,8 +377,8 @@ class LiveWriter:
                 made.rename(self.path)
             shutil.rmtree(self._scratch, ignore_errors=True)
         except FAILURES as err:
-            raise BagError(f'{self.path}: {failure or "cannot be finished"}; messages are kept '
-                           f'in {made}: copy it; closing it failed ({reason(err)})') from None
+            raise BagError(f'{self.path}: {failure or "cannot be finished"}; copy the folder '
+                           f'{made}: it keeps the messages ({reason(err)})') from None
         if failure:
             msg = (f'{self.path}: {failure}; recording has ended, the {count} messages that were '
                    'on disk are kept; make room and record on under another name')

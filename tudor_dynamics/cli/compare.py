@@ -76,8 +76,8 @@ def _errors(one: Side, other: Side, bag: str) -> tuple[FloatArray, FloatArray]:
     for side, beside in ((one, other), (other, one)):
         measure = side if side.full is not None else beside
         if measure.bundle is None:
-            raise UsageError('A and B are both arm descriptions, which say nothing of friction '
-                             'and filters', remedy='give a model as A or B, or leave BAG out')
+            raise UsageError('arm descriptions alone cannot be judged by BAG',
+                             remedy='give a model as A or B, or leave BAG out')
         data = load(parse_choice(bag), measure.arm, measure.bundle.preprocessing, learn=True)
         if not data.has('effort'):
             raise UsageError(f'{bag}: has no efforts of the joints of {measure.arm.name}',

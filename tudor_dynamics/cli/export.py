@@ -121,7 +121,7 @@ def lost(arm: Arm, effects: dict[str, FullParameters], *, rotors: bool) -> tuple
     """Name the parts of an arm's model that URDF or MJCF cannot hold, and what each would win."""
     found: dict[str, bool] = {
         **{str(term): not TERMS[term].pair for joint in arm.joints for term in joint.friction},
-        'each direction its own friction': any(joint.asymmetric for joint in arm.joints),
+        'friction that differs by direction': any(joint.asymmetric for joint in arm.joints),
         'rotor inertias': not rotors and any(joint.rotor_inertia for joint in arm.joints),
         'couplings': arm.coupling is not None}
     errors = {what: 100.0 * math.sqrt(np.mean(full.solution.relative_errors ** 2))

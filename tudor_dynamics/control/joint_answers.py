@@ -307,7 +307,8 @@ class JointRecord:
             return self._drifts(j, line[0])
         moved, way = np.ptp(self._moved[:, j]), np.ptp(self._ways, axis=0).max()
         if moved > self._step and moved > settings.RUNAWAY * way:
-            return f'{_times(moved / way)}, back and forth: check units and gears of its driver'
+            return (f'{_times(moved / way)}, back and forth: check units and gear ratio in its '
+                    'driver')
         return ''
 
     def _silent(self, j: int, fit: _Fit) -> tuple[bool | None, str]:

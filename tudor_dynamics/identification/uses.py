@@ -388,6 +388,6 @@ def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
     best = int(np.nanargmin(kilograms))
     share = float(error[best] / max(span[best], 1e-300))
     return _grade(share, settings.WEIGHT_SHARE), (
-        f'{short(kilograms[best])} kg of uncertainty (two standard deviations of '
+        f'uncertain by {short(kilograms[best])} kg (two standard deviations of '
         f'{model.channels[best]}, averaged over {settings.MEAN:g} s), {100.0 * share:.0f} % of '
-        'how much the weight of the arm varies there between poses'), {}
+        "how much the arm's weight varies between poses"), {}

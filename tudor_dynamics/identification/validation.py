@@ -429,7 +429,8 @@ def judge(
 def _figures(validation: Validation) -> str:
     fit = max(validation.score.fit, -1e6)
     bound = (f'>= {GOOD_FIT:g}' if fit >= GOOD_FIT else
-             f'{USABLE_FIT:g} to {GOOD_FIT:g}' if fit >= USABLE_FIT else f'< {USABLE_FIT:g}')
+             f'usable: {USABLE_FIT:g} to {GOOD_FIT:g}' if fit >= USABLE_FIT else
+             f'< {USABLE_FIT:g}')
     shown = math.floor(10.0 * fit) / 10.0  # never rounded up over a bound
     return (f'fit {shown:.1f} % ({bound}) on {validation.method}, relative error '
             f'{100.0 * validation.score.relative_error:.1f} %')

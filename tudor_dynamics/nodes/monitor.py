@@ -95,7 +95,7 @@ class BlackBox:
             path = write_events(
                 folder.expanduser() / self._node.get_namespace().strip('/'), series,
                 [record | made for record in records])
-            self._node.get_logger().info(f'the messages of the last 30 s are in the bag {path}')
+            self._node.get_logger().info(f'to see why: tudor why {path} (the last 30 s)')
         except BagError as err:
             self._node.get_logger().error(str(err))
 

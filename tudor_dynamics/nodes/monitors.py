@@ -102,9 +102,10 @@ class WatchedArm:
         """Take what was made into use, end what has failed, make it again after a pause [s]."""
         node, now = self.node, host.steady()
         if node is not None and node.failure:
-            host.get_logger().error(f'{self.namespace}: {node.failure}')
+            host.get_logger().error(f'{self.namespace}: a defect of tudor, please report it: '
+                                    f'{node.failure}')
             last = node.failure.strip().splitlines()[-1]
-            self.fault = f'its monitor failed and restarts in {pause:g} s: {last}'
+            self.fault = f'the monitor failed and restarts in {pause:g} s: {last}'
             self.failures += 1
             self._due = now + pause
             self.end(host)

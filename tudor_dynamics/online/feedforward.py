@@ -295,10 +295,10 @@ class DeflectedArm:
         motor, torque = np.zeros_like(q), np.zeros_like(q)
         done = invert(q, dq, ddq, reach, motor, torque, self._tables, *self._driven.arrays)
         if done < len(q):
-            msg = (f'{self._name}: links and gears find no equilibrium under the load of point '
-                   f'{done + 1} of the motion, q = {np.round(q[done], 3).tolist()}')
-            raise SimulationError(msg, remedy='move more slowly there, or correct their stiffness '
-                                              'in the arm description')
+            msg = (f'{self._name}: links and gears cannot hold point {done + 1} of the motion, '
+                   f'q = {np.round(q[done], 3).tolist()}')
+            raise SimulationError(msg, remedy='move more slowly there, or correct the stiffness '
+                                              'of links and gears in the arm description')
         return motor, torque
 
 

@@ -121,8 +121,8 @@ CHECKS = {
     'time_scale': Check('time stamps run too fast or too slowly', 'take stamps from the clock in '
                         'the driver, or correct the rate they are computed with', '', RESIDUAL),
     'position_drift': Check(
-        'a position drifts away from the real one', 'check belt, coupling and mounting of the '
-        'encoder, or use a shorter part, such as BAG@5s-50s', 'rad', RESIDUAL, one_bag=True),
+        'a position drifts away from the true one', 'check belt, coupling and mounting of the '
+        'encoder, or use part of the bag, such as BAG@5s-50s', 'rad', RESIDUAL, one_bag=True),
     'position_ripple': Check('a position has an error that repeats with the angle', 'centre the '
                              'encoder disc, and check coupling and bearing', 'rad', RESIDUAL),
     'saturated': Check('a channel is saturated', 'widen the range of amplifier or driver, or move '

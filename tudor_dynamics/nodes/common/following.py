@@ -67,7 +67,8 @@ def tolerances_of(goal: Any, names: Sequence[str], default: Tolerances) -> Toler
                                   remedy='leave its velocity and acceleration 0')
             if not (item.position >= 0.0 or item.position == -1.0):
                 raise SignalError(f'{field} of {item.name} has the position {item.position:g}',
-                                  remedy='give rad or m, 0 for the default, -1 for no bound')
+                                  remedy='give a bound above 0 [rad or m], 0 for the default, '
+                                         'or -1 for none')
             if item.position:
                 bounds[names.index(item.name)] = max(item.position, 0.0)
         return bounds
