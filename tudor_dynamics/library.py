@@ -28,8 +28,7 @@ import warnings
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.errors import (
-    check_budget, check_type, ModelError, TudorWarning, UsageError)
+from tudor_dynamics.errors import check_budget, check_type, ModelError, TudorWarning, UsageError
 from tudor_dynamics.files import write_figure
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (

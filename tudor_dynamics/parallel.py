@@ -316,8 +316,7 @@ def versions() -> dict[str, str]:
     """Give the versions that results depend on: of the package, by its sources, and of others."""
     rooms = tuple(sorted(folder.name for folder in PACKAGE.iterdir()
                          if (folder / '__init__.py').exists()))
-    return {'tudor_dynamics': source_digest(rooms),
-            **{name: version(name) for name in LIBRARIES}}
+    return {'tudor_dynamics': source_digest(rooms), **{name: version(name) for name in LIBRARIES}}
 
 
 def _piece(

@@ -52,6 +52,5 @@ def finite_array(values: ArrayLike, name: str, *shape: int | None) -> FloatArray
         words = ', '.join('any' if size is None else str(size) for size in shape)
         raise SignalError(f'{name} has the shape {found.shape}; expected ({words})')
     if not np.isfinite(found).all():
-        raise SignalError(f'{name} has NaN or infinite values',
-                          remedy='leave out such samples')
+        raise SignalError(f'{name} has NaN or infinite values', remedy='leave out such samples')
     return found

@@ -273,8 +273,7 @@ def link_reach(model: pin.Model, joint: str, direction: NDArray[np.float64]) -> 
     index = model.getJointId(joint)
     places = [model.jointPlacements[child].translation
               for child in range(index + 1, model.njoints) if model.parents[child] == index]
-    places += [frame.placement.translation for frame in model.frames
-               if frame.parentJoint == index]
+    places += [frame.placement.translation for frame in model.frames if frame.parentJoint == index]
     return max((float(direction @ place) for place in places), default=0.0)
 
 

@@ -280,8 +280,7 @@ class SelfCollision:
         for i, k in itertools.combinations(range(len(objects)), 2):
             a, b = objects[i].parentJoint, objects[k].parentJoint
             wall = k >= len(objects) - self._walls  # stands at the end, and at the base
-            if a == b or not wall and (
-                    parents[a] == b and a > 0 or parents[b] == a and b > 0):
+            if a == b or not wall and (parents[a] == b and a > 0 or parents[b] == a and b > 0):
                 continue
             if frozenset((self._link(i), self._link(k))) in disabled:
                 left_out += 1

@@ -152,8 +152,7 @@ class McapFile:
                 total, *_, length = _COUNTS.unpack_from(record)
                 if _COUNTS.size + length > len(record):
                     raise Damaged('statistics leave their record')
-                self._counts = dict(
-                    _COUNT.iter_unpack(record[_COUNTS.size:_COUNTS.size + length]))
+                self._counts = dict(_COUNT.iter_unpack(record[_COUNTS.size:_COUNTS.size + length]))
             position += size
         return (self._counts.keys() <= self._channels.keys() and total is not None
                 and sum(self._counts.values()) == total)

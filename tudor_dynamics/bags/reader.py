@@ -415,8 +415,7 @@ def read_recording(
     """
     check_type(path, (str, Path), 'path', 'the path of a bag')
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
-    return read_planned(path, plan_from_arm(arm), need_output=need_output,
-                        need_motion=need_motion)
+    return read_planned(path, plan_from_arm(arm), need_output=need_output, need_motion=need_motion)
 
 
 def read_planned(

@@ -316,8 +316,7 @@ def without_zero_velocities(recording: Recording, plan: Sources, notes: Notes) -
         return recording
     notes.add(f'velocity of {", ".join(zero)} is zero throughout, though the joints move; '
               'velocities are not used')
-    return replace(recording, dq=None,
-                   oddities=replace(recording.oddities, zero_velocities=zero))
+    return replace(recording, dq=None, oddities=replace(recording.oddities, zero_velocities=zero))
 
 
 def _speed(recording: Recording, column: int) -> float:

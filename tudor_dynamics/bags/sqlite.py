@@ -89,8 +89,7 @@ class SqliteFile:
                 scan.log_time.append(time)
                 if with_data:
                     if not isinstance(message, bytes):
-                        raise Damaged(
-                            f'SQLite: a {type(message).__name__} in place of a message')
+                        raise Damaged(f'SQLite: a {type(message).__name__} in place of a message')
                     left -= len(message)
                     if left < 0:
                         raise Damaged('SQLite: its messages are larger than the file')

@@ -34,8 +34,7 @@ from typing import Any
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
-from rich.progress import (
-    BarColumn, Progress, ProgressColumn, SpinnerColumn, TimeElapsedColumn)
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, TimeElapsedColumn
 from rich.table import Column, Table
 from rich.text import Text
 

@@ -332,8 +332,7 @@ def run(args: argparse.Namespace) -> int:
             for output, kinds in found.items() for kind, item in kinds.items()]
     say(*map(str, worse))
     if compared and not worse:
-        say('the model is what it was in its validation: no channel is worse by more than '
-            'chance')
+        say('the model is what it was in its validation: no channel is worse by more than chance')
     print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}', rows))
     print_findings(findings)
     for bag, carried in evaluated.loads.items():

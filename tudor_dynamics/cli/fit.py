@@ -180,8 +180,7 @@ def run(args: argparse.Namespace) -> int:
         sums = out.with_name(out.name + SUFFIX).absolute()
         streaming = Streaming(sums, args.jobs, strict=args.strict)
         total = 4 * len(training) + 2 * len(test)
-    with (steps(total + 4 * len(settings.kinds) + 5) as step,
-          on_cluster(args.cluster)):
+    with (steps(total + 4 * len(settings.kinds) + 5) as step, on_cluster(args.cluster)):
         fit = fit_choices(arm, training, test, preprocessing, settings, payloads,
                           ignore_payload=args.ignore_payload, plan=plan, out=out,
                           overwrite=args.overwrite, streaming=streaming, progress=step,

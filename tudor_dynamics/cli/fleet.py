@@ -101,8 +101,7 @@ def _print(fleet: Fleet, out: Path) -> None:
     if fleet.named:
         print_table(table)
     else:
-        say(f'{fleet.name}: {len(fleet.arms)} arms, alike and unchanged as far as these bags '
-            'show')
+        say(f'{fleet.name}: {len(fleet.arms)} arms, alike and unchanged as far as these bags show')
     for choice in fleet.choices:
         say(f'chosen for all: {choice}')
     for bag in fleet.unused:

@@ -84,8 +84,7 @@ def _by_frequency(args: argparse.Namespace) -> list[Sent]:
                       figures=('remains [%]',))
     for off in OFF:
         frequency = (1.0 + off) * args.frequency
-        table.add_row(f'{frequency:.3g} Hz',
-                      f'{100.0 * remains(shaper, frequency, damping):.1f}')
+        table.add_row(f'{frequency:.3g} Hz', f'{100.0 * remains(shaper, frequency, damping):.1f}')
     print_table(table)
     return done
 

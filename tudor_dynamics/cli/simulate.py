@@ -190,8 +190,7 @@ def run(args: argparse.Namespace) -> int:
     for name in signals:
         if name not in known:
             raise UsageError(f'--signals {name}: no such signal; choose from {", ".join(known)}')
-    result = SimulatedRun(
-        arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
+    result = SimulatedRun(arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
     if folder is not None:
         result.save(folder)
     if args.plot and folder is not None:

@@ -388,8 +388,7 @@ class MotionController:
             if cause:
                 self._interrupt(now, cause)
             return
-        self.cause = self._untested() or reference.obstacle(
-            now, self.timeout, q, self._hold.dq)
+        self.cause = self._untested() or reference.obstacle(now, self.timeout, q, self._hold.dq)
         if not self.cause:
             self.state, self.cause = State.FOLLOWING, 'follows the reference'
 

@@ -25,8 +25,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.schema import (
-    Finite, Name, NonNegative, Positive, Spec, validation_message)
+from tudor_dynamics.arm.schema import Finite, Name, NonNegative, Positive, Spec, validation_message
 from tudor_dynamics.control import settings
 from tudor_dynamics.control.damper import Damper
 from tudor_dynamics.control.gains import LoopGains
@@ -217,8 +216,7 @@ class Schedule:
 
     def _point(self, row: FloatArray) -> Point:
         n, d = len(self.content.joints), len(self.content.damped)
-        gain, single, load, inertia, rest = np.split(
-            row, np.cumsum([d, 3, d, d * n]))
+        gain, single, load, inertia, rest = np.split(row, np.cumsum([d, 3, d, d * n]))
         position_gain, full_delay, reached = single.tolist()
         return Point(gain, position_gain, full_delay, reached, load, inertia.reshape(d, n),
                      tuple(Mode(float(part[0]), float(part[1]), part[2:2 + n], part[2 + n:])

@@ -288,8 +288,7 @@ def day_scatter(series: Sequence[History]) -> float:
 
 def _level(item: History, scale: float) -> tuple[float, float]:
     weights = item.errors ** -2.0
-    return (float(weights @ item.values / weights.sum()),
-            float(scale / np.sqrt(weights.sum())))
+    return float(weights @ item.values / weights.sum()), float(scale / np.sqrt(weights.sum()))
 
 
 def _line(item: History) -> tuple[FloatArray, FloatArray]:

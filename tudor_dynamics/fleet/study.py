@@ -32,8 +32,7 @@ from pydantic import Field, field_validator, ValidationError
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import Name, Spec, validation_message
 from tudor_dynamics.errors import FitError, quiet, TudorError, UsageError
-from tudor_dynamics.files import (
-    load_yaml, read_bounded, read_text, source_digest, write_whole)
+from tudor_dynamics.files import load_yaml, read_bounded, read_text, source_digest, write_whole
 from tudor_dynamics.fleet.comparison import (
     aged, Fleet, Measure, measures, Named, named_aged, named_outliers, Observation, parted,
     quantities, Quantity, ring_quantities, rings, stiffness_quantities)

@@ -175,8 +175,7 @@ class LeftOut:
         speed = part.speed
         if parameters is not None:
             speed = speed.copy()
-            loads = np.abs(np.einsum('kcp,cp->kc', part.bodies,
-                                     parameters[:, :len(self.columns)]))
+            loads = np.abs(np.einsum('kcp,cp->kc', part.bodies, parameters[:, :len(self.columns)]))
             for i, columns in enumerate(self.terms):
                 for k, column in enumerate(columns):
                     if TERMS[term_of(column.kind)].loaded:
@@ -373,8 +372,7 @@ def choose_friction(
                          for joint, option in zip(current, options, strict=True)]
             found = errors(candidate)
             for i, option in enumerate(options):
-                if name in option and candidate[i] != current[i] and paid(
-                        base[:, i], found[:, i]):
+                if name in option and candidate[i] != current[i] and paid(base[:, i], found[:, i]):
                     gain = float(found[:, i].sum())
                     if i not in best or gain < best[i][0]:
                         best[i] = gain, candidate[i]

@@ -33,11 +33,9 @@ from tudor_dynamics.bags.info import recorded_names
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import bags_below, natural
-from tudor_dynamics.errors import (
-    check_type, FitError, quiet, TudorError, TudorWarning, UsageError)
+from tudor_dynamics.errors import check_type, FitError, quiet, TudorError, TudorWarning, UsageError
 from tudor_dynamics.models.base import Blocks, MemorylessModel, Model, Range, SAME
-from tudor_dynamics.signals.preprocessing import (
-    prepare, retimed, Stretch, Timing, TrainingBlock)
+from tudor_dynamics.signals.preprocessing import prepare, retimed, Stretch, Timing, TrainingBlock
 
 
 # -- Where a recording moves, but for standstill in the middle
@@ -260,8 +258,7 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
 
     start = next((part.start for part in recording.segments
                   if part.start < first < part.stop), first)
-    earlier = ((recording.stamp[start:first], recording.q[start:first])
-               if start < first else None)
+    earlier = (recording.stamp[start:first], recording.q[start:first]) if start < first else None
     if start == 0 and recording.earlier is not None:
         stamps, places = recording.earlier
         earlier = (np.concatenate([stamps, recording.stamp[:first]]),
@@ -310,8 +307,7 @@ def filtered(bag: BagData, preprocessing: PreprocessingSpec) -> BagData:
         t = stretch.t[stretch.decimation.keep]
         inside = stretch.decimation.keep[(t >= begin) & (t <= end)]
         if len(inside) >= 2:
-            stretches.append(replace(stretch, decimation=replace(
-                stretch.decimation, keep=inside)))
+            stretches.append(replace(stretch, decimation=replace(stretch.decimation, keep=inside)))
     return replace(bag, stretches=tuple(stretches or prepare(bag.recording, preprocessing)))
 
 

@@ -263,8 +263,7 @@ class Simulations:
         if self.towards is not None:
             shown, gains = self.towards[k]
             measured = [shown / np.exp(vectors[i][n:]) for i in ready]
-        found = follow_together(
-            [arms[i] for i in ready], record.q, record.dt, measured, gains)
+        found = follow_together([arms[i] for i in ready], record.q, record.dt, measured, gains)
         for i, moment in zip(ready, found, strict=True):
             moments[i] = None if moment is None else moment[record.skip:]
         return moments

@@ -247,8 +247,7 @@ def _peaks(
 
     values = np.array(scan.fits([times(factor) for factor in factors]))
     padded = np.concatenate([[-np.inf], values, [-np.inf]])
-    peaks = np.flatnonzero((values >= padded[:-2]) & (values >= padded[2:])
-                           & np.isfinite(values))
+    peaks = np.flatnonzero((values >= padded[:-2]) & (values >= padded[2:]) & np.isfinite(values))
     return [(float(factors[peak]), times(factors[peak]))
             for peak in peaks[np.argsort(-values[peaks])]]
 
@@ -393,8 +392,7 @@ def _with_simple(
     errors = [100.0 - _problem(arm, rest, known).fits([end.x])[0]
               for (known, _), end in zip((found, simple), ends, strict=True)]
     if errors[1] <= AS_GOOD * errors[0]:
-        ends.append(_descended(
-            'simple gears', arm, records, simple[0], ends[1].x, LAST, progress))
+        ends.append(_descended('simple gears', arm, records, simple[0], ends[1].x, LAST, progress))
     return ends
 
 

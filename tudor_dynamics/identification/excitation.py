@@ -383,8 +383,7 @@ class Bounds:
                 for k in range(motion.shape[1]):
                     moved = motion.copy()
                     moved[:, k] += STEP
-                    slope[:, k] += np.sum(
-                        pull * (self.efforts.ratio(moved) - here), axis=1) / STEP
+                    slope[:, k] += np.sum(pull * (self.efforts.ratio(moved) - here), axis=1) / STEP
         if self.links is not None:
             n = len(self.range.lower)
             for row, q in zip(slope, motion[:, :n], strict=True):

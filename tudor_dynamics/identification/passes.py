@@ -291,8 +291,7 @@ def survey(
         try:
             bag = open_bag(path)
             known = payloads.get(str(path.resolve()))
-            return SurveyedBag(choice, bag.checksum(),
-                               bag.payload() if known is None else known)
+            return SurveyedBag(choice, bag.checksum(), bag.payload() if known is None else known)
         except TudorError as err:
             return _unused(str(choice), err, base)
 

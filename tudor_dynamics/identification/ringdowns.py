@@ -33,8 +33,7 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import follow_motion
 from tudor_dynamics.models.settings import RING_AFTER
-from tudor_dynamics.signals.filters import (
-    MotionState, ring_modes, RingMode, Vibration, zero_phase)
+from tudor_dynamics.signals.filters import MotionState, ring_modes, RingMode, Vibration, zero_phase
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -253,8 +252,7 @@ def find_ringdowns(
                 continue
             moment: FloatArray | None = None  # at the gauges along the measured motion [N m]
             with suppress(SimulationError):
-                moment = follow_motion(
-                    driven, stretch.states.q, stretch.dt, stretch.before).moment
+                moment = follow_motion(driven, stretch.states.q, stretch.dt, stretch.before).moment
             found += [one for part in parts
                       if (one := _ringdown(driven, bag, stretch, part, moment)) is not None]
     return tuple(found)

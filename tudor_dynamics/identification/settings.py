@@ -51,8 +51,7 @@ TIP_FORCE = (65.0, 150.0)
 # beyond a half it is not fed.
 LEFT_TO_CONTROL = (0.3, 0.5)
 # Findings by which units, and so newtons and kilograms, are in doubt.
-UNITS = ('effort_unit', 'dh_in_millimetres', 'dh_in_degrees', 'gauge_in_millimetres',
-         'joint_scale')
+UNITS = 'effort_unit', 'dh_in_millimetres', 'dh_in_degrees', 'gauge_in_millimetres', 'joint_scale'
 # Good and usable: error of a mean over `MEAN` over the range of what weight makes.
 WEIGHT_SHARE = (0.05, 0.2)
 MEAN = 1.0  # time over which a payload is averaged [s]

@@ -89,8 +89,7 @@ def learn_all(
             # the friction that may hold each joint while it stands, as all models have it
             held = np.max([model.stiction(_poses(bag, settings.STICTION_POSES))
                            for model, bag in cases], axis=0)
-        strain = next((other for what, of, other in unseen
-                       if what == 'strain' and of == kind), ())
+        strain = next((other for what, of, other in unseen if what == 'strain' and of == kind), ())
         records = {output: free_motion(cases, output, spec, strain=strain)}
         if output == 'effort' and kind == 'analytical':
             records['momentum'] = free_motion(cases, output, spec, momentum=True)
@@ -304,8 +303,7 @@ def _gain(arm: Arm, gauge: GaugeSpec) -> float:
     """Give the reading of a gauge per N m, by the link that it sits on; NaN if unknown."""
     if gauge.unit == 'N m':
         return 1.0
-    beam = next((link.flexible for link in arm.spec.links if link.joint == gauge.joint),
-                None)
+    beam = next((link.flexible for link in arm.spec.links if link.joint == gauge.joint), None)
     if beam is None or gauge.unit not in STRAIN_SCALE:
         return math.nan
     known = beam_properties(beam)

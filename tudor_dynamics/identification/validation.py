@@ -420,8 +420,7 @@ def judge(
         doubts.append(f'the motion does not excite {shown}: trust it on similar motion only')
     elif condition > LARGEST_CONDITION:
         doubts.append(f'condition number {condition:.0f}: richer motion would pin the parameters')
-    if level is Grade.GOOD and any(
-            not text.endswith(': usable') for text in doubts):
+    if level is Grade.GOOD and any(not text.endswith(': usable') for text in doubts):
         level = Grade.USABLE
     return Verdict(level, tuple(reasons + doubts), levels)
 

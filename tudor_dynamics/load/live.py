@@ -458,8 +458,7 @@ class PayloadStage(CarriedLoad):
         super().__init__(bundle, known)
         self._sense, reference = self._sensed(bundle)
         channels = len(bundle.models[self.output]['analytical'].channels)
-        self.observer = LoadObserver(
-            channels, reference, self._sense.lag, self._sense.explained)
+        self.observer = LoadObserver(channels, reference, self._sense.lag, self._sense.explained)
         # compiled now, and not while the robot runs
         nothing = np.zeros(3 * len(bundle.arm.joints))
         for _ in range(round(2.0 * BEGUN / LARGEST_STEP)):

@@ -82,8 +82,7 @@ def solve_load(
     for _ in range(PASSES):
         weight = np.where(alive, 1.0 / np.where(alive, deviation, 1.0), 0.0)
         x = (free * weight[:, None]).reshape(-1, rows.shape[2])
-        parameters = np.asarray(
-            np.linalg.lstsq(x, (left * weight).reshape(-1), rcond=1e-8)[0])
+        parameters = np.asarray(np.linalg.lstsq(x, (left * weight).reshape(-1), rcond=1e-8)[0])
         error = left - free @ parameters
         deviation = np.maximum(error.std(axis=0), 1e-9 * before)
     scores = np.einsum('kcp,kc->kp', free * weight[:, None] ** 2, error)
@@ -261,8 +260,7 @@ class RecordedOutput:
         bent: BentLinks | None, watched: Sequence[Watched],
     ) -> None:
         self.arm, self.output, self._stretches = arm, output, stretches
-        self._smooth = [] if bent is None or output != 'strain' else smoothed(
-            watched, bent.cutoff)
+        self._smooth = [] if bent is None or output != 'strain' else smoothed(watched, bent.cutoff)
         self.links = bent if self._smooth else None
         self.model = model if self.links is None else self.links.model
 

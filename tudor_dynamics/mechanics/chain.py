@@ -116,8 +116,7 @@ def coefficients(x: float) -> tuple[float, float, float, float, float]:
     """Give sin(f)/f, (1 - cos f)/f^2, (f - sin f)/f^3 and the last two's derivatives by f^2."""
     # Taylor series in x = f^2: no division at zero, and exact to 1e-12 for angles below 1 rad, far
     # above what a beam of small displacements allows.
-    s = 1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0 * (
-        1.0 - x / 110.0))))
+    s = 1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0 * (1.0 - x / 110.0))))
     a = 0.5 * (1.0 - x / 12.0 * (1.0 - x / 30.0 * (1.0 - x / 56.0 * (1.0 - x / 90.0 * (
         1.0 - x / 132.0)))))
     b = (1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0 * (1.0 - x / 110.0 * (
@@ -375,8 +374,7 @@ def forward(z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, damped: float) 
             angle, speed, rise = angle + z[spring], speed + dz[spring], rise + ddz[spring]
         if kind == PRISMATIC:
             arm = add(arm, times(angle, axis_at))
-        acceleration = add(acceleration, add(
-            cross(angular, arm), cross(omega, cross(omega, arm))))
+        acceleration = add(acceleration, add(cross(angular, arm), cross(omega, cross(omega, arm))))
         velocity = add(velocity, cross(omega, arm))
         if kind == REVOLUTE:
             frame = product(frame, about_axis(axis, angle))

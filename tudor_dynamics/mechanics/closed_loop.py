@@ -550,5 +550,4 @@ class ArmProcess:
         self._age += period
         q_ref = np.zeros((self.steps, len(self.speed)))  # no position loop: not used
         signals = self.loop.run(q_ref, np.full(q_ref.shape, self.speed), every=self.steps)
-        return Sample(t, signals.q[0], signals.dq[0], signals.current[0], signals.strain[0],
-                      total)
+        return Sample(t, signals.q[0], signals.dq[0], signals.current[0], signals.strain[0], total)

@@ -327,8 +327,7 @@ def add_stretch(
             u1, u2 = node_values(z, first, e), node_values(z, first, e + 1)
             y, s = (u1[1], u1[5], u2[1], u2[5]), (u1[2], -u1[4], u2[2], -u2[4])
             gy, gz = hermite_slope(y, length), hermite_slope(s, length)
-            normal = floats[at.EA] / length * (
-                u2[0] - u1[0] + 0.5 * (inner(y, gy) + inner(s, gz)))
+            normal = floats[at.EA] / length * (u2[0] - u1[0] + 0.5 * (inner(y, gy) + inner(s, gz)))
             for side in range(2):
                 k = first + 6 * (e + side - 1) if e + side > 0 else -10
                 o = 5 * side
@@ -365,6 +364,5 @@ def stretch_energy(z: NDArray, body_int: NDArray, body_float: NDArray) -> float:
                 y, s = (u1[1], u1[5], u2[1], u2[5]), (u1[2], -u1[4], u2[2], -u2[4])
                 shorter = 0.5 * (inner(y, hermite_slope(y, length))
                                  + inner(s, hermite_slope(s, length)))
-                total += 0.5 * floats[at.EA] / length * shorter * (
-                    2.0 * (u2[0] - u1[0]) + shorter)
+                total += 0.5 * floats[at.EA] / length * shorter * (2.0 * (u2[0] - u1[0]) + shorter)
     return total

@@ -26,8 +26,7 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import gauge_point, is_prismatic, joint_axis, unit_vector
-from tudor_dynamics.arm.schema import (
-    BeamSpec, GaugeSpec, InertiaPart, LinkSpec, SectionSpec)
+from tudor_dynamics.arm.schema import BeamSpec, GaugeSpec, InertiaPart, LinkSpec, SectionSpec
 from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import Chain
@@ -237,8 +236,7 @@ class Builder:
         ints[at.Q] = self._coordinate(spec.hub_inertia, 0.0, spec.viscous_friction, start)
         self.q_index.append(int(ints[at.Q]))
         if spec.joint_stiffness is not None:
-            ints[at.SPRING] = self._coordinate(
-                0.0, spec.joint_stiffness, spec.joint_damping, 0.0)
+            ints[at.SPRING] = self._coordinate(0.0, spec.joint_stiffness, spec.joint_damping, 0.0)
         if spec.flexible is not None:
             self._beam(index, spec.flexible, axis, ints, floats)
         elif spec.rigid is not None:

@@ -26,8 +26,7 @@ from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.mechanics import chain as at, integrator as gen, settings
 from tudor_dynamics.mechanics.chain import forward
 from tudor_dynamics.mechanics.equations import inverse_dynamics
-from tudor_dynamics.mechanics.integrator import (
-    Joints, PlantTables, report, step_and_report)
+from tudor_dynamics.mechanics.integrator import Joints, PlantTables, report, step_and_report
 from tudor_dynamics.mechanics.matrices import (
     add_stretch, mass_matrix, stiffness_matrix, stretch_energy)
 from tudor_dynamics.mechanics.mechanism import Mechanism

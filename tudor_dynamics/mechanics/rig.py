@@ -289,14 +289,12 @@ class Rig(Loop):
             controller.reference.add(self.t, *reference)
         if self.t >= self._due - 1e-9 and controller is not None:
             self._due = self.t + controller.watch_period
-            self._send(controller.watch(self.t) if self.active
-                       else controller.stand_still(self.t))
+            self._send(controller.watch(self.t) if self.active else controller.stand_still(self.t))
 
     @property
     def takeovers(self) -> int:
         """Count starts of controllers, and what each took over."""
-        return self._starts * 1000 + (0 if self.controller is None
-                                      else self.controller.takeovers)
+        return self._starts * 1000 + (0 if self.controller is None else self.controller.takeovers)
 
     def _awake(self) -> tuple[MotionController | None, ReferenceSource | None]:
         """Give controller and source, None where it is dead or frozen."""

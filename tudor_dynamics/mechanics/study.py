@@ -519,8 +519,7 @@ def simulate(
     t = dt * np.arange(steps + 1, dtype=np.float64)
     by_name = torque if isinstance(torque, Mapping) else {arm.active_joints[0]: torque}
     torques = sampled_columns('torque', by_name, t, mechanism.joints, arm.active_joints)
-    forces = (None if force is None else
-              sampled_columns('force', force, t, AXES, AXES))
+    forces = None if force is None else sampled_columns('force', force, t, AXES, AXES)
     if start is not None or forces is not None:
         plant.reset(_places(plant, start or {}),
                     external_force=None if forces is None else forces[0])

@@ -154,8 +154,7 @@ class AnalyticalModel(MemorylessModel):
         self.n_joints = n_joints
         self.states = regressor.states
         self._n_states = 0 if self.states is None else self.states.count
-        self.n_inputs = 3 * n_joints + self._n_states + (
-            regressor.payload_range is not None)
+        self.n_inputs = 3 * n_joints + self._n_states + (regressor.payload_range is not None)
         self.estimator = estimator
         self.groups_: tuple[Group, ...] = tuple(groups)
         self.base_: tuple[BaseSet, ...] = (
@@ -380,8 +379,7 @@ class AnalyticalModel(MemorylessModel):
                 part = slice(first, first + ROWS_AT_A_TIME)
                 piece = motion[part]
                 # one buffer for all pieces: fresh pages for each cost as much as filling them
-                room = (None if buffer is None or len(buffer) < len(piece) else
-                        buffer[:len(piece)])
+                room = None if buffer is None or len(buffer) < len(piece) else buffer[:len(piece)]
                 rows = self.regressor.rows(piece, room)
                 buffer = rows if room is None else buffer
                 yield rows, block.output[part]
@@ -402,8 +400,7 @@ class AnalyticalModel(MemorylessModel):
             residuals = np.vstack([
                 output - np.einsum('kcp,cp->kc', rows, before)
                 for rows, output in self._rows(blocks)])
-            weights = np.column_stack([estimator.sample_weights(column)
-                                       for column in residuals.T])
+            weights = np.column_stack([estimator.sample_weights(column) for column in residuals.T])
             self.fit_data([self.products(blocks, triangular=triangular, weights=weights)])
             after = self.coefficients()
             change = float(np.linalg.norm(after - before)

@@ -64,8 +64,7 @@ class FullParameters:
         constants = dict(zip(self.model.channels, self.solution.constants.tolist(), strict=True))
         found: dict[str, dict[str, float]] = {name: {} for name in self.arm.active_joints}
         first = self.solution.bodies.size
-        for column, value in zip(self.columns[first:], self.solution.drives.tolist(),
-                                 strict=True):
+        for column, value in zip(self.columns[first:], self.solution.drives.tolist(), strict=True):
             term, _, joint = column[:-1].partition('(')
             own = 1.0 if term in ('Ia', BY_LOAD) else constants[joint]
             found[joint][term] = value * own
@@ -223,8 +222,7 @@ def _full(arm: Arm, model: AnalyticalModel, solution: BodySolution) -> FullParam
         constants = None
         values = full[channels[0]]
         if group.constants is not None:
-            constants = Constants(solution.constants[channels],
-                                  solution.constant_errors[channels])
+            constants = Constants(solution.constants[channels], solution.constant_errors[channels])
             values = np.concatenate([solution.bodies.ravel(), solution.drives])
         kept = np.flatnonzero(np.any(full[channels] != 0.0, axis=0))
         estimate = replace(group.estimate, parameters=values[kept], unexcited=(),

@@ -244,8 +244,7 @@ class BodyProblem:
                 mixture = np.linalg.lstsq(rows[:, channel, kept], rows[:, channel], rcond=1e-10)[0]
                 factor = product.factor() / np.sqrt(variance)
                 self.parts.append((channel, factor[:, :-1] @ mixture, factor[:, -1]))
-                best = np.linalg.norm(factor[:, :-1] @ coefficients[channel, kept]
-                                      - factor[:, -1])
+                best = np.linalg.norm(factor[:, :-1] @ coefficients[channel, kept] - factor[:, -1])
                 self.free[channel] = best / max(float(np.linalg.norm(factor[:, -1])), 1e-300)
         self.parts.sort(key=lambda part: part[0])
         self.sizes = self._sizes()

@@ -170,8 +170,7 @@ class EffortRegressor(Regressor):
         if motion.shape[1] == wide:
             return self._coupling.of_joints(motion), None
         # contiguous, as the compiled functions know it
-        joints, states = (np.ascontiguousarray(part)
-                          for part in np.split(motion, [wide], axis=1))
+        joints, states = (np.ascontiguousarray(part) for part in np.split(motion, [wide], axis=1))
         return self._coupling.of_joints(joints), states
 
 

@@ -111,8 +111,7 @@ class TunedArm:
             raise ModelError('there is no damper section to tune', place=arm.source,
                              remedy='add damper: joints, with gauges and rough gains')
         self.arm = arm
-        self.dampers = [item for item in arm.spec.damper.joints
-                        if item.joint in arm.active_joints]
+        self.dampers = [item for item in arm.spec.damper.joints if item.joint in arm.active_joints]
         self._index = index = [arm.gauge_names.index(item.gauge) for item in self.dampers]
         self.scale = np.array([STRAIN_SCALE.get(arm.gauges[i].unit, 0.0) for i in index])
         """Units of the gauges per m/m, shape (n_damped,)."""
@@ -252,8 +251,7 @@ def loop_damping(matrix: FloatArray, first: float, second: float) -> LoopDamping
     slow = ((poles.imag > 1e-6 * np.abs(poles)) & (size > SLOW * first)
             & (size <= math.sqrt(first * second)))
     ratio = -poles.real / np.maximum(np.abs(poles), 1e-12)
-    return LoopDamping(float(ratio[slow].min()) if slow.any() else 1.0,
-                       float(-poles.real.max()))
+    return LoopDamping(float(ratio[slow].min()) if slow.any() else 1.0, float(-poles.real.max()))
 
 
 # -- A schedule of gains over payload and pose: the damping ratio asked for, as far as the loop

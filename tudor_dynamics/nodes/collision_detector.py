@@ -41,8 +41,7 @@ class CollisionDetectorNode(DetectNode):
         self._motion_drops: Counter[str] = Counter()
         self._inputs: dict[tuple[str, str], Any] = {}
         self.start()
-        self._motion_input = self.hear(
-            JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
+        self._motion_input = self.hear(JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Watch:
         warm_up(bundle, self.settings())
@@ -79,8 +78,7 @@ class CollisionDetectorNode(DetectNode):
         self.moving(motion.row)
         for output, waiting in self._motions.items():
             predicted = self._predictions[output].pop(motion.stamp, None)
-            if predicted is not None or not motion.settled(
-                    self.watch.bundle.preprocessing.settle):
+            if predicted is not None or not motion.settled(self.watch.bundle.preprocessing.settle):
                 # predictions come only once the filters have settled
                 self.report(self.watch.add_output(output, motion, predicted))
                 continue

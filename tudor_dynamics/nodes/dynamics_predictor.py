@@ -50,8 +50,7 @@ class DynamicsPredictorNode(ModelNode):
         self._predicted = {output: ListenedPublisher(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
         self.start()
-        self._subscription = self.hear(
-            JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
+        self._subscription = self.hear(JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
 
     def prepare(
         self, bundle: ModelBundle, whole: ModelBundle,

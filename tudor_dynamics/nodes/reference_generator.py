@@ -45,8 +45,7 @@ from tudor_dynamics.nodes.common.following import FollowServer, since_start, tol
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, PAYLOAD_TOPIC, RESET, RESIDUALS,
     STATE)
-from tudor_dynamics.nodes.common.messages import (
-    floats, joint_state, NamedReader, trajectory_of)
+from tudor_dynamics.nodes.common.messages import floats, joint_state, NamedReader, trajectory_of
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import ALIVE, LONGEST_GAP, MONITORS_LOOK, STATE_PERIOD

@@ -143,8 +143,7 @@ def messages_of(bag: Bag, arm: Arm) -> list[Heard]:
         own: [('q', arm.active_joints, 'position'), ('dq', arm.active_joints, 'velocity')]}
     for output, carried in arm.topics.items():
         for topic, names in carried.items():
-            wanted.setdefault(topic, []).append(
-                (output, tuple(names), FIELD[output]))
+            wanted.setdefault(topic, []).append((output, tuple(names), FIELD[output]))
     places = {topic: name for topic, name in bag.find(dict.fromkeys(wanted, JOINT_STATE)).items()
               if name is not None}
     if own not in places:

@@ -251,8 +251,7 @@ class ContactEstimator:
 
     def record(self) -> ContactRecord:
         """Give a record for a contact that begins."""
-        return ContactRecord(self.spans, self.links,
-                             RINGING_SAMPLES if self._front.modes else 1.0)
+        return ContactRecord(self.spans, self.links, RINGING_SAMPLES if self._front.modes else 1.0)
 
     def _restart(self) -> None:
         """Forget the past."""

@@ -360,8 +360,7 @@ def carry(
         slow = min(0.5 * rates[i], 0.95 * math.sqrt(squares[i]))
         ringing = math.sqrt(squares[i] - slow * slow)
         decay = math.exp(-slow * dt)
-        cosine, sine = (decay * math.cos(ringing * dt),
-                        decay * math.sin(ringing * dt) / ringing)
+        cosine, sine = decay * math.cos(ringing * dt), decay * math.sin(ringing * dt) / ringing
         step[i, i], step[i, c + i] = cosine + slow * sine, sine
         step[c + i, i], step[c + i, c + i] = -squares[i] * sine, cosine - slow * sine
         place, speed = (1.0 - step[i, i]) / squares[i], sine
@@ -423,8 +422,7 @@ class ElasticFront:
         driven.start_observer(moment_deviation, FOLLOWING_RATE)
         self._small, self._white, self._shown = driven.small, driven.pushed, driven.shown
         self._acting = [np.zeros((m, PRESSING)) for _ in spans]
-        driven.follow(np.tile(tables.equations.vectors[Z, places], (2, 1)),
-                      np.array([0.0, 1e-3]))
+        driven.follow(np.tile(tables.equations.vectors[Z, places], (2, 1)), np.array([0.0, 1e-3]))
         self._linearise()
         squares = np.linalg.eigvals(np.linalg.solve(self._small[0], self._small[2])).real
         count = max(1, int(np.sum(squares < (2.0 * np.pi * SLOWEST_STATIC) ** 2)))

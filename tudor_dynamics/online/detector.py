@@ -241,8 +241,7 @@ def _compare(
         plain = abs(value[i]) - held[i]
         plain = 0.0 if plain < 0.0 else plain / usual / widening[i]  # NaN stays
         sudden = out[ONSET_RATIO, i] / widening[i]
-        signed[i] = math.copysign(
-            plain * usual / (usual + FRICTION_UNCERTAIN * held[i]), value[i])
+        signed[i] = math.copysign(plain * usual / (usual + FRICTION_UNCERTAIN * held[i]), value[i])
         for row, level in ((TO_CONTACT, CONTACT), (TO_COLLISION, COLLISION)):
             a, b = plain / channels[level, i], sudden / channels[level + 1, i]
             # NaN must win, as numpy has it

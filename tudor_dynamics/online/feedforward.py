@@ -88,8 +88,7 @@ def kept_speeds(speed: FloatArray, turning: ArrayLike) -> FloatArray:
     where the sign of friction turns.
     """
     moves = np.abs(speed) >= np.asarray(turning)
-    latest = np.maximum.accumulate(
-        np.where(moves, np.arange(len(speed))[:, None], -1), axis=0)
+    latest = np.maximum.accumulate(np.where(moves, np.arange(len(speed))[:, None], -1), axis=0)
     signs = np.where(latest >= 0, np.sign(
         np.take_along_axis(speed, np.maximum(latest, 0), axis=0)), 0.0)
     slow = (np.abs(speed) < SLIDING) & (signs != 0.0)
@@ -139,8 +138,7 @@ def twist_of(row: NDArray, torque: float) -> float:
 def _end(tables: Inverse, e: int, vectors: NDArray, chain: Chain) -> Vector:
     """Give where the end of a beam of one element, or the frame of a rigid body, is [m]."""
     body = tables.ends[e]
-    return point_motion(
-        vectors[Z], vectors[DZ], chain, body, chain.body_int[body, at.FLEXIBLE])[0]
+    return point_motion(vectors[Z], vectors[DZ], chain, body, chain.body_int[body, at.FLEXIBLE])[0]
 
 
 @compiled
@@ -420,8 +418,7 @@ class Feedforward:
             assert self._deflected is not None
             if torque is None:
                 _, torque = self._deflected.under(motion, reach=False)
-            found = self._model.prepared()(
-                Response(np.zeros((len(motion), 0)), torque), felt)
+            found = self._model.prepared()(Response(np.zeros((len(motion), 0)), torque), felt)
         else:
             found = self._model.predict(felt)
             more = self.payload - self._known

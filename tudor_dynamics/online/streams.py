@@ -174,8 +174,7 @@ class StateFilter:
         self.spec = spec
         self.gate = StampGate(gap)
         self.drops: Counter[str] = self.gate.drops
-        self._differentiator = CausalDifferentiator(
-            spec.velocity_cutoff, spec.acceleration_cutoff)
+        self._differentiator = CausalDifferentiator(spec.velocity_cutoff, spec.acceleration_cutoff)
         self._output = LowPass(spec.output_cutoff)
         self._began = 0
         self._with_velocity = False
@@ -190,8 +189,7 @@ class StateFilter:
             self.drops['not_finite'] += 1
             self.gate.unusable()
             return None
-        if not self.spec.measured_velocity or (
-                measured is not None and not all_finite(measured)):
+        if not self.spec.measured_velocity or (measured is not None and not all_finite(measured)):
             measured = None
         step = self.gate.step(stamp)
         if step is None:

@@ -248,8 +248,7 @@ def coverage(result: FitResult) -> list[dict[str, Any]]:
     rows = []
     for axis in joint_axes(result):
         low, high = float(axis.training.min()), float(axis.training.max())
-        row: dict[str, Any] = {
-            'joint': axis.name, 'unit': axis.unit, 'training': (low, high)}
+        row: dict[str, Any] = {'joint': axis.name, 'unit': axis.unit, 'training': (low, high)}
         if len(axis.test):
             row['test'] = float(axis.test.min()), float(axis.test.max())
             row['outside'] = 100.0 * float(np.mean((axis.test < low) | (axis.test > high)))

@@ -144,8 +144,7 @@ class _Writer:
         step = min(LONGEST_STEP, 1.0 / math.sqrt(fastest))
         self.carried = np.diag(small.mass)[np.searchsorted(tables.equations.free,
                                                            tables.gears.place)]
-        self.root = new_file(self.arm, {'timestep': f'{step:.0e}',
-                                        'integrator': 'implicitfast'})
+        self.root = new_file(self.arm, {'timestep': f'{step:.0e}', 'integrator': 'implicitfast'})
         world = ElementTree.SubElement(self.root, 'worldbody')
         self.nodes: dict[tuple[int, int], tuple[ElementTree.Element, pin.SE3]] = {
             (-1, 0): (world, pin.SE3.Identity())}
@@ -278,8 +277,7 @@ def _rod(floats: FloatArray, length: float) -> pin.Inertia:
     """Give a piece of a beam: x along it, from the origin."""
     mass, polar = float(floats[at.DENSITY]) * length, float(floats[at.POLAR]) * length
     across = mass * length**2 / 12.0 + 0.5 * polar
-    return pin.Inertia(mass, np.array([0.5 * length, 0.0, 0.0]),
-                       np.diag([polar, across, across]))
+    return pin.Inertia(mass, np.array([0.5 * length, 0.0, 0.0]), np.diag([polar, across, across]))
 
 
 # -- Write an identified arm as MJCF, for MuJoCo

@@ -348,8 +348,7 @@ def summary(ringdowns: Sequence[Ringdown]) -> str:
     """Say how far prediction and measurement are apart; empty where nothing can be compared."""
     parts = []
     for name, words in (('held', 'joints held'), ('simulated', 'along the measured motion')):
-        pairs = [(r.measured, getattr(r, name)) for r in ringdowns
-                 if getattr(r, name) is not None]
+        pairs = [(r.measured, getattr(r, name)) for r in ringdowns if getattr(r, name) is not None]
         if not pairs:
             continue
         frequency = np.median([abs(b.frequency / a.frequency - 1.0) for a, b in pairs])
@@ -381,8 +380,7 @@ def load_values(load: PayloadEstimate) -> list[tuple[str, str, float, float]]:
         found = [("Part of the arm's own moment", '%', 100.0 * load.relative,
                   100.0 * load.relative_std)]
     else:
-        found = [('Mass beyond that of the model', 'kg', load.mass - load.known,
-                  load.mass_std)]
+        found = [('Mass beyond that of the model', 'kg', load.mass - load.known, load.mass_std)]
     found += [(f'Centre {axis}', 'm', float(value), float(std))
               for axis, value, std in zip('xyz', load.com, load.com_std, strict=True)]
     found += [(f'Inertia {axes}', 'kg m^2', float(value), float(std)) for axes, value, std in zip(

@@ -93,8 +93,7 @@ def convolved(given: Trajectory, shaper: Impulses) -> Trajectory:
     begin, end = float(given.t[0]), float(given.t[-1])
     t = np.unique(np.round(np.add.outer(shaper.time, given.t), 9))
     t = t[np.append(np.diff(t) > settings.APART, True)]
-    orders = 1 + (given.dq is not None) + (
-        given.ddq is not None and not given.ddq[[0, -1]].any())
+    orders = 1 + (given.dq is not None) + (given.ddq is not None and not given.ddq[[0, -1]].any())
     parts = np.zeros((orders, len(t), len(given.joints)))
     curves = [spline(given) if order == 0 else spline(given).derivative(order)
               for order in range(orders)] if len(given.t) > 1 else []
@@ -394,8 +393,7 @@ class _Room:
         self._way = profile.q[-1] - profile.q[0]
         self._joints = np.flatnonzero(np.abs(self._way) > 1e-9)
         # second differences of hats begin and end at rest at the same places
-        self._change = 0.5 * np.diff(
-            np.pad(np.eye(KNOTS - 3), ((2, 2), (0, 0))), n=2, axis=0)
+        self._change = 0.5 * np.diff(np.pad(np.eye(KNOTS - 3), ((2, 2), (0, 0))), n=2, axis=0)
         self._most = limits.acceleration * ROUNDING
         self._fastest = limits.velocity * ROUNDING
         self.size = len(self._joints) * self._change.shape[1]

@@ -29,8 +29,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
-from tudor_dynamics.identification.doctor.case import (
-    Case, Delay, Explained, gain, unit_scale)
+from tudor_dynamics.identification.doctor.case import Case, Delay, Explained, gain, unit_scale
 from tudor_dynamics.identification.doctor.findings import Finding, found, UNSEEN
 from tudor_dynamics.load.rows import described_masses
 from tudor_dynamics.typing import FloatArray
@@ -377,8 +376,7 @@ def driven_by_friction(case: Case) -> dict[int, float]:
         if i in shared:
             continue  # the bodies show its sign
         power, share = case.usual['effort'].friction(i, case.outputs['effort'][:, i])
-        if power < settings.DRIVING and (
-                share > 1.0 + settings.DRIVING_SHARE * case.brevity ** 2):
+        if power < settings.DRIVING and (share > 1.0 + settings.DRIVING_SHARE * case.brevity ** 2):
             hinted[i] = power
     return hinted
 

@@ -98,8 +98,7 @@ def pair(one: Case, other: Case, output: str) -> Pair:
     residual = free - expected
     carried = LoadRows(other.arm, output)
     kilogram = freed(carried.point(other.motion).T)
-    loads = np.sum(kilogram * residual, axis=0) / np.maximum(
-        np.sum(kilogram ** 2, axis=0), 1e-300)
+    loads = np.sum(kilogram * residual, axis=0) / np.maximum(np.sum(kilogram ** 2, axis=0), 1e-300)
     after = 0.0
     for i, rows in enumerate(np.moveaxis(carried.rows(other.motion), 1, 0)):
         columns = explained.freed(i, rows)

@@ -146,8 +146,7 @@ def down(
                 'these joints do not show gravity along their axes'), False
     usual = _unexplained(samples, USUAL, moving)
     left = {name: _unexplained(samples, gravity, moving) for name, gravity in OTHERS.items()}
-    best = min(OTHERS, key=lambda name: left[name] * (
-        1.0 if name == 'none' else settings.SIMPLER))
+    best = min(OTHERS, key=lambda name: left[name] * (1.0 if name == 'none' else settings.SIMPLER))
     if usual <= settings.BETTER * left[best]:
         return list(USUAL), '', True
     alike = ['none'] if best == 'none' else [

@@ -30,8 +30,7 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.equations import LOADS
 from tudor_dynamics.mechanics.matrices import stiffness_matrix
-from tudor_dynamics.mechanics.mechanism import (
-    build_mechanism, GaugePlace, Mechanism, place_gauge)
+from tudor_dynamics.mechanics.mechanism import build_mechanism, GaugePlace, Mechanism, place_gauge
 from tudor_dynamics.models.elastic import kernel, observer
 from tudor_dynamics.models.elastic.kernel import (
     DAMPING, Driven, Drives, Equations, Gauges, Gears, Linearised, look, MATRICES, move,
@@ -260,8 +259,7 @@ class DrivenArm:
 
     def linearise(self) -> None:
         """Put mass, damping and stiffness into ``small``, forces at the tip into ``pushed``."""
-        observer.linearise(self.loaded, self.mechanism.tip, *self.small, self.pushed,
-                           *self.arrays)
+        observer.linearise(self.loaded, self.mechanism.tip, *self.small, self.pushed, *self.arrays)
 
     def gains_along(
         self, q: FloatArray, dt: FloatArray, measured: FloatArray, deviation: FloatArray,

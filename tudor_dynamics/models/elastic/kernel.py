@@ -189,8 +189,7 @@ def factorise(equations: Equations, gears: Gears, speed_gain: float, place_gain:
                 factor[a, c] += mass[i, j]
     for s in range(gears.place.shape[0]):
         i = gears.place[s]
-        _, slope, rate_slope = gear(
-            gears.springs[s], equations.vectors[Z, i] - gears.aim[s], 0.0)
+        _, slope, rate_slope = gear(gears.springs[s], equations.vectors[Z, i] - gears.aim[s], 0.0)
         for a in range(free.shape[0]):
             if free[a] == i:
                 factor[a, a] += speed_gain * rate_slope + place_gain * slope

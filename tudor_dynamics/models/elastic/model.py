@@ -297,8 +297,7 @@ class ElasticModel(Model):
         return LiveElastic(models, observer if 'strain' in models else 'off')
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
-        if (self.coefficients_ is None or self.standard_errors_ is None
-                or self.noise_ is None):
+        if self.coefficients_ is None or self.standard_errors_ is None or self.noise_ is None:
             msg = 'the elastic model has no coefficients yet: fit it before saving it'
             raise NotFittedError(msg)
         content: dict[str, Any] = {
@@ -378,8 +377,7 @@ class LiveElastic:
             if np.any(self._gauges[:, 0] == 0.0):
                 dead = strain.channels[int(np.argmin(np.abs(self._gauges[:, 0])))]
                 raise ModelError(f'elastic model: gauge {dead} has gain 0; check it and fit again')
-            self._driven.start_observer(
-                strain.noise_ / np.abs(self._gauges[:, 0]), BANDWIDTH)
+            self._driven.start_observer(strain.noise_ / np.abs(self._gauges[:, 0]), BANDWIDTH)
         self._moment: FloatArray | None = None
         self._strain: FloatArray | None = None
         self._since = 0.0

@@ -73,8 +73,7 @@ def reduce_matrices(
             stiffness[a, c] = matrices[STIFFNESS, i, j]
     for s in range(gears.place.shape[0]):
         i = gears.place[s]
-        _, slope, rate_slope = gear(
-            gears.springs[s], equations.vectors[Z, i] - gears.aim[s], 0.0)
+        _, slope, rate_slope = gear(gears.springs[s], equations.vectors[Z, i] - gears.aim[s], 0.0)
         for a in range(free.shape[0]):
             if free[a] == i:
                 stiffness[a, a] += slope

@@ -149,8 +149,7 @@ def _play(physics: Physics, joint: str) -> float:
 
 
 def _bend(physics: Physics, joint: str, value: float) -> None:
-    physics.scale_beam(joint, [at.EIY, at.EIZ, at.GJ],
-                       value / physics.mechanism.beams[joint].EIz)
+    physics.scale_beam(joint, [at.EIY, at.EIZ, at.GJ], value / physics.mechanism.beams[joint].EIz)
 
 
 def _fill(physics: Physics, joint: str, value: float) -> None:

@@ -459,8 +459,7 @@ class TudorNode(Node):
         """Log changes of the level, and from time to time another fault of the same level."""
         now, text = self.steady(), re.sub(r'[\d.]+', '', message)  # figures change all the time
         before, last, at = self._logged
-        if level == before and (
-                level not in (WARN, ERROR) or text == last or now - at < REPEAT):
+        if level == before and (level not in (WARN, ERROR) or text == last or now - at < REPEAT):
             return
         self._logged = level, text, now
         line = f'{"start" if before is None else NAMES[before]} -> {NAMES[level]}: {message}'

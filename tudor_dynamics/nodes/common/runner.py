@@ -83,8 +83,7 @@ def spin_for(executor: Any, seconds: float, halt: Halt | None = None) -> None:
     if isinstance(executor, SingleThreadedExecutor):
         executor.spin_once(timeout_sec=seconds)
     else:
-        executor.spin_until_future_complete(
-            Halt() if halt is None else halt, timeout_sec=seconds)
+        executor.spin_until_future_complete(Halt() if halt is None else halt, timeout_sec=seconds)
 
 
 def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> int:
