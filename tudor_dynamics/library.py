@@ -254,17 +254,12 @@ def fit_choices(
 
         with _timed(seconds, 'save and report'):
             progress('report')
-            made = {**provenance(), 'digest of bags': _digest(result)}
-            bundle.facts['made'] = made
+            sums = ' '.join(bag.checksum for bag in (*result.learned, *result.judged))
+            digest = hashlib.sha256(sums.encode()).hexdigest()[:16]
+            bundle.facts['made'] = made = {**provenance(), 'digest of bags': digest}
             save_bundle(bundle, out, overwrite=overwrite, extra={'report.html': render(
                 result, assessment, planned, made, last and LastFit(*last)).encode()})
     return Fit(result, assessment, bundle, planned, seconds)
-
-
-def _digest(result: FitResult) -> str:
-    """Give one checksum for all bags learned from and judged by."""
-    sums = [bag.checksum for bag in (*result.learned, *result.judged)]
-    return hashlib.sha256(' '.join(sums).encode()).hexdigest()[:16]
 
 
 def _source(

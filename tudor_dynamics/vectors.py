@@ -94,18 +94,15 @@ def _alike(value: float) -> ir.Constant:
     return ir.Constant(_VECTOR, [float(value)] * LANES)
 
 
-def _in_all(builder: Any, value: Any) -> Any:
-    first = builder.insert_element(
-        ir.Constant(_VECTOR, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(first, ir.Constant(_VECTOR, ir.Undefined), ir.Constant(
-        ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
-
-
 @lower_cast(types.Float, _Many)
 @lower_cast(types.Integer, _Many)
 @lower_cast(types.IntegerLiteral, _Many)
 def _from_number(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
-    return _in_all(builder, context.cast(builder, value, kind, types.float64))
+    first = builder.insert_element(
+        ir.Constant(_VECTOR, ir.Undefined), context.cast(builder, value, kind, types.float64),
+        ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(first, ir.Constant(_VECTOR, ir.Undefined), ir.Constant(
+        ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
 
 def _known(*functions: Any, result: Any, count: int) -> None:

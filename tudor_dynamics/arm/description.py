@@ -28,11 +28,12 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
+from pydantic import ValidationError
 
 from tudor_dynamics.arm.kinematics import (
     build_model, gauge_axis, gauge_point, is_prismatic, joint_axis, with_gauge_joints)
 from tudor_dynamics.arm.schema import (
-    ArmSpec, FRICTION_KEYS, GaugeSpec, JointSpec, read_spec, SourceSpec)
+    ArmSpec, FRICTION_KEYS, GaugeSpec, JointSpec, SourceSpec, validation_message)
 from tudor_dynamics.errors import ArmError, check_type, TudorWarning
 from tudor_dynamics.files import load_yaml, read_text, YamlError
 from tudor_dynamics.shown import Shown
@@ -320,7 +321,10 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
     if not isinstance(content, dict):
         raise ArmError(f'{source}: expected a YAML mapping with name, kinematics and joints')
     check_no_open_values(content, source)
-    spec = read_spec(content, source)
+    try:
+        spec = ArmSpec.model_validate(content)
+    except ValidationError as err:
+        raise ArmError(f'{source}: {validation_message(err)}') from None
     model, urdf, notes = build_model(spec, base, source)
     return Arm(spec, model, source, urdf, notes)
 

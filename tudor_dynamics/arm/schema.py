@@ -32,7 +32,6 @@ from pydantic import (
     BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator,
     ValidationError)
 
-from tudor_dynamics.errors import ArmError
 from tudor_dynamics.typing import FloatArray
 
 LARGEST = 1e15
@@ -843,11 +842,3 @@ def validation_message(err: ValidationError) -> str:
         parts.append(f'{short(where)}: {text}{shown}')
     more = f'; and {len(parts) - MAX_PARTS} more' if len(parts) > MAX_PARTS else ''
     return '; '.join(parts[:MAX_PARTS]) + more
-
-
-def read_spec(content: dict[str, Any], source: str) -> ArmSpec:
-    """Check a description as it stands in a file."""
-    try:
-        return ArmSpec.model_validate(content)
-    except ValidationError as err:
-        raise ArmError(f'{source}: {validation_message(err)}') from None

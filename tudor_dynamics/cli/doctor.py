@@ -92,13 +92,17 @@ def checks() -> Iterator[Check]:
     """Look at one thing after the other."""
     yield from _ros()
     yield _clock()
-    yield _processor()
+    cores, busy = len(os.sched_getaffinity(0)), os.getloadavg()[0]
+    yield Check('processor', f'{cores} cores, load {busy:.1f}', '' if busy < cores else (
+        'other programs use all cores: nodes will be late, and samples not judged'))
     yield _writable('compiled loops', DIRECTORY, 'set NUMBA_CACHE_DIR to a folder that can be '
                     'written: each process compiles for a minute otherwise')
     home = Path(os.environ.get('ROS_HOME') or '~/.ros').expanduser()
     events = home / 'tudor_dynamics' / 'events'
     yield _writable('bags of events', events, 'set ROS_HOME, or event_bags of the monitor')
-    yield _space('space for them', events, RECORDED * RING_BYTES)
+    free, wanted = shutil.disk_usage(_existing(events)).free, RECORDED * RING_BYTES
+    yield Check('space for them', f'{free / 1e9:.1f} GB', '' if free > wanted else (
+        f'events need up to {wanted / 1e9:.1f} GB there'))
     yield _writable('temporary files', Path(tempfile.gettempdir()), 'set TMPDIR')
 
 
@@ -169,12 +173,6 @@ def _clock() -> Check:
         'another computer')
 
 
-def _processor() -> Check:
-    cores, busy = len(os.sched_getaffinity(0)), os.getloadavg()[0]
-    return Check('processor', f'{cores} cores, load {busy:.1f}', '' if busy < cores else (
-        'other programs use all cores: nodes will be late, and samples not judged'))
-
-
 def _existing(path: Path) -> Path:
     """Give a folder, or the one above that is there."""
     return next(folder for folder in (path, *path.parents) if folder.exists())
@@ -183,12 +181,6 @@ def _existing(path: Path) -> Path:
 def _writable(name: str, path: Path, remedy: str) -> Check:
     good = os.access(_existing(path), os.W_OK | os.X_OK)
     return Check(name, str(path), '' if good else f'{path} cannot be written: {remedy}')
-
-
-def _space(name: str, path: Path, wanted: int) -> Check:
-    free = shutil.disk_usage(_existing(path)).free
-    return Check(name, f'{free / 1e9:.1f} GB', '' if free > wanted else (
-        f'events need up to {wanted / 1e9:.1f} GB there'))
 
 
 # -- One file with all that a bug report needs: versions, call, files, output, traceback

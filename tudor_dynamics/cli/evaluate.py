@@ -65,7 +65,11 @@ def run_collisions(args: argparse.Namespace) -> int:
     if args.pushes and len(args.pushes) != len(args.bags):
         raise UsageError(f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give '
                          'one table for each bag, in the order of the bags')
-    bundle = at_payload(load_bundle(args.model), args.payload)
+    bundle = load_bundle(args.model)
+    if args.payload is None and bundle.payload_range is not None:
+        raise UsageError('the model is one of all payloads: say with --payload KG what the arm '
+                         'carries')
+    bundle = bundle.at(args.payload or 0.0)
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
     if args.kind not in kinds:
         raise UsageError(f'{args.model} has no {args.kind} model; give --kind '
@@ -109,14 +113,6 @@ def _truth(args: argparse.Namespace, place: int, bag: BagData, bundle: ModelBund
     if not args.pushes:
         return find_truth(bag.choice.path, args.truth, plan_from_arm(bundle.arm).joint_topic)
     return truth_of_file(args.pushes[place], bag)
-
-
-def at_payload(bundle: ModelBundle, payload: float | None) -> ModelBundle:
-    """Put the payload of the command line into a model, which may need one."""
-    if payload is None and bundle.payload_range is not None:
-        msg = 'the model is one of all payloads: say with --payload KG what the arm carries'
-        raise UsageError(msg)
-    return bundle.at(payload or 0.0)
 
 
 def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
@@ -320,7 +316,9 @@ def run(args: argparse.Namespace) -> int:
                                    'loads': {bag: carried.as_dict()
                                              for bag, carried in evaluated.loads.items()}}
         for output, kinds in found.items():
-            content[output] = {kind: _figures(item) for kind, item in kinds.items()}
+            content[output] = {kind: {
+                name: value for name, value in rounded(item.score, digits=9).items()
+                if name != 'samples'} for kind, item in kinds.items()}
         comparison: dict[str, Any] = {}
         for change in compared:
             comparison.setdefault(change.output, {}).setdefault(change.kind, {})[
@@ -386,8 +384,3 @@ def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     write(path, '--save', buffer.getvalue())
-
-
-def _figures(item: Validation) -> dict[str, Any]:
-    figures = rounded(item.score, digits=9)
-    return {name: value for name, value in figures.items() if name != 'samples'}

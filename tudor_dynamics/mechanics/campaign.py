@@ -39,7 +39,7 @@ from tudor_dynamics.errors import check_budget, MAX_STEPS, SimulationError
 from tudor_dynamics.mechanics import chain as at, settings
 from tudor_dynamics.mechanics.closed_loop import CHUNK, ClosedLoop, LoopRecord, steps_per_message
 from tudor_dynamics.mechanics.hardware import (
-    Imperfections, Push, push_forces, push_table, with_payload)
+    Imperfections, Push, push_share, push_table, with_payload)
 from tudor_dynamics.mechanics.mechanism import beam_axes, Mechanism
 from tudor_dynamics.mechanics.run import FIRST_STAMP
 from tudor_dynamics.parallel import Count, in_processes
@@ -138,13 +138,15 @@ def push_wrenches(
     stamp: NDArray[np.int64],
 ) -> Signals:
     """Give the truth about the pushes at stamps [ns], each in the frame of its (rigid) link."""
-    forces = push_forces(push_table(pushes, mechanism), signals.t)
+    shares = [[push_share(row, now) for now in signals.t.tolist()]
+              for row in push_table(pushes, mechanism)]
     force, torque = np.zeros((2, len(stamp), 3))
     frames = np.full(len(stamp), 'base', dtype=object)
     model = arm.full_model
     data = model.createData()
     q, columns = arm.held_pose()
-    for push, values in zip(pushes, forces, strict=True):
+    for push, share in zip(pushes, shares, strict=True):
+        values = np.outer(share, push.force)
         floats = mechanism.body_float[mechanism.body_of[push.joint]]
         place = floats[at.BODY_PLACE:at.BODY_PLACE + 3] + push.distance * beam_axes(floats)[:, 0]
         index, frame = model.getJointId(push.joint), link_frame(model, push.joint)
@@ -312,7 +314,10 @@ def record_stimulus(
     if pushes:
         series.append(push_wrenches(arm, loop.plant.mechanism, pushes, signals, stamp))
     write_bag(path, series, custom={'payload': f'{spec.payload:g}'})
-    return StimulusResult(str(path), len(stamp), pushes, loop.status_seconds, _notes(loop))
+    return StimulusResult(str(path), len(stamp), pushes, loop.status_seconds, tuple(
+        f'{joint}: the damper was faded out for {seconds:.2f} s ({state})'
+        for joint, times in loop.status_seconds.items() for state, seconds in times.items()
+        if state not in ('damping', 'starting') and seconds > 0.01))
 
 
 def _record_piece(piece: tuple[Path, str, StimulusSpec, str], count: Count) -> StimulusResult:
@@ -359,10 +364,3 @@ def _recording(arm: Arm, signals: LoopRecord, stamp: NDArray[np.int64]) -> Recor
         '', stamp, signals.q, signals.dq, signals.current * scale,
         signals.strain if arm.gauges else None, (slice(0, len(stamp)),),
         float(signals.t[1] - signals.t[0]) if len(stamp) > 1 else 0.0)
-
-
-def _notes(loop: ClosedLoop) -> tuple[str, ...]:
-    return tuple(f'{joint}: the damper was faded out for {seconds:.2f} s ({state})'
-                 for joint, times in loop.status_seconds.items()
-                 for state, seconds in times.items()
-                 if state not in ('damping', 'starting') and seconds > 0.01)

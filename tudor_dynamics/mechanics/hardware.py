@@ -384,12 +384,6 @@ def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
     return table
 
 
-def push_forces(table: FloatArray, t: FloatArray) -> FloatArray:
-    """Give the force of each push over time, (pushes, samples, 3) [N]."""
-    share = np.array([[push_share(row, float(now)) for now in t] for row in table])
-    return np.asarray(share.reshape(len(table), len(t), 1) * table[:, None, FORCE:FORCE + 3])
-
-
 def with_payload(arm: Arm, mass: float) -> Arm:
     """
     Put a mass at the tip of an arm; 0 takes it away.

@@ -66,13 +66,6 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
     return result
 
 
-def unit_names(arm: Arm, unit: Unit) -> tuple[str, ...]:
-    """Name the unit of each joint's effort."""
-    return tuple(
-        joint.effort.unit if unit == 'model' else 'A' if unit == 'current' else
-        'N' if arm.is_prismatic(joint.name) else 'N m' for joint in arm.joints)
-
-
 AtRest = Literal['none', 'kept']
 AT_REST: tuple[AtRest, ...] = ('none', 'kept')
 """None; or that of the last motion, until the joint moves the other way."""
@@ -359,7 +352,10 @@ class Feedforward:
             msg = (f'the bundle has no effort model of kind {kind!r}; its effort models: '
                    f'{", ".join(efforts) or "none"}')
             raise ModelError(msg, remedy='set kind to one it has, or fit one to bags with efforts')
-        self.joints, self.units = arm.active_joints, unit_names(arm, unit)
+        self.joints = arm.active_joints
+        self.units = tuple(
+            joint.effort.unit if unit == 'model' else 'A' if unit == 'current' else
+            'N' if arm.is_prismatic(joint.name) else 'N m' for joint in arm.joints)
         self._held = {joint.name: joint.hold for joint in arm.spec.joints
                       if joint.name not in self.joints}
         self._factor = factors(arm, unit)

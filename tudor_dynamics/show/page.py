@@ -388,15 +388,6 @@ def load_values(load: PayloadEstimate) -> list[tuple[str, str, float, float]]:
     return [row for row in found if math.isfinite(row[2])]
 
 
-def load_shares(arm: Arm, load: PayloadEstimate) -> list[tuple[str, str, float, float, float]]:
-    """List channels: name, unit, residual (rms) without and with a load, its share [%]."""
-    return [(name, output_units(arm, item.output)[name], float(before), float(after),
-             100.0 * float(share))
-            for item in load.outputs for name, before, after, share in zip(
-                item.leftover.channels, *item.leftover.sizes(), item.leftover.shares(),
-                strict=True)]
-
-
 def load_figure(arm: Arm, load: PayloadEstimate) -> Plot:
     """Draw the residual of each channel without and with the load."""
     panels = []
@@ -420,7 +411,13 @@ def evaluation_page(
             for output, kinds in outputs.items() for kind, item in kinds.items()
             for name, score in item.score.channels.items()]
     loads = [{'bag': bag, 'estimate': load, 'found': load_values(load),
-              'channels': load_shares(bundle.arm, load), 'figure': load_figure(bundle.arm, load)}
+              # name, unit, residual (rms) without and with the load, its share [%]
+              'channels': [
+                  (name, output_units(bundle.arm, item.output)[name], *map(float, sizes),
+                   100.0 * float(share)) for item in load.outputs for name, *sizes, share in zip(
+                       item.leftover.channels, *item.leftover.sizes(), item.leftover.shares(),
+                       strict=True)],
+              'figure': load_figure(bundle.arm, load)}
              for bag, load in evaluated.loads.items()]
     return rendered('evaluation', arm=bundle.arm.name, bags=bags, rows=rows, worse=worse,
                     findings=evaluated.findings, loads=loads)

@@ -47,14 +47,6 @@ from tudor_dynamics.typing import FloatArray
 
 # -- What makes up the effort of an elastic arm's motor: torque of its gear, its rotor, friction
 
-def effort_columns(arm: Arm) -> tuple[tuple[str, ...], ...]:
-    """Name what makes up the effort of each joint."""
-    return tuple(
-        ('torque', f'Ia({joint.name})', *friction_names(joint),
-         *(() if has_constant(joint) else ('offset',)))
-        for joint in arm.joints)
-
-
 def effort_rows(arm: Arm, response: Response, motion: FloatArray) -> list[FloatArray]:
     """Give what makes up each joint's effort, (samples, columns), of a motion and its response."""
     n = len(arm.joints)
@@ -73,7 +65,7 @@ Outputs = Callable[[Response, FloatArray], FloatArray]
 
 
 def effort_outputs(arm: Arm, coefficients: tuple[FloatArray, ...]) -> Outputs:
-    """Prepare the effort, the sum of `effort_columns` times their coefficients."""
+    """Prepare the effort, the sum of `effort_rows` times their coefficients."""
     joints = arm.joints
     n = len(joints)
     torque, inertia = np.array([values[:2] for values in coefficients]).T.copy()
@@ -187,9 +179,11 @@ class ElasticModel(Model):
         self.standard_errors_: tuple[FloatArray, ...] | None = None
         self.noise_: FloatArray | None = None
         self.channels = arm.channels[output]
-        self.columns: tuple[tuple[str, ...], ...] = effort_columns(arm)
-        if output == 'strain':
-            self.columns = (('moment', 'offset'),) * len(self.channels)
+        self.columns: tuple[tuple[str, ...], ...] = (('moment', 'offset'),) * len(self.channels)
+        if output == 'effort':
+            self.columns = tuple(
+                ('torque', f'Ia({joint.name})', *friction_names(joint),
+                 *(() if has_constant(joint) else ('offset',))) for joint in arm.joints)
         self._driven: DrivenArm | None = None
 
     def __repr__(self) -> str:

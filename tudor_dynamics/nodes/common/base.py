@@ -40,7 +40,7 @@ from std_srvs.srv import Trigger
 
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.errors import ArmError, meant, TudorError
-from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param, Value
+from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param
 from tudor_dynamics.nodes.common.messages import JointStateDecoder
 from tudor_dynamics.nodes.settings import (
     AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, STANDS, TOO_MANY)
@@ -162,11 +162,6 @@ def latched() -> QoSProfile:
                       durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def declared(default: Value) -> Any:
-    """Give a default as ROS wants it: an empty list has no type there, so it holds a blank."""
-    return (list(default) or ['']) if isinstance(default, tuple) else default
-
-
 def _descriptor(param: Param) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(description=param.describe(), read_only=not param.dynamic)
     if param.low is not None and param.high is not None:
@@ -258,7 +253,9 @@ class TudorNode(Node):
         self._before: Counter[str] = Counter()
         self.params = {param.name: param for param in NODES[name]}
         for param in NODES[name]:
-            self.declare_parameter(param.name, declared(param.default), _descriptor(param))
+            # an empty list has no type in ROS, so it holds a blank
+            self.declare_parameter(param.name, (list(param.default) or ['']) if isinstance(
+                param.default, tuple) else param.default, _descriptor(param))
         self._check_choices([self.get_parameter(param) for param in self.params])
         self.add_on_set_parameters_callback(self._validate)
         self.add_post_set_parameters_callback(self._applied)
