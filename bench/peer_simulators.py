@@ -109,13 +109,13 @@ class MuJoCo:
         import mujoco
         from scipy.linalg import eigh
         from tudor_dynamics.show.description import ElasticDrive
-        from tudor_dynamics.show.mjcf import elastic_mjcf
+        from tudor_dynamics.show.mjcf import ElasticFile
         from tudor_dynamics.models.elastic.model import ElasticModel
         self.mujoco, arm = mujoco, ours.arm
         rotors = {link.joint: link.hub_inertia for link in arm.spec.links}
-        self.model = mujoco.MjModel.from_xml_string(elastic_mjcf(
+        self.model = mujoco.MjModel.from_xml_string(ElasticFile(
             ElasticModel(arm, 'strain'),
-            {name: ElasticDrive(1.0, {'Ia': rotors[name]}) for name in arm.active_joints}))
+            {name: ElasticDrive(1.0, {'Ia': rotors[name]}) for name in arm.active_joints}).text())
         self.model.opt.timestep = step
         self.data = mujoco.MjData(self.model)
         names = [self.model.joint(i).name for i in range(self.model.njnt)]

@@ -29,7 +29,7 @@ from tudor_dynamics.files import load_yaml
 from tudor_dynamics.models.bundle import elastic_of
 from tudor_dynamics.models.elastic.model import driven_arm
 from tudor_dynamics.show.description import description_of, elastic_drives
-from tudor_dynamics.show.mjcf import elastic_mjcf, not_in_mjcf
+from tudor_dynamics.show.mjcf import ElasticFile, not_in_mjcf
 
 mujoco = pytest.importorskip('mujoco')
 
@@ -99,7 +99,8 @@ def hertz(stiffness, mass):
 def exported(arm, values=VALUES, effort=EFFORT):
     bundle = identified(arm, values, effort)
     model = elastic_of(bundle, 'strain')
-    return bundle, driven_arm(arm, model.values), elastic_mjcf(model, elastic_drives(bundle))
+    return bundle, driven_arm(arm, model.values), ElasticFile(
+        model, elastic_drives(bundle)).text()
 
 
 def drawing_in():
@@ -133,7 +134,7 @@ def test_an_end_load_bends_a_link_as_it_bends_the_beam():
                  links=[{'joint': 'j1', 'flexible': blade()}])
     bundle = identified(arm, {'gear(j1)': 1e9})
     model = elastic_of(bundle, 'strain')
-    rest = Rest(elastic_mjcf(model, {}), ['j1'])
+    rest = Rest(ElasticFile(model, {}).text(), ['j1'])
     force, moment, length = 0.01, 0.02, 0.42
     link = rest.model.body('payload').id
     rest.data.xfrc_applied[link] = [0.0, force, 0.0, 0.0, 0.0, moment]
@@ -213,7 +214,7 @@ def test_a_drive_without_a_known_rotor_gets_a_small_one():
 def test_held_joints_stand_where_they_are_held():
     arm = blade_arm(joints=[{'name': 'j1'}, {'name': 'j2', 'hold': 0.5}], active_joints=['j1'],
                     gauges=[gauge('g1', 'j1', 0.05)])
-    xml = elastic_mjcf(elastic_of(identified(arm, {}), 'strain'), {})
+    xml = ElasticFile(elastic_of(identified(arm, {}), 'strain'), {}).text()
     rest = Rest(xml, ['j1'])
     assert not any('j2' in rest.model.joint(i).name and 'bend' not in rest.model.joint(i).name
                    for i in range(rest.model.njnt))

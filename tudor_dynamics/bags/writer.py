@@ -24,6 +24,7 @@ from operator import itemgetter
 from pathlib import Path
 import shutil
 import sqlite3
+from types import SimpleNamespace
 from typing import Any, cast, Literal
 
 import numpy as np
@@ -92,21 +93,12 @@ class McapSaver:
         storage.chunk = self._new_chunk(2**63 - 1, 0, BytesIO(), defaultdict(list))
 
 
-class SqliteSaver:
+def sqlite_saver(writer: Any) -> SimpleNamespace:
     """SQLite: a transaction is ended, or taken back."""
-
-    def __init__(self, writer: Any) -> None:
-        self._connection = writer.storage.conn
-        # what is not saved stays out of the file: a killed process leaves it whole
-        self._connection.execute('PRAGMA cache_spill = OFF')
-
-    def save(self) -> None:
-        """Commit."""
-        self._connection.commit()
-
-    def restore(self) -> None:
-        """Roll back."""
-        self._connection.rollback()
+    connection = writer.storage.conn
+    # what is not saved stays out of the file: a killed process leaves it whole
+    connection.execute('PRAGMA cache_spill = OFF')
+    return SimpleNamespace(save=connection.commit, restore=connection.rollback)
 
 
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
@@ -289,7 +281,7 @@ class LiveWriter:
                             storage_plugin=PLUGINS[storage])
             writer.open()
             self._writer: Any = writer
-            self._saver = McapSaver(writer) if storage == 'mcap' else SqliteSaver(writer)
+            self._saver = (McapSaver if storage == 'mcap' else sqlite_saver)(writer)
             self._mark()
         except FAILURES as err:
             if scratch is not None:

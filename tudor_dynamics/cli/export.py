@@ -32,7 +32,7 @@ from tudor_dynamics.models.comparison import (
     file_effects, file_errors, file_parameters, full_parameters, FullParameters)
 from tudor_dynamics.models.friction import TERMS
 from tudor_dynamics.show.description import csv_of, description_of, elastic_drives, yaml_of
-from tudor_dynamics.show.mjcf import elastic_mjcf, mjcf_of, not_in_mjcf
+from tudor_dynamics.show.mjcf import ElasticFile, mjcf_of, not_in_mjcf
 from tudor_dynamics.show.urdf import urdf_of
 from tudor_dynamics.typing import FloatArray
 
@@ -106,7 +106,7 @@ def _content(
         return {**urdf, out: text}, left_out, None
     if args.to == 'mjcf' and elastic is not None and not args.rigid:
         drives = elastic_drives(bundle)
-        return {out: elastic_mjcf(elastic, drives)}, not_in_mjcf(elastic, drives), None
+        return {out: ElasticFile(elastic, drives).text()}, not_in_mjcf(elastic, drives), None
     if args.to in TABLES:
         full = full_parameters(bundle)
         return {out: TABLES[args.to](full)}, (), full

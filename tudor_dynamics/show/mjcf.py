@@ -110,11 +110,6 @@ STAND_IN = 0.01
 a gear has no mass, and MuJoCo cannot move it."""
 
 
-def elastic_mjcf(model: ElasticModel, drives: dict[str, ElasticDrive]) -> str:
-    """Give an elastic arm with its drives as MJCF; drives: none without efforts."""
-    return _Writer(model, drives).text()
-
-
 def not_in_mjcf(model: ElasticModel, drives: dict[str, ElasticDrive]) -> tuple[str, ...]:
     """Name what was identified and has no place in MJCF."""
     values = driven_arm(model.arm, model.values).parameters
@@ -130,8 +125,8 @@ def not_in_mjcf(model: ElasticModel, drives: dict[str, ElasticDrive]) -> tuple[s
     return tuple(found)
 
 
-class _Writer:
-    """The tree of bodies while it grows."""
+class ElasticFile:
+    """An elastic arm with its drives as a tree of bodies; drives: none without efforts."""
 
     def __init__(self, model: ElasticModel, drives: dict[str, ElasticDrive]) -> None:
         self.driven = driven_arm(model.arm, model.values)
