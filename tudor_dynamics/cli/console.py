@@ -35,7 +35,7 @@ from rich import box
 from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, TimeElapsedColumn
-from rich.table import Column, Table
+from rich.table import Table
 from rich.text import Text
 
 from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, Trajectory
@@ -199,11 +199,6 @@ def new_table(title: str, names: Sequence[str] = (), figures: Sequence[str] = ()
     return table
 
 
-def _longest(column: Column) -> int:
-    lines = [line for cell in (column.header, *column.cells) for line in str(cell).splitlines()]
-    return max(map(cell_len, lines), default=0)
-
-
 def print_table(table: Table) -> None:
     """Print a table on standard output: as wide as the terminal, or as its figures need."""
     # no markup: units in brackets, and names that come from bags, stand as they are
@@ -215,7 +210,8 @@ def print_table(table: Table) -> None:
 def _arrange(table: Table, width: int) -> int:
     """Share a width out: figures stay whole, the first text is the last to be folded."""
     for column in table.columns:
-        column.width = _longest(column)
+        column.width = max((cell_len(line) for cell in (column.header, *column.cells)
+                            for line in str(cell).splitlines()), default=0)
     texts = [column for column in table.columns if not column.no_wrap]
 
     def total() -> int:

@@ -163,7 +163,10 @@ def run(args: argparse.Namespace) -> int:
     arm = with_motors(described)
     mechanism = build_mechanism(arm)
     _check(args, mechanism)
-    _tell_left_out(described)
+    if parts := left_out(described):
+        names = sorted({name for found in parts.values() for name in found})
+        print(f'{arm.name}: left out of the motors of {", ".join(parts)}: {", ".join(names)}; '
+              'tudor record has them', file=sys.stderr)
     # The first call after installation compiles for some twenty seconds.
     with Console(file=sys.stderr).status('preparing the mechanism'):
         plant = Plant(mechanism, args.dt, rho=args.rho)
@@ -202,14 +205,6 @@ def run(args: argparse.Namespace) -> int:
     _report(args, result.run, mechanism, arm)
     _warn_of(float(result.run.rotation.max()), arm)
     return 0
-
-
-def _tell_left_out(arm: Arm) -> None:
-    parts = left_out(arm)
-    if parts:
-        names = sorted({name for found in parts.values() for name in found})
-        print(f'{arm.name}: left out of the motors of {", ".join(parts)}: {", ".join(names)}; '
-              'tudor record has them', file=sys.stderr)
 
 
 def _report(args: argparse.Namespace, result: PlantRecord, mechanism: Mechanism, arm: Arm) -> None:

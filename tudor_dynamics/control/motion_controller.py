@@ -29,7 +29,7 @@ from tudor_dynamics.control import settings
 from tudor_dynamics.control.cascade import BY_SPEED, Envelope, SATURATING
 from tudor_dynamics.control.damper import arm_damping, Damper, moving_share
 from tudor_dynamics.control.gains import learned_period, LoopGains
-from tudor_dynamics.control.plausibility import AgeWatch, Doubt, MotionWatch
+from tudor_dynamics.control.plausibility import AgeWatch, AHEAD, Doubt, MotionWatch
 from tudor_dynamics.control.schedule import Adaptation
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.signals.motion_profile import Deviation, motion_limits, MotionPlanner
@@ -422,7 +422,7 @@ class MotionController:
         least, most = np.outer(settings.STOPPED_AT_ONCE, self.watched.speed)
         slow = speed < np.clip(one_period, least, most)
         # Zero at once is the shortest way; each further command would make a runaway faster.
-        if astray and (self.watched.rushing.any() or slow.all()):
+        if astray and ((self.watched.state[:, AHEAD] > 1.0).any() or slow.all()):
             self.envelope.begin(np.zeros_like(speed))
         quick = speed / (settings.ASTRAY_STOP_TIME if astray else settings.FAULT_STOP_TIME)
         self._hold = MotionPlanner(replace(

@@ -222,11 +222,6 @@ class MotionWatch:
             self.state[:, CONFIRMED], settings.CONFIRMING_TIME * np.abs(speed))
 
     @property
-    def rushing(self) -> NDArray[np.bool_]:
-        """Which joints are much faster than they are commanded, (joints,)."""
-        return np.asarray(self.state[:, AHEAD] > 1.0)
-
-    @property
     def trusted(self) -> FloatArray:
         """Speeds that may be commanded by what was confirmed so far, (joints,) [rad/s]."""
         return np.asarray(settings.UNCONFIRMED_SPEED * self.speed

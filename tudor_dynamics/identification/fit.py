@@ -472,7 +472,7 @@ def fit_models(
             progress(f'{kind} {output}')
             fitted.append(_fit_one(
                 training, test, holdout, others if kind == ELASTIC else parts, output, kind,
-                settings, trainers[kind], noise))
+                trainers[kind], noise))
     return replace(
         result_of(arm, preprocessing, settings, fitted, training, test,
                   [facts_of(bag) for bag in training], [facts_of(bag) for bag in test], notes),
@@ -498,9 +498,9 @@ def result_of(
 
 
 def _fit_one(
-    training: Sequence[BagData], test: Sequence[BagData],
-    holdout: HeldOut | None, others: Sequence[Left], output: str, kind: str,
-    settings: FitSettings, trainer: RowTrainer | ElasticTrainer, noise: FloatArray,
+    training: Sequence[BagData], test: Sequence[BagData], holdout: HeldOut | None,
+    others: Sequence[Left], output: str, kind: str, trainer: RowTrainer | ElasticTrainer,
+    noise: FloatArray,
 ) -> FittedOutput:
     fit_bags = partial(trainer.fit, output=output)
     model = fit_bags(training)

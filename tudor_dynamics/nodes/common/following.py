@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -37,15 +38,6 @@ from tudor_dynamics.typing import FloatArray
 CODES = {REACHED: 0, WRONG_JOINTS: -2, LATE: -3, OFF_PATH: -4, MISSED: -5}
 """Result codes of the action by how a text begins; INVALID_GOAL for others."""
 INVALID_GOAL = -1
-
-
-def follow_action() -> Any:
-    """Give FollowJointTrajectory, None where there is none: wheels have no ``control_msgs``."""
-    try:
-        from control_msgs.action import FollowJointTrajectory
-    except ImportError:
-        return None
-    return FollowJointTrajectory
 
 
 def since_start(node: Node, message: JointTrajectory) -> float:
@@ -82,7 +74,11 @@ class FollowServer:
 
     def __init__(self, node: Node, take: Callable[[Any], str], stop: Callable[[str], None],
                  ) -> None:
-        self.action, self._take, self._stop = follow_action(), take, stop
+        self.action: Any = None
+        with suppress(ImportError):  # wheels have no ``control_msgs``
+            from control_msgs.action import FollowJointTrajectory
+            self.action = FollowJointTrajectory
+        self._take, self._stop = take, stop
         self._goal: Any = None
         self._server = None if self.action is None else ActionServer(
             node, self.action, FOLLOW, partial(self._finish, ''), cancel_callback=self._cancel,
