@@ -151,14 +151,14 @@ TOOL_NUDGE = 1e-4  # of its place, for differences [m]
 # Of a period that a motion may be longer, tried in turn: as much as ZV takes, and a fifth more.
 TIMING_LONGER = (0.5, 0.55, 0.59)
 # Between knots of the rate [s], and least number of them.
-TIMING_KNOT, TIMING_FEWEST = 0.06, 16
+TIMING_KNOT, TIMING_FEWEST = 0.06, 32
 TIMING_SPREAD = 0.05  # part by which the frequency may be another
 # Ring over that of the given trajectory: which is good enough, the same where the frequency is
 # off, and from which on a timing is refused.
 TIMING_GOOD, TIMING_OFF, TIMING_MOST = 0.01, 0.05, 0.2
 TIMING_LEAST = 0.02  # of what a motion drives in all, a ring that is not worth less
 TIMING_ROUNDS = 12  # most linear programmes in turn
-TIMING_WORTH = 0.9  # part that may remain after one, so that another one is tried
+TIMING_WORTH = 0.95  # part that may remain after one, so that another one is tried
 TIMING_CUTS = 8  # most solutions of one, each with the limits that the one before passed
 TIMING_NEAR = 1e-6  # limits, and time [s], are met as near as this
 # Largest change of the squared rate in a step, relative to it; what a change of 1 has to remove of

@@ -148,7 +148,7 @@ class _Timing:
             loads.append(_efforts(effort, allowed, states))
         self.loads = np.concatenate(loads, axis=2)[:, self.first:]
 
-        s = self.step * np.arange(count - self.first)
+        s: FloatArray = self.step * np.arange(count - self.first, dtype=float)
         length = float(s[-1])
         self.count = max(TIMING_FEWEST, int(length / TIMING_KNOT))
         self.knots = np.concatenate(
@@ -156,10 +156,10 @@ class _Timing:
         basis = BSpline(self.knots, np.eye(self.count), 3)
         self.square, self.slope = (
             np.asarray(basis(s, order)) for order in (0, 1))
-        given = np.abs(self.needs(np.ones(self.count)))
-        self.most = np.tile(np.maximum(1.0, given.max(axis=0)) * TIMING_FULL, (len(s), 1))
+        before = np.abs(self.needs(np.ones(self.count)))
+        self.most = np.tile(np.maximum(1.0, before.max(axis=0)) * TIMING_FULL, (len(s), 1))
         if self.first > 0:  # at its begin it is the trajectory given
-            self.most[s < TIMING_KNOT] = np.maximum(self.most, given)[s < TIMING_KNOT]
+            self.most[s < TIMING_KNOT] = np.maximum(self.most, before)[s < TIMING_KNOT]
         self.tight = np.zeros(self.most.shape)  # the sign of limits that bound a timing
 
     def rings_of(self, ends: FloatArray) -> Any:
@@ -312,7 +312,7 @@ class _Timing:
             half = 0.5 * (high - low)[:, None]
             rates = np.sqrt(square(low[:, None] + half * (1.0 + nodes)))
             return np.asarray((half / rates) @ weights)
-        grid = step * np.arange(len(self.square))
+        grid: FloatArray = step * np.arange(len(self.square), dtype=float)
         t = begin + np.append(0.0, np.cumsum(passed(grid[:-1], grid[1:])))
         out = np.linspace(0.0, t[-1], round(t[-1] / TOOL_STEP) + 1)
         k = np.clip(np.searchsorted(t, out, 'right') - 1, 0, len(t) - 2)
