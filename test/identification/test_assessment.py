@@ -243,5 +243,5 @@ def test_what_runs_beside_the_robot_comes_first(
     # in short: nothing of recordings, and no verdict that is good
     _print(replace(result, causal=result), assessment, Path('report.html'), verbose=False)
     said = capsys.readouterr().out
-    assert 'as the running monitor filters' in said and 'report: report.html' in said
+    assert 'as the monitor filters' in said and 'report: report.html' in said
     assert 'offline' not in said and 'prediction: good' not in said

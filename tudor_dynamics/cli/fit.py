@@ -215,7 +215,7 @@ def _print(result: FitResult, assessment: Assessment, report: Path, *, verbose: 
     if verbose or not live:
         judged += [(item, ' (offline)' if live else '') for item in result.fitted]
     title = f'{result.arm.name}: {result.fitted[0].validation.method}' + (
-        ', as the running monitor filters' if live and not verbose else '')
+        ', as the monitor filters' if live and not verbose else '')
     print_verdicts(result.arm.name, assessment.uses)
     rows = []
     for item, where in judged:

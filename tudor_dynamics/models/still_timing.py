@@ -105,8 +105,9 @@ class _Timing:
         window: float,
     ) -> None:
         self.seconds = float(given.t[-1] - given.t[0])
-        # an even number of steps, of which every second is one of the tool
-        count = 2 * max(math.ceil(0.5 * self.seconds / TOOL_STEP), TIMING_FEWEST) + 1
+        # an even number of steps, of which every second is one of the tool; eight or more between
+        # knots, as limits hold at their ends alone
+        count = 2 * max(math.ceil(0.5 * self.seconds / TOOL_STEP), 4 * TIMING_FEWEST) + 1
         self.step = self.seconds / (count - 1)
         t = np.linspace(given.t[0], given.t[-1], count)
         curve = spline(given)
