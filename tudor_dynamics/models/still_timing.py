@@ -158,9 +158,8 @@ class _Timing:
         self.square, self.slope = (
             np.asarray(basis(s, order)) for order in (0, 1))
         before = np.abs(self.needs(np.ones(self.count)))
-        self.most = np.tile(np.maximum(1.0, before.max(axis=0)) * TIMING_FULL, (len(s), 1))
-        if self.first > 0:  # at its begin it is the trajectory given
-            self.most[s < TIMING_KNOT] = np.maximum(self.most, before)[s < TIMING_KNOT]
+        # the trajectory itself is always allowed
+        self.most = np.maximum(TIMING_FULL * np.maximum(1.0, before.max(axis=0)), before)
         self.tight = np.zeros(self.most.shape)  # the sign of limits that bound a timing
 
     def rings_of(self, ends: FloatArray) -> Any:
