@@ -165,6 +165,6 @@ TIMING_NEAR = 1e-6  # limits, and time [s], are met as near as this
 # the ring.
 TIMING_RADIUS, TIMING_SMALL = 0.3, 0.1
 TIMING_FULL = 0.995  # part of a limit that is used, as joints may need more between samples
-TIMING_SLOWEST = 0.2  # least rate
+TIMING_SLOWEST = 0.05  # least rate
 TIMING_SAME = 0.05  # frequencies that are closer are one to impulses
 TIMING_WINDOW = 4.0  # before the end, in which a timing may be another [s]
