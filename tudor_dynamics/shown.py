@@ -22,7 +22,7 @@ from textwrap import shorten
 
 import numpy as np
 
-LONGEST = 200  # characters of a part; four lines of a terminal
+LONGEST = 200  # characters of a part: less than three lines of 80
 
 
 class Shown:

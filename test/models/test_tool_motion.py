@@ -22,7 +22,7 @@ import pytest
 from tool_making import ARM, KNOWN, MASS, moves, ONE, RATE, tool_efforts
 
 from tudor_dynamics.models.flexible_tool import flange_motion, row_of
-from tudor_dynamics.models.tool_motion import end_slopes, follow, MOTION, pulls, settled
+from tudor_dynamics.models.tool_motion import end_slopes, follow, from_rest, MOTION, pulls
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.typing import FloatArray
 
@@ -41,8 +41,7 @@ def test_efforts(planes: int) -> None:
     given = {'frequencies': KNOWN.frequencies[:planes], 'damping': KNOWN.damping[:planes]}
     row = row_of(KNOWN.model_copy(update=given).parameters)
     motion = driven(q)
-    steps = np.full(len(motion) - 1, 1.0 / RATE)
-    pulled = MASS * pulls(row, motion, follow(row, steps, motion, settled(row, motion[0, 9:])))
+    pulled = MASS * pulls(row, motion, from_rest(row, 1.0 / RATE, motion))
     found, data = np.empty_like(q), ARM.model.createData()
     for k, pose in enumerate(q):
         pin.computeJointJacobians(ARM.model, data, pose)

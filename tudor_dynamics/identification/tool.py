@@ -38,7 +38,7 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.flexible_tool import (
     Flange, flange_motion, FlexibleTool, pushes, row_of, square)
 from tudor_dynamics.models.settings import TOOL_CUTOFF, TOOL_HIDDEN
-from tudor_dynamics.models.tool_motion import follow, pulls, settled
+from tudor_dynamics.models.tool_motion import from_rest, pulls
 from tudor_dynamics.signals.filters import MotionState, zero_phase
 from tudor_dynamics.typing import FloatArray
 
@@ -186,7 +186,7 @@ class _Search:
             k = np.minimum(((late - t[0]) / STEP).astype(int), len(t) - 2)
             share = ((late - t[k]) / STEP)[:, None]
             motion = (1.0 - share) * one.flange.motion[k] + share * one.flange.motion[k + 1]
-            states = follow(row, np.full(len(t) - 1, STEP), motion, settled(row, motion[0, 9:]))
+            states = from_rest(row, STEP, motion)
             for rest in one.rests:
                 part = slice(*np.searchsorted(t, [rest.t[0] - STEP, rest.t[-1] + STEP]))
                 pulled = mass * pulls(row, motion[part], states[part])

@@ -34,7 +34,7 @@ from tudor_dynamics.models.base import BundlePart
 from tudor_dynamics.models.settings import (
     RING_AFTER, TOOL_CUTOFF, TOOL_DRAWS, TOOL_HIDDEN, TOOL_LEVER, TOOL_MEMORY, TOOL_NUDGE,
     TOOL_STEP, TOOL_UNSEEN)
-from tudor_dynamics.models.tool_motion import accelerate, follow, MOTION, PLACES, settled, TOOL
+from tudor_dynamics.models.tool_motion import accelerate, from_rest, MOTION, PLACES, settled, TOOL
 from tudor_dynamics.signals.filters import MotionState, zero_phase
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.typing import FloatArray
@@ -295,9 +295,7 @@ def _shown(x: FloatArray, flange: Flange) -> FloatArray:
     row = row_of(x)
     step = float(flange.t[-1] - flange.t[0]) / max(len(flange.t) - 1, 1)
     modes = modes_of(row, flange.motion[-1, 9:])
-    pulls = modes.poles**2 * modes.of(follow(
-        row, np.full(len(flange.t) - 1, step), flange.motion,
-        settled(row, flange.motion[0, 9:]))[-1])
+    pulls = modes.poles**2 * modes.of(from_rest(row, step, flange.motion)[-1])
     t = np.linspace(0.0, 2.0 * math.pi / modes.poles[0].imag, 48)
     waves = (np.exp(np.outer(t, modes.poles)) * pulls) @ modes.pulls @ flange.jacobian
     return 0.5 * math.exp(x[6]) * np.ptp(waves.real, axis=0)

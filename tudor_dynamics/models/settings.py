@@ -150,7 +150,8 @@ TOOL_NUDGE = 1e-4  # of its place, for differences [m]
 # -- Another timing of a path (still_timing.py); measured by bench/still_moves.py
 # Of a period that a motion may be longer, tried in turn: as much as ZV takes, and a fifth more.
 TIMING_LONGER = (0.5, 0.55, 0.59)
-# Between knots of the rate [s], and least number of them.
+# Between knots of the squared rate, in the time of the given trajectory [s]; least number of
+# coefficients.
 TIMING_KNOT, TIMING_FEWEST = 0.06, 32
 TIMING_SPREAD = 0.05  # part by which the frequency may be another
 # Ring over that of the given trajectory: which is good enough, the same where the frequency is
@@ -164,7 +165,9 @@ TIMING_NEAR = 1e-6  # limits, and time [s], are met as near as this
 # Largest change of the squared rate in a step, relative to it; what a change of 1 has to remove of
 # the ring.
 TIMING_RADIUS, TIMING_SMALL = 0.3, 0.1
-TIMING_FULL = 0.995  # part of a limit that is used, as joints may need more between samples
+# Part of a limit that is used, as joints need up to 0.2 % more between samples
+# (bench/still_limits.py).
+TIMING_FULL = 0.995
 TIMING_SLOWEST = 0.05  # least rate
 TIMING_SAME = 0.05  # frequencies that are closer are one to impulses
 TIMING_WINDOW = 4.0  # before the end, in which a timing may be another [s]

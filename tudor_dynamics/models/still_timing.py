@@ -44,7 +44,7 @@ from tudor_dynamics.models.settings import (
     TIMING_CUTS, TIMING_FEWEST, TIMING_FULL, TIMING_GOOD, TIMING_KNOT, TIMING_LEAST, TIMING_LONGER,
     TIMING_MOST, TIMING_NEAR, TIMING_OFF, TIMING_RADIUS, TIMING_ROUNDS, TIMING_SAME,
     TIMING_SLOWEST, TIMING_SMALL, TIMING_SPREAD, TIMING_WINDOW, TIMING_WORTH, TOOL_STEP)
-from tudor_dynamics.models.tool_motion import end_slopes, follow, settled
+from tudor_dynamics.models.tool_motion import end_slopes, follow, from_rest
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.signals.shaping import check_at_rest, convolved, impulses, solved
@@ -71,9 +71,9 @@ def still_timing(
     check_at_rest(given)
     for window in (TIMING_WINDOW, math.inf):  # the end suffices, unless it hardly moves the tool
         timing = _Timing(arm, tool, given, effort, window)
-        rate, left = timing.shortest()
+        c, left = timing.shortest()
         if left <= TIMING_MOST:
-            return timing.trajectory(given, rate)
+            return timing.trajectory(given, c)
         if timing.first == 0:
             break
     raise SignalError(f'no timing of this path leaves the tool still: {100.0 * left:.0f} % of '
@@ -128,8 +128,7 @@ class _Timing:
         drive = np.linalg.norm((flange.motion[:, :3] + np.cross(flange.motion[:, 3:6], tool.place))
                                @ self.rows[0, 3:9].reshape(2, 3).T, axis=1)
         gross = float(drive.mean()) * self.seconds / (2.0 * math.pi * self.frequency)
-        swings = np.array([follow(row, np.full(count - 1, self.step), flange.motion,
-                                  settled(row, flange.motion[0, 9:])) for row in self.rows])
+        swings = np.array([from_rest(row, self.step, flange.motion) for row in self.rows])
         self.size = 1.0
         rings = self.rings_of(swings[:, -1])
         if not np.isfinite(rings).all():
@@ -155,8 +154,7 @@ class _Timing:
         self.knots = np.concatenate(
             [[0.0] * 3, np.linspace(0.0, length, self.count - 2), [length] * 3])
         basis = BSpline(self.knots, np.eye(self.count), 3)
-        self.square, self.slope = (
-            np.asarray(basis(s, order)) for order in (0, 1))
+        self.square, self.slope = (np.asarray(basis(s, order)) for order in (0, 1))
         before = np.abs(self.needs(np.ones(self.count)))
         # the trajectory itself is always allowed
         self.most = np.maximum(TIMING_FULL * np.maximum(1.0, before.max(axis=0)), before)
@@ -174,27 +172,31 @@ class _Timing:
         return np.asarray(of_z * z + of_rate * np.sqrt(z) + of_slope * (self.slope @ c)[:, None]
                           + rest)
 
-    def motion(self, c: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Give the motion of the flange, see ``tool_motion``, and the steps in time [s]."""
-        z = (self.square[::2] @ c)[:, None]
-        rate, flange = np.sqrt(z), self.flange
-        motion = [flange[:, :6] * z + flange[:, 6:12] * 0.5 * (self.slope[::2] @ c)[:, None],
-                  flange[:, 9:12] * rate, flange[:, 12:]]
-        return np.hstack(motion), 4.0 * self.step / (rate[1:] + rate[:-1])[:, 0]
+    def motion(self, c: FloatArray) -> FloatArray:
+        """Give the motion of the flange, see ``tool_motion``."""
+        z, flange = (self.square[::2] @ c)[:, None], self.flange
+        return np.hstack([
+            flange[:, :6] * z + flange[:, 6:12] * 0.5 * (self.slope[::2] @ c)[:, None],
+            flange[:, 9:12] * np.sqrt(z), flange[:, 12:]])
+
+    def steps(self, c: FloatArray) -> FloatArray:
+        """Give how long each step of the flange takes [s]."""
+        rate = np.sqrt(self.square[::2] @ c)
+        return np.asarray(4.0 * self.step / (rate[1:] + rate[:-1]))
 
     def rings(self, c: FloatArray) -> Any:
         """Give the rings of a timing, complex (3, modes)."""
-        motion, steps = self.motion(c)
+        motion, steps = self.motion(c), self.steps(c)
         return self.rings_of(np.array([follow(row, steps, motion, begin)[-1] for row, begin in zip(
             self.rows, self.begin, strict=True)]))
 
     def longer(self, c: FloatArray) -> float:
         """Give how much longer a timing takes [s]."""
-        return float(self.motion(c)[1].sum()) - float(self.knots[-1])
+        return float(self.steps(c).sum()) - float(self.knots[-1])
 
     def changes(self, c: FloatArray) -> tuple[Any, FloatArray]:
         """Give what each coefficient does to the rings, complex (3, modes, count), and to time."""
-        flange, (motion, steps) = self.flange, self.motion(c)
+        flange, motion, steps = self.flange, self.motion(c), self.steps(c)
         rate = np.sqrt(self.square[::2] @ c)[:, None]
         none = np.zeros((len(flange), 3))
         ways = np.stack([np.hstack([flange[:, :6], 0.5 * flange[:, 9:12] / rate, none]),
@@ -266,7 +268,8 @@ class _Timing:
         weighted, now = (WEIGHT[:, :, None] * slopes).reshape(-1, self.count), WEIGHT * here
         rings = np.vstack([weighted.real, weighted.imag, -weighted.real, -weighted.imag])
         value = np.concatenate([now.real, now.imag, -now.real, -now.imag], axis=None)
-        needs, of_rate = self.needs(c), np.sqrt(self.square @ c)[:, None]
+        needs, rate = self.needs(c), np.sqrt(self.square @ c)[:, None]
+        spare = longer - self.longer(c)
         # of steps that bring nearly as much the smallest, for which slopes hold best
         each = np.vstack([np.eye(self.count), -np.eye(self.count)])
         small = np.hstack([each, np.zeros((len(each), 1)), -np.ones((len(each), 1))])
@@ -281,7 +284,7 @@ class _Timing:
         for _ in range(TIMING_CUTS):
             k, j = np.nonzero(self.tight)
             limits = self.tight[k, j, None] * (
-                (self.loads[0] + 0.5 * self.loads[1] / of_rate)[k, j, None] * self.square[k]
+                (self.loads[0] + 0.5 * self.loads[1] / rate)[k, j, None] * self.square[k]
                 + self.loads[2][k, j, None] * self.slope[k])
             bound = [np.hstack([rings, np.tile([-1.0, 0.0], (len(rings), 1))]), small,
                      np.hstack([limits, np.zeros((len(k), 2))]),
@@ -289,7 +292,7 @@ class _Timing:
             found = solved(
                 np.append(np.zeros(self.count), [1.0, TIMING_SMALL * loudest(here)]), bound,
                 [-value, np.zeros(len(each)), (self.most - self.tight * needs - excess)[k, j],
-                 np.array([longer - self.longer(c) - late])], bounds=ends)
+                 np.array([spare - late])], bounds=ends)
             if found is None:
                 return step
             step = found[:-2]

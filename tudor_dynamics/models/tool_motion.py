@@ -129,6 +129,11 @@ def follow(
     return states
 
 
+def from_rest(p: FloatArray, step: float, motion: FloatArray) -> FloatArray:
+    """Give the states (samples, 4) along a motion (samples, 12) in even steps [s], from rest."""
+    return np.asarray(follow(p, np.full(len(motion) - 1, step), motion, settled(p, motion[0, 9:])))
+
+
 @compiled
 def pulls(p: FloatArray, motion: FloatArray, states: FloatArray) -> FloatArray:
     """Give the pull of a mass of 1 kg on the flange: force and moment (samples, 6)."""
@@ -146,8 +151,11 @@ def pulls(p: FloatArray, motion: FloatArray, states: FloatArray) -> FloatArray:
 def end_slopes(
     p: FloatArray, steps: FloatArray, motion: FloatArray, states: FloatArray, changes: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Give what changes of a motion (ways, samples, 12) do to its end (4, ways, samples)."""
-    # and what longer steps do, (4, steps)
+    """
+    Give what small changes do to the end of a motion.
+
+    Those of the motion (ways, samples, 12) as (4, ways, samples), those of steps as (4, steps).
+    """
     found, left = np.zeros((4, len(changes), len(motion))), np.eye(4)
     by_step = np.zeros((4, len(steps)))
     room, one, own = np.zeros(24), np.zeros(4), np.zeros((4, 4))
