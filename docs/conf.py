@@ -40,6 +40,7 @@ html_title = f'tudor_dynamics {release}'
 html_copy_source = False
 html_static_path = ['_static']
 html_css_files = ['site.css']
+html_favicon = '_static/favicon.svg'
 html_search_scorer = str(Path(__file__).parent / '_extensions' / 'search_order.js')
 
 myst_enable_extensions = ['dollarmath', 'amsmath', 'deflist']

@@ -141,7 +141,8 @@ def check_budget(what: str, steps: float, each: float = 8.0) -> None:
     """Refuse a run that nobody could wait for, or no memory holds: each [bytes a step]."""
     if not (steps <= MAX_STEPS and steps * each <= MAX_BYTES):
         over = (f'{steps:.3g} steps, more than {MAX_STEPS:g}' if not steps <= MAX_STEPS else
-                f'{steps:.3g} steps need {steps * each:.2g} bytes, more than {MAX_BYTES:g}')
+                f'{steps:.3g} steps need {1e-9 * steps * each:.1f} GB, more than '
+                f'{1e-9 * MAX_BYTES:g} GB')
         raise UsageError(f'{what}: {over}', remedy='shorten it, or take larger steps')
 
 

@@ -70,7 +70,8 @@ def read_bounded(path: Path, limit: int) -> bytes:
     return data
 
 
-def read_text(path: Path, limit: int, what: str, kind: type[TudorError], remedy: str = '') -> str:
+def read_text(path: Path, limit: int, what: str, kind: type[TudorError],
+              remedy: str = 'check its path and rights') -> str:
     """Read a text of at most limit bytes, or raise an error of a kind that names what it is."""
     try:
         return read_bounded(path, limit).decode()

@@ -367,7 +367,7 @@ def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
         and bag.choice.overlaps(parse_choice(str(item.get('bag')))) for item in training)]
     if seen:
         msg = (f'{", ".join(seen)}: the model was trained on this, so its errors here are '
-               'smaller than on new bags; use others to test it')
+               'smaller than on new bags; test it on other bags')
         warnings.warn(msg, TudorWarning, stacklevel=3)
     return seen
 

@@ -28,19 +28,33 @@ var Scorer = {
 };
 
 // A question in words that no page has together still has answers: pages with some of its words,
-// and the rarer these are the more they count. Words that are on no page count nothing.
-const ENOUGH = 5, LEAST = 0.3, WEIGHT = 8, LEFT_OUT = 30;
+// and the rarer these are the more they count. Words that are on no page count nothing. Headings
+// of guides that have most of the question in them are answers, too.
+const ENOUGH = 5, LEAST = 0.3, WEIGHT = 8, LEFT_OUT = 30, HEADING = 60, MOST = 0.6;
+const BRITISH = {licens: "licenc", center: "centr", behavior: "behaviour"};  // stems
 {
   const strict = Search.performTermsSearch;
   const pages = (word) => new Set(
     [Search._index.terms, Search._index.titleterms].flatMap((terms) => Object.entries(terms))
       .filter(([term]) => term.includes(word)).flatMap(([, files]) => files)).size;
-  Search.performTermsSearch = (terms, excluded) => {
+  const headings = (rare, all) => Object.entries(Search._index.alltitles).flatMap(
+    ([title, places]) => {
+      const words = stems(title);
+      const share = [...rare].reduce((sum, [word, value]) => sum + words.has(word) * value, 0) / all;
+      const {docnames, filenames, titles} = Search._index;
+      return share < MOST ? [] : places
+        .filter(([file, id]) => id && /^(howto|tutorials)/.test(docnames[file]))
+        .map(([file, id]) => [docnames[file], `${titles[file]} > ${title}`, `#${id}`, null,
+                              HEADING * share, filenames[file], "title"]);
+    });
+  Search.performTermsSearch = (words, excluded) => {
+    const terms = new Set([...words].map((word) => BRITISH[word] || word));
     const whole = strict(terms, excluded);
-    if (whole.length >= ENOUGH) return whole;
     const most = Search._index.docnames.length;
     const rare = new Map([...terms].filter(pages).map((word) => [word, Math.log(most / pages(word))]));
     const all = [...rare.values()].reduce((sum, value) => sum + value, 0);
+    const asHeadings = rare.size > 1 ? headings(rare, all) : [];
+    if (whole.length >= ENOUGH) return [...asHeadings, ...whole];
     const found = new Map(whole.map((item) => [item[0], {item, sum: all + LEFT_OUT / WEIGHT}]));
     const some = new Map();
     for (const [word, value] of rare)
@@ -50,7 +64,8 @@ const ENOUGH = 5, LEAST = 0.3, WEIGHT = 8, LEFT_OUT = 30;
       }
     for (const [page, one] of some)
       if (!found.has(page) && one.sum > LEAST * all) found.set(page, one);
-    return [...found.values()].map(({item: [page, title, anchor, text, score, ...rest], sum}) =>
-      [page, title, anchor, text, score + WEIGHT * sum - LEFT_OUT, ...rest]);
+    return [...asHeadings, ...[...found.values()].map(
+      ({item: [page, title, anchor, text, score, ...rest], sum}) =>
+        [page, title, anchor, text, score + WEIGHT * sum - LEFT_OUT, ...rest])];
   };
 }

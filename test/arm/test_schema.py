@@ -141,7 +141,7 @@ def test_several_mistakes_at_once() -> None:
     del content['name']
     message = refusal(content)
     assert 'name: is missing; add it' in message
-    assert 'gauges.0.distance: Input should be a valid number' in message
+    assert 'gauges.0.distance: must be a valid number' in message
     assert "found 'far'" in message
 
 

@@ -119,7 +119,7 @@ def test_choices_are_said(
     group, = content['outputs']['effort']['analytical']['groups']
     assert {item['channel'] for item in group['torque_constants']} == {'joint2', 'joint3'}
     line = one_line(capsys, *words, '--overwrite', '--friction', 'auto', 'viscous')
-    assert 'auto stands alone' in line
+    assert 'give auto alone' in line
 
 
 def test_no_more_steps_than_announced(

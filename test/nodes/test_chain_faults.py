@@ -116,7 +116,7 @@ def test_model_of_another_arm(node: Any, world: World, model: Path, recording) -
     assert not motions
     status = next(status for status in told() if 'unknown_names' in status.message)
     assert status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
-    assert 'messages lack joints or gauges' in status.message
+    assert 'messages lack joints or gauges of the model' in status.message
 
 
 def told_by(world: World, node: str) -> Callable[[], list[DiagnosticStatus]]:

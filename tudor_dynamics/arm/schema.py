@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 import math
+import re
 from typing import Annotated, Any, get_args, Literal
 
 import numpy as np
@@ -829,7 +830,9 @@ def validation_message(err: ValidationError) -> str:
     for item in err.errors(include_url=False):
         where = '.'.join(str(part) for part in item['loc']) or 'top level'
         text = str(item.get('ctx', {}).get('error', item['msg']))
-        text = text.replace('tuple', 'list').replace('Tuple', 'List')
+        text = re.sub(r'^\w+ should', 'must', text).replace('tuple', 'list').replace(
+            ' after validation', '')
+        text = re.sub(r'a valid dictionary.*', 'keys with values', text)
         if item['type'] == 'missing':
             text = 'is missing; add it'
         if item['type'] == 'extra_forbidden':

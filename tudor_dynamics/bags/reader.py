@@ -307,7 +307,8 @@ class Assembly:
         spans = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
         if not spans.all():
             still = [name for name, span in zip(names, spans, strict=True) if not span]
-            self.notes.add(f'{stream.what} of {", ".join(still)} never changes')
+            self.notes.add(f'{stream.what} of {", ".join(still)} never changes: check the '
+                           'sensor and its driver')
         return replace(stream, values={field: values})
 
     def rows(

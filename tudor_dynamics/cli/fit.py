@@ -138,7 +138,7 @@ def described(args: argparse.Namespace) -> Arm:
         return arm
     if AUTO in args.friction:
         if len(args.friction) > 1:
-            msg = f'--friction {" ".join(args.friction)}: auto stands alone, or name terms'
+            msg = f'--friction {" ".join(args.friction)}: give auto alone, or names of terms'
             raise UsageError(msg)
         return arm.with_open_friction()
     terms = tuple(dict.fromkeys(args.friction))

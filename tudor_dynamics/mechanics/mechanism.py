@@ -406,8 +406,8 @@ def build_mechanism(arm: Arm) -> Mechanism:
         raise SimulationError(f'{arm.source}: the simulator does not model couplings; remove them '
                               'from a copy of the description to simulate the arm without them')
     if not arm.spec.links and not any(i.mass > 0 for i in list(arm.full_model.inertias)[1:]):
-        raise SimulationError(f'{arm.source}: the description has no links; to simulate the arm, '
-                              'add an entry of links[] for each joint, rigid or flexible')
+        raise SimulationError(f'{arm.source}: no links are described, as simulation and elastic '
+                              'models need; add one to links for each joint, rigid or flexible')
     for index in range(1, arm.full_model.njoints):
         builder.link(index)
     tip = builder.tip_frame()

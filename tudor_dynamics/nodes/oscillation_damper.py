@@ -213,8 +213,8 @@ class OscillationDamperNode(MovingNode):
             return STALE, (f'no joint positions arrive on {self._own}, so no commands are sent: '
                            'start the driver of the arm')
         if controller.missing:
-            return STALE, (f'{self._own}: {controller.cause}; the damper commands standstill; '
-                           'check the driver of the arm')
+            return STALE, (f'{self._own}: {controller.cause}; the damper commands '
+                           'standstill meanwhile')
         if self.crowded and self.crowded[0] == ERROR:
             return self.crowded
         gains = controller.gains

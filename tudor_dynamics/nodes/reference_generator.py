@@ -267,7 +267,8 @@ class ReferenceGeneratorNode(MovingNode):
         if any(able for _, able in alive):
             self._unwatched = ''
         elif alive:
-            self._unwatched = f'{", ".join(self.monitors)} cannot judge the arm: see its status'
+            self._unwatched = (f'{", ".join(self.monitors)} cannot judge the arm; see its '
+                               'diagnostics')
         elif self.monitors:
             self._unwatched = f'{", ".join(self.monitors)} sends no diagnostics; restart it'
         else:

@@ -59,7 +59,7 @@ MEANING = {
     'not_finite': 'messages have NaN or infinite values: check the driver',
     'duplicate_stamp': 'stamps repeat: check the driver, and for a second publisher',
     'backward_stamp': 'stamps go backwards: check the driver, and for a second publisher',
-    'unknown_names': 'messages lack joints or gauges: use the model or description of this arm',
+    'unknown_names': 'messages lack joints or gauges of the model: use the model of this arm',
     'short_array': 'messages have fewer values than names: correct the driver',
     'no_measurement': 'no effort or strain is measured during the motion: check topic and driver',
     'no_neighbour': 'no effort or strain comes shortly before and after a joint state: check '

@@ -297,8 +297,8 @@ class Watch:
                 if factor > WIDENING_WARNING]
         return '' if not wide else (
             'weak collisions are missed: the motion differs from training, so thresholds widen '
-            f'({", ".join(wide)}); call ~/calibrate while the arm moves so untouched, '
-            'or add bags of this motion to the fit')
+            f'({", ".join(wide)}); call ~/calibrate during this motion, with nothing '
+            'touching the arm, or fit the model with bags of this motion, too')
 
     @property
     def settle(self) -> float:
