@@ -36,6 +36,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.nodes.common.base import latched
+from tudor_dynamics.nodes.common.interfaces import FOLLOW
 import yaml
 
 POSE = np.array([0.8, 0.1])
@@ -73,6 +74,12 @@ def test_controllers_have_the_joints_of_the_arm(root: Path) -> None:
         assert name in content['controller_manager']['ros__parameters']
         assert content[name]['ros__parameters']['joints'] == joints
         assert name in page(root, heading, 'sh ros')[0]
+    moveit = yaml.safe_load(page(root, 'Trajectories', 'yaml')[1])[
+        'moveit_simple_controller_manager']
+    relay, = moveit['controller_names']
+    assert moveit[relay]['joints'] == joints
+    assert f'~/{moveit[relay]["action_ns"]}' == FOLLOW
+    assert relay in page(root, 'Trajectories', 'sh ros')[0]
 
 
 def test_velocity_commands(world: World, root: Path, started: Any) -> None:
