@@ -384,8 +384,7 @@ class DetectNode(ModelNode):
             self._unserved if not watch.methods else '',
             verdict.text if verdict.level is CoverageLevel.NONE and not learning else '']
         warnings = [
-            verdict.text if not learning else '', self._unserved,
-            self._note if 'no_thresholds' not in verdict.causes else '',
+            verdict.text if not learning else '', self._unserved, self._note,
             watch.outside_training,
             f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
             'namespace, or remap the topic' if rivals else '']
