@@ -122,8 +122,8 @@ def ros_clock() -> Callable[[], int]:
         from rclpy.clock import Clock
     except ImportError:
         return time.time_ns
-    clock = Clock()
-    return lambda: int(clock.now().nanoseconds)
+    now = Clock().handle.get_now
+    return lambda: int(now().nanoseconds)
 
 
 def choices(bundle: ModelBundle) -> Iterator[MonitorSettings]:

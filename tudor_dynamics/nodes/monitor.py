@@ -59,12 +59,13 @@ class BlackBox:
         """Keep the messages of a topic before something takes them."""
         if self._node.value('event_bags') in OFF:
             return take
-        clock, ring = self._node.get_clock(), self._ring
+        # a quarter of the time of the clock's own now(), three times a sample
+        now, ring = self._node.get_clock().handle.get_now, self._ring
         name = self._node.resolve_topic_name(topic)
         msgtype = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
 
         def keep(data: bytes) -> Any:
-            ring.add(clock.now().nanoseconds, name, msgtype, data)
+            ring.add(now().nanoseconds, name, msgtype, data)
             return take(data)
         return keep
 
