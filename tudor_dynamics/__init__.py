@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from tudor_dynamics.bags.writer import write_bag
     from tudor_dynamics.control.schedule import Schedule
     from tudor_dynamics.errors import TudorError
+    from tudor_dynamics.identification.detection import Detector
     from tudor_dynamics.identification.fit import FitSettings
     from tudor_dynamics.identification.validation import score
     from tudor_dynamics.library import carried, detect, excitation, fit, predict, roc
@@ -57,13 +58,13 @@ if TYPE_CHECKING:
     from tudor_dynamics.signals.preprocessing import prepare
 
 __all__ = [
-    'Arm', 'ClosedLoop', 'ContactEstimator', 'ElasticModel', 'Feedforward', 'FitSettings',
-    'Imperfections', 'Loop', 'ModelBundle', 'Monitor', 'MonitorSettings', 'Plant', 'Push',
-    'Recording', 'Rig', 'Schedule', 'SimulatedRun', 'StimulusSpec', 'Trajectory', 'TudorError',
-    'arm_from_dict', 'build_mechanism', 'carried', 'detect', 'excitation', 'fit', 'follow_targets',
-    'joint_signals', 'load_arm', 'load_bundle', 'modes', 'motion_limits', 'on_cluster',
-    'planned_limits', 'predict', 'prepare', 'read_recording', 'record_stimuli', 'roc',
-    'save_bundle', 'score', 'simulate', 'stimulus_motion', 'with_payload', 'write_bag',
+    'Arm', 'ClosedLoop', 'ContactEstimator', 'Detector', 'ElasticModel', 'Feedforward',
+    'FitSettings', 'Imperfections', 'Loop', 'ModelBundle', 'Monitor', 'MonitorSettings', 'Plant',
+    'Push', 'Recording', 'Rig', 'Schedule', 'SimulatedRun', 'StimulusSpec', 'Trajectory',
+    'TudorError', 'arm_from_dict', 'build_mechanism', 'carried', 'detect', 'excitation', 'fit',
+    'follow_targets', 'joint_signals', 'load_arm', 'load_bundle', 'modes', 'motion_limits',
+    'on_cluster', 'planned_limits', 'predict', 'prepare', 'read_recording', 'record_stimuli',
+    'roc', 'save_bundle', 'score', 'simulate', 'stimulus_motion', 'with_payload', 'write_bag',
 ]
 
 # The same as above, for the interpreter; test/test_library.py compares them.
@@ -78,6 +79,7 @@ _HOMES = {
     'tudor_dynamics.control.schedule': ('Schedule',),
     'tudor_dynamics.errors': ('TudorError',),
     'tudor_dynamics.parallel': ('on_cluster',),
+    'tudor_dynamics.identification.detection': ('Detector',),
     'tudor_dynamics.identification.fit': ('FitSettings',),
     'tudor_dynamics.identification.validation': ('score',),
     'tudor_dynamics.library': ('carried', 'detect', 'excitation', 'fit', 'predict', 'roc'),

@@ -489,10 +489,8 @@ def roc(
 
     Parameters
     ----------
-    detectors : mapping of str to callable or ModelBundle
-        A function of a ``Recording`` that says for each sample how strongly the arm is touched,
-        (n_samples,), in any unit, NaN where it says nothing, from that sample and those before it;
-        or models with the built-in one.
+    detectors : mapping of str to Detector or ModelBundle
+        Detectors of one's own, or models with the built-in one.
     bags : str, path, or sequence of them
         Bags of the arm, or parts of them: ``BAG@60-100%``.
     arm : Arm

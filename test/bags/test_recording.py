@@ -25,6 +25,7 @@ from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import ArgumentError, BagError, SignalError
+from tudor_dynamics.identification.dataset import cut, parse_choice
 
 T = np.delete(np.arange(200) * 0.01, slice(80, 110))
 Q = np.stack([np.sin(T), 0.5 * T], axis=1)
@@ -85,3 +86,16 @@ def test_tables(root: Path) -> None:
     assert np.array_equal(table['q', 'joint3'], Q[:, 1]) and np.allclose(table.index, T - T[0])
     assert np.array_equal(cube['strain'].sel(gauge='link2_hub'), 100.0 * Q[:, 0])
     assert set(cube.data_vars) == {'q', 'strain'} and np.array_equal(cube['time'], recording.t)
+
+
+def test_forces_that_were_applied(root: Path, tmp_path: Path) -> None:
+    """A recording has them where its bag does, in parts and tables too; another type is nothing."""
+    arm = load_arm(root / 'config/two_blade_arm.yaml')
+    recording = read_recording(root / 'bags/two_blade_pushes', arm)
+    assert recording.push is not None and recording.push.shape == recording.stamp.shape
+    begins = recording.t[1:][np.diff((recording.push > 0.01).astype(int)) > 0]
+    assert len(begins) == 4
+    assert np.array_equal(recording.to_dataframe(arm)['push', 'push'], recording.push)
+    part = cut(recording, parse_choice('x@50-100%'))
+    assert np.array_equal(part.push, recording.push[-len(part.stamp):])
+    assert read_recording(root / 'bags/two_blade_test', arm).push is None

@@ -18,12 +18,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics import errors
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.messages import (
     decode_topic, DecodedTopic, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE,
@@ -416,7 +418,14 @@ def read_recording(
     """
     check_type(path, (str, Path), 'path', 'the path of a bag')
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
-    return read_planned(path, plan_from_arm(arm), need_output=need_output, need_motion=need_motion)
+    found = read_planned(path, plan_from_arm(arm), need_output=need_output, need_motion=need_motion)
+    wrenches = None
+    with errors.quiet(), suppress(BagError):  # of another type, or damaged: nothing is known
+        wrenches = read_wrenches(path)
+    if wrenches is None:
+        return found
+    size = np.linalg.norm(wrenches.values['force'], axis=1)
+    return replace(found, push=np.interp(found.stamp, wrenches.stamp, size, 0.0, 0.0))
 
 
 def read_planned(

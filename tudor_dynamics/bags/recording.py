@@ -110,6 +110,8 @@ class Recording(Shown):
         bag.
     oddities : Oddities
         What the arrays do not show of the bag.
+    push : ndarray of shape (n_samples,) or None
+        Size of the force that was applied on purpose, by the topic ``applied_wrench`` [N].
 
     """
 
@@ -127,6 +129,7 @@ class Recording(Shown):
     payload: float | None = None
     earlier: tuple[NDArray[np.int64], FloatArray] | None = None
     oddities: Oddities = Oddities()
+    push: FloatArray | None = None
 
     def __repr__(self) -> str:
         """Write length, rate, signals with their ranges, and what is odd about the bag."""
@@ -169,7 +172,8 @@ class Recording(Shown):
 
         return Dataset(
             {name: (('time', 'gauge' if name == 'strain' else 'joint'), values)
-             for name, values in self.signals.items()},
+             for name, values in self.signals.items()}
+            | ({} if self.push is None else {'push': ('time', self.push)}),
             {'time': self.t, 'joint': list(arm.active_joints), 'gauge': list(arm.gauge_names)},
             {'path': self.path})
 

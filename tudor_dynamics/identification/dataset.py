@@ -263,7 +263,7 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
         stamps, places = recording.earlier
         earlier = (np.concatenate([stamps, recording.stamp[:first]]),
                    np.vstack([places, recording.q[:first]]))
-    taken = {name: values[first:last] for name in ('stamp', 'q', 'dq', 'effort', 'strain')
+    taken = {name: values[first:last] for name in ('stamp', 'q', 'dq', 'effort', 'strain', 'push')
              if (values := getattr(recording, name)) is not None}
     return replace(recording, **taken, segments=segments, earlier=earlier)
 

@@ -17,12 +17,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import csv
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -474,9 +474,15 @@ def evaluate_collisions(
     return results
 
 
-Detector = Callable[[Recording], FloatArray]
-"""A detector of one's own: how strongly each sample of a recording, (samples,), says that the arm
-is touched, in any unit; NaN where it says nothing."""
+class Detector(Protocol):
+    """A detector of one's own, such as a function."""
+
+    def __call__(self, recording: Recording, /) -> FloatArray:
+        """
+        Say for each sample how strongly the arm is touched, from it and those before it.
+
+        (n_samples,), in any unit; NaN where it says nothing.
+        """
 
 
 def roc_of_detector(

@@ -32,8 +32,8 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base import BundlePart
 from tudor_dynamics.models.settings import (
-    RING_AFTER, TOOL_CUTOFF, TOOL_DRAWS, TOOL_HIDDEN, TOOL_LEVER, TOOL_MEMORY, TOOL_NUDGE,
-    TOOL_STEP, TOOL_UNSEEN)
+    RING_AFTER, RING_BANDWIDTH, RING_MEAN, RING_RENEWED, RING_RIDGE, TOOL_CUTOFF, TOOL_DRAWS,
+    TOOL_HIDDEN, TOOL_LEVER, TOOL_MEMORY, TOOL_NUDGE, TOOL_STEP, TOOL_UNSEEN)
 from tudor_dynamics.models.tool_motion import accelerate, from_rest, MOTION, PLACES, settled, TOOL
 from tudor_dynamics.signals.filters import MotionState, zero_phase
 from tudor_dynamics.signals.motion_profile import spline
@@ -299,3 +299,61 @@ def _shown(x: FloatArray, flange: Flange) -> FloatArray:
     t = np.linspace(0.0, 2.0 * math.pi / modes.poles[0].imag, 48)
     waves = (np.exp(np.outer(t, modes.poles)) * pulls) @ modes.pulls @ flange.jacobian
     return 0.5 * math.exp(x[6]) * np.ptp(waves.real, axis=0)
+
+
+# -- How it rings beside the running robot, by what efforts show of it
+
+class RingObserver:
+    """
+    Follows the acceleration of a tool's modes, which turn and decay, and a mean beside each.
+
+    The residual of efforts is the sum of their pulls; projected on these it corrects the modes,
+    complex numbers, as a Luenberger observer does.
+    """
+
+    def __init__(self, arm: Arm, tool: FlexibleTool) -> None:
+        self.tool, self._arm = tool, arm
+        self._data, self._q = arm.model.createData(), np.zeros(arm.model.nq)
+        self._last = arm.model.njoints - 1
+        self._small: ToolModes | None = None  # vibrations of a pose lately
+        self._age = 0.0  # of these [s]
+        self._modes: Any = np.zeros(len(tool.frequencies), complex)
+        self._mean = np.zeros(len(tool.frequencies))
+        self._rate = 1.0  # at which they decay [1/s]
+        self.amplitude = np.zeros(len(arm.active_joints))  # of each effort [N m or N]
+
+    def step(self, dt: float, q: FloatArray, residual: FloatArray) -> FloatArray:
+        """Take the residual of efforts (joints,) into account; dt 0 begins. Give amplitudes."""
+        model = self._arm.model
+        self._q[self._arm.velocity_index] = q
+        jacobian = pin.computeJointJacobian(model, self._data, self._q, self._last)
+        self._age += dt
+        if self._small is None or dt <= 0.0 or self._age > RING_RENEWED:
+            self._small, self._age = self.tool.modes(
+                self._data.oMi[self._last].rotation.T @ model.gravity.linear), 0.0
+        modes = self._small
+        levers = modes.pulls @ jacobian[:, self._arm.velocity_index]
+        if dt <= 0.0:
+            self._modes, self._mean = 0.0 * self._modes, 0.0 * self._mean
+        self._modes = self._modes * np.exp(modes.poles * dt)
+        self._rate = float(-modes.poles.real.max())
+        # where efforts hardly tell the modes apart, neither has all of them
+        square = levers @ levers.T
+        square += RING_RIDGE * np.trace(square) * np.eye(len(square))
+        error = np.linalg.solve(square, levers @ residual) - self._modes.real - self._mean
+        # a real error corrects half of a complex number
+        w = modes.poles.imag * dt
+        self._modes += 2.0 * (1.0 - np.exp(-RING_BANDWIDTH * w)) * error
+        self._mean += (1.0 - np.exp(-RING_MEAN * w)) * error
+        self.amplitude = np.abs(self._modes) @ np.abs(levers)
+        return self.amplitude
+
+    def __str__(self) -> str:
+        """Say what rings most, and how long until nobody hears it."""
+        loudest = int(np.argmax(self.amplitude))
+        size, name = float(self.amplitude[loudest]), self._arm.active_joints[loudest]
+        if size <= self.tool.quiet:
+            return 'quiet'
+        left = math.log(size / self.tool.quiet) / max(self._rate, 1e-9)
+        return (f'{size:.2g} {"N" if self._arm.is_prismatic(name) else "N m"} at {name}, quiet in '
+                f'{left:.1f} s')

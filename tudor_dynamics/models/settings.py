@@ -171,3 +171,11 @@ TIMING_FULL = 0.995
 TIMING_SLOWEST = 0.05  # least rate
 TIMING_SAME = 0.05  # frequencies that are closer are one to impulses
 TIMING_WINDOW = 4.0  # before the end, in which a timing may be another [s]
+
+# -- How a tool rings beside the robot: test/models/test_flexible_tool.py
+# Rates of observing a mode and the mean beside it, over its angular frequency: 0.2 and 1.3 s to
+# settle at 3 Hz.
+RING_BANDWIDTH, RING_MEAN = 0.25, 0.04
+# Of the levers of all modes, what is added where efforts do not tell them apart; and the time for
+# which frequencies hold [s].
+RING_RIDGE, RING_RENEWED = 0.005, 0.1

@@ -29,11 +29,11 @@ from tudor_dynamics.errors import check_type, ModelError, SignalError
 from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.flexible_tool import RingObserver
 from tudor_dynamics.online.contact import AnyEstimator, contact_estimator, ContactEstimate
 from tudor_dynamics.online.detector import (
     channel_links, CollisionDetector, CollisionEvent, DetectorSettings, Excess, ExcessStage, Level,
     Rates)
-from tudor_dynamics.online.ringing import RingObserver
 from tudor_dynamics.online.settings import (
     LAGS, MOMENTUM_LAGS, MOMENTUM_STEP, OBSERVER_GAIN, STEP, WIDENING_WARNING, WINDOW)
 from tudor_dynamics.online.streams import (

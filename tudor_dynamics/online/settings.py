@@ -251,11 +251,3 @@ RING_BYTES = 64 << 20
 RECORDED = 20  # bags of events in a folder, after which the oldest goes
 RECORDED_AFTER = 3.0
 """A bag goes on for so long after the event [s]: a touch has ended then, a load has not."""
-
-# -- How a tool rings (ringing.py): test/online/test_ringing.py
-# Rates of observing a mode and the mean beside it, over its angular frequency: 0.2 and 1.3 s to
-# settle at 3 Hz.
-RING_BANDWIDTH, RING_MEAN = 0.25, 0.04
-# Of the levers of all modes, what is added where efforts do not tell them apart; and the time for
-# which frequencies hold [s].
-RING_RIDGE, RING_RENEWED = 0.005, 0.1

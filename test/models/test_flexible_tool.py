@@ -20,8 +20,7 @@ import numpy as np
 import pytest
 from tool_making import ARM, FREQUENCIES, KNOWN, moves, RATE, tool_efforts
 
-from tudor_dynamics.models.flexible_tool import FlexibleTool
-from tudor_dynamics.online.ringing import RingObserver
+from tudor_dynamics.models.flexible_tool import FlexibleTool, RingObserver
 from tudor_dynamics.typing import FloatArray
 
 
