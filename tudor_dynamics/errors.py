@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 import difflib
+import errno
 from pathlib import Path
 import warnings
 
@@ -39,6 +40,14 @@ def meant(word: str, known: Iterable[str]) -> str:
     """Ask for the known word that is most like a wrong one; empty if none is."""
     close = difflib.get_close_matches(word, list(known), 1, 0.7)
     return f'; did you mean {close[0]}?' if close else ''
+
+
+def remedy_of(err: BaseException) -> str:
+    """Say what to do about a file or folder that cannot be opened, read or written."""
+    return {errno.EINVAL: 'give another file', errno.EISDIR: 'give a file',
+            errno.ENOSPC: 'free some space', errno.EACCES: 'check the rights',
+            errno.EEXIST: 'move what stands in place of a folder, or give another path',
+            }.get(getattr(err, 'errno', None) or 0, 'check path, rights and disk')
 
 
 def _one_line(text: str) -> str:
@@ -137,13 +146,14 @@ MAX_STEPS, MAX_BYTES = 2e7, 4e9
 """What one run may take at once: steps or samples, and memory of what is kept of them [bytes]."""
 
 
-def check_budget(what: str, steps: float, each: float = 8.0) -> None:
+def check_budget(what: str, steps: float, each: float = 8.0, remedy: str = 'lower the '
+                 'seconds, or take larger steps') -> None:
     """Refuse a run that nobody could wait for, or no memory holds: each [bytes a step]."""
     if not (steps <= MAX_STEPS and steps * each <= MAX_BYTES):
         over = (f'{steps:.3g} steps, more than {MAX_STEPS:g}' if not steps <= MAX_STEPS else
                 f'{steps:.3g} steps need {1e-9 * steps * each:.1f} GB, more than '
                 f'{1e-9 * MAX_BYTES:g} GB')
-        raise UsageError(f'{what}: {over}', remedy='shorten it, or take larger steps')
+        raise UsageError(f'{what}: {over}', remedy=remedy)
 
 
 class TudorWarning(UserWarning):

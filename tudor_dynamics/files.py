@@ -44,7 +44,7 @@ def _check_regular(status: os.stat_result, path: Path) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise OSError(errno.EISDIR, 'is a directory', str(path))
     if not stat.S_ISREG(status.st_mode):
-        raise OSError(errno.EINVAL, 'no regular file but a device, pipe or socket', str(path))
+        raise OSError(errno.EINVAL, 'is a device, pipe or socket, not a regular file', str(path))
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -114,9 +114,8 @@ def whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
 def _replaceable(path: Path) -> Path:
     """Give the place that links lead to, unless something stands there that is no file."""
     place = Path(os.path.realpath(path))
-    if place.exists() and not (place.is_file() or place.is_dir()):
-        raise OSError(errno.EINVAL, 'no regular file but a device, pipe or socket: left as it is',
-                      str(path))
+    if place.exists() and not place.is_dir():
+        _check_regular(place.stat(), path)
     return place
 
 

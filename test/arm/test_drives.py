@@ -79,7 +79,7 @@ def test_drives_are_optional(root: Path, content: Any) -> None:
 
 
 @pytest.mark.parametrize(('path', 'value', 'parts'), [
-    ('motors.0.gear', 156, ['motors.0.gear', 'unknown key (correct or remove it)', '156']),
+    ('motors.0.gear', 156, ['motors.0.gear', 'unknown key, found 156; correct or remove it']),
     ('motors.0.gear_ratio', 0, ['motors.0.gear_ratio', 'greater than 0', 'found 0']),
     ('motors.0.torque_constant', -0.1, ['motors.0.torque_constant', 'greater than 0', '-0.1']),
     ('motors.0.coulomb', -0.1, ['motors.0.coulomb.0', 'greater than or equal to 0', '-0.1']),
@@ -96,7 +96,7 @@ def test_drives_are_optional(root: Path, content: Any) -> None:
     ('motors.0.current_limit', 0, ['motors.0.current_limit', 'greater than 0']),
     ('motors.0.stiffness', float('inf'), ['motors.0.stiffness', 'finite number', 'inf']),
     ('motors.0.joint', 'elbow', [
-        "motors names the joint 'elbow'", "not among the joints ['joint1', 'joint2', 'joint3']"]),
+        "motors names the joint 'elbow'", 'not among the joints joint1, joint2, joint3']),
     ('motors.0.joint', 'joint2', ["motors: joint 'joint2' has two entries; merge"]),
     ('sensors.0.gain', 0.0, ['sensors.0', 'measure nothing', 'remove this entry']),
     ('sensors.0.noise', -1.0, ['sensors.0.noise', 'greater than or equal to 0', '-1.0']),

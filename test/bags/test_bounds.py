@@ -223,7 +223,7 @@ def test_pipes(tmp_path: Path, storage: str, name: str) -> None:
     if name == 'metadata.yaml':
         assert len(read_recording(bag, plain_arm()).stamp) == 300  # the data are there
         return
-    with pytest.raises(BagError, match='no regular file|not a bag'):
+    with pytest.raises(BagError, match='is not a file|not a bag'):
         read_recording(file if name == 'bare' else bag, plain_arm())
 
 

@@ -138,9 +138,9 @@ CASES: dict[str, tuple[Make, str]] = {
     'device for a bag': (lambda p: ['info', '/dev/zero'], 'not a bag'),
     'device for a table': (
         lambda p: ['simulate', 'config/single_flexible_link.yaml', '--json', '--motion',
-                   '/dev/zero'], 'no regular file'),
-    'pipe for an arm': (lambda p: simulate(pipe(p / 'a.yaml')), 'no regular file'),
-    'device for an arm': (lambda p: simulate(Path('/dev/zero')), 'no regular file'),
+                   '/dev/zero'], 'not a regular file'),
+    'pipe for an arm': (lambda p: simulate(pipe(p / 'a.yaml')), 'not a regular file'),
+    'device for an arm': (lambda p: simulate(Path('/dev/zero')), 'not a regular file'),
     'references': (lambda p: simulate(written(p / 'a.yaml', references('[1]', '[{}]'))),
                    'more than 300000 values'),
     'merge keys': (
@@ -150,15 +150,15 @@ CASES: dict[str, tuple[Make, str]] = {
                'a number of more than'),
     'depth': (lambda p: simulate(written(p / 'a.yaml', '- ' * 300_000)), 'more than 50 levels'),
     'device for a URDF': (lambda p: simulate(with_urdf(p / 'a.yaml', '/dev/zero')),
-                          'no regular file'),
+                          'not a regular file'),
     'pipe for a URDF': (lambda p: simulate(with_urdf(p / 'a.yaml', str(pipe(p / 'a.urdf')))),
-                        'no regular file'),
+                        'not a regular file'),
     'chain': (lambda p: simulate(with_urdf(p / 'a.yaml', chain(20_000))), 'at most 1000'),
     'nested XML': (lambda p: simulate(with_urdf(p / 'a.yaml', '<a>' * 300_000)),
                    '51 levels'),
     'pipe for torques': (
         lambda p: ['simulate', 'config/single_flexible_link.yaml', '--json', '--torque',
-                   pipe(p / 'a.csv')], 'no regular file'),
+                   pipe(p / 'a.csv')], 'not a regular file'),
     'pipe for a model': (
         lambda p: ['evaluate', '--model', pipe(p / 'm').parent, 'x'], 'cannot be read'),
 }

@@ -70,7 +70,7 @@ def test_the_table_fits_a_terminal(sides, capsys):
 def test_what_cannot_be_compared_is_said(sides, root, capsys):
     arm = str(sides / 'robot.yaml')
     assert main(['compare', arm, arm, str(sides / 'bag')]) == 2
-    assert 'arm descriptions alone cannot be judged' in capsys.readouterr().err
+    assert 'with a model, but A and B are arm descriptions' in capsys.readouterr().err
     assert main(['compare', str(root / 'config' / 'ur10.yaml'), arm]) == 2
     assert 'describes no masses' in capsys.readouterr().err
     assert main(['compare', str(root / 'config' / 'tudor.yaml'), arm]) == 2

@@ -105,13 +105,15 @@ def test_moves_for_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         joint['effort']['unit'] = 'A'
     arm.write_text(json.dumps(words))
     assert main([*call, str(tmp_path / 'other')]) == 2
-    assert 'leave vibration out' in capsys.readouterr().err
+    assert ('in A, but the model of vibration needs N m or N; record torques or forces, or remove '
+            'vibration from --for') in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('options', 'said'), [
     (('--seconds', '3'), 'give 10 to 3600'), (('--noise-of', 'joint2=-1'), 'positive standard'),
     (('--noise-of', 'nobody=1'), 'one of joint2, joint3'),
-    (('--highest', '0.01'), 'is too short'), (('--noise', '0'), '--noise 0: give'),
+    (('--highest', '0.01'), 'give --highest above 0.0833 Hz'),
+    (('--noise', '0'), '--noise 0: give'),
     (('--model', 'none'), 'none'), (('--srdf', 'none.srdf'), 'SRDF cannot be read'),
     (('--model', 'm', '--noise', '1'), 'leave out --noise')])
 def test_wrong_input(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
@@ -143,7 +145,7 @@ def test_walls_and_efforts(
     assert main(words) == 2
     assert 'nothing says where the arm may move; give --floor Z' in capsys.readouterr().err
     assert main([*words, '--box', '1', '0', '0', '1', '0', '1']) == 2
-    assert 'each pair of --box as MIN MAX' in capsys.readouterr().err
+    assert '--box 1 0 0 1 0 1: give MIN MAX of each axis' in capsys.readouterr().err
     assert main([*words, *walls]) == 0
     said = unwrapped(capsys.readouterr().out)
     assert 'by 0 shapes and 5 capsules of 0.05 m' in said and 'efforts are not looked' not in said
@@ -180,7 +182,7 @@ def test_plans_that_are_none(root: Path, tmp_path: Path,
         assert err.count('\n') == 1
         return err
     fit = ('fit', bag, '--arm', arm, '--out', str(tmp_path / 'm'), '--plan', str(folder))
-    assert 'plan.json cannot be read' in refused(*fit)
+    assert 'plan.json: the plan cannot be read' in refused(*fit)
     (folder / 'plan.json').write_text('{"format": "x"}')
     assert 'not a valid plan' in refused(*fit)
     (folder / 'plan.json').write_text(json.dumps({

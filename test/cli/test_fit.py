@@ -249,7 +249,7 @@ def test_a_dead_gauge(
 @pytest.mark.parametrize(('words', 'expected'), [
     (['--rate', '-5'], 'rate'),
     (['--models', 'elm', '--elm-hidden', '0'], 'expected hidden of 1'),
-    (['--filter', 'zero_phase', '--cutoff', '70'], 'half the sample rate'),
+    (['--filter', 'zero_phase', '--cutoff', '70'], '(half the sample rate)'),
 ])
 def test_impossible_options(
     words: list[str], expected: str, root: Path, tmp_path: Path,

@@ -89,13 +89,14 @@ def test_mistakes_of_ours_are_one_line_and_a_file(
     assert out == '' and line.count('\n') == 1 and line[:-1].isprintable() and len(line) < 600
     assert line.startswith(f'tudor evaluate: {type(err).__name__}: ')
     file, = tmp_path.iterdir()
-    assert line.endswith(f'this is a defect of tudor: please report it with {file}\n')
+    assert line.endswith(f'this is a defect of tudor: please report it with {file}; '
+                         'docs/howto/report_a_bug.md says where\n')
     text = file.read_text()
     assert 'call: tudor evaluate bag' in text and 'Traceback' in text and __version__ in text
     monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path / 'gone'))
     assert entry.main(['evaluate']) == 70
-    assert ('run it again with --debug FILE and report it with that file (none could be written'
-            in capsys.readouterr().err)
+    assert ('run the command again with --debug FILE and report the defect with FILE (no file '
+            'could be written to' in capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(('err', 'code', 'ended'), [

@@ -134,7 +134,7 @@ def test_large_bending_is_told(root, tmp_path, capsys):
     words = ['--seconds', '0.05', '--rate', '100', '--json']
     assert main(['simulate', arm, '--torque', '1', *words]) == 0
     said = capsys.readouterr()
-    assert 0.0 < json.loads(said.out)['largest_rotation'] < 0.3 and 'beams turn' not in said.err
+    assert 0.0 < json.loads(said.out)['largest_rotation'] < 0.3 and 'beams bend' not in said.err
     content = yaml.safe_load((root / 'config' / 'single_flexible_link.yaml').read_text())
     content['payload'] = {'mass': 15.0}
     soft = tmp_path / 'soft.yaml'
@@ -143,12 +143,12 @@ def test_large_bending_is_told(root, tmp_path, capsys):
     said = capsys.readouterr()
     largest = json.loads(said.out)['largest_rotation']
     assert largest > 0.3
-    assert f'beams turn by {largest:.2f} rad' in said.err and said.err.count('\n') == 1
+    assert f'beams bend by up to {largest:.2f} rad' in said.err and said.err.count('\n') == 1
     assert main(['simulate', str(soft), '--torque', '1', *words[:-1], '--out',
                  str(tmp_path / 'o')]) == 0
     assert f'largest elastic rotation {largest:.3g} rad' in unwrapped(capsys.readouterr().out)
     assert main(['simulate', str(soft), '--modes', '2']) == 0
-    assert 'beams turn' in capsys.readouterr().err
+    assert 'beams bend' in capsys.readouterr().err
 
 
 def change(content, path, value):
@@ -175,7 +175,7 @@ BEAM = ('links', 0, 'flexible')
     ((*BEAM, 'colour'), 'blue', 'unknown key'),
     ((*BEAM, 'height_axis'), 'x', 'height_axis'),
     ((*BEAM, 'lumped'), [{'node': 7, 'mass': 1}], 'node 7'),
-    (('links', 1), None, "nothing is known of the link after 'corner'"),
+    (('links', 1), None, "no entry of links describes the link after 'corner'"),
     (('links',), [], 'no links'),
     (('links', 1, 'joint'), 'knee', 'knee'),
     (('links', 1, 'rigid'), {'mass': 1}, 'rigid and flexible'),

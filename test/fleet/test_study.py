@@ -110,10 +110,13 @@ def test_what_was_done_is_not_done_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('', 'top level'), ('arms: []', 'arms'), ('arms: 3', 'arms'), ('[', 'plan.yaml'),
+    ('', 'plan.yaml: must be keys with values, found nothing'), ('arms: []', 'arms'),
+    ('arms: 3', 'arms'), ('[', 'plan.yaml'),
     ('arms: [{name: a, bags: {2026-01-10: x}}]', 'arm a has no description'),
-    ('arms: [{name: a/b, arm: x, bags: {2026-01-10: x}}]', 'cannot name a folder'),
-    ('arms: [{name: a, arm: x, bags: {monday: x}}]', 'monday'),
+    ('arms: [{name: a/b, arm: x, bags: {2026-01-10: x}}]',
+     "plan.yaml: arms.0.name: 'a/b' cannot name a folder; take letters and digits; see"),
+    ('arms: [{name: a, arm: x, bags: {monday: x}}]',
+     "plan.yaml: arms.0.bags.monday: must be a date such as 2026-01-31, found 'monday'; see"),
     ('{arm: x, arms: [{name: a, bags: {2026-01-10: x}}, {name: a, bags: {2026-01-10: x}}]}',
      "two arms are called 'a'"),
     ('{arm: nowhere.yaml, arms: [{name: a, bags: {2026-01-10: x}}]}', 'nowhere.yaml'),

@@ -171,14 +171,14 @@ def test_pipe_in_place_of_a_file(model: Path) -> None:
     """A pipe, which might never end, is not read."""
     (model / 'arm.yaml').unlink()
     os.mkfifo(model / 'arm.yaml')
-    with pytest.raises(ModelError, match='no regular file'):
+    with pytest.raises(ModelError, match='not a regular file'):
         load_bundle(model)
 
 
 def test_other_arm(model: Path) -> None:
     """A model of another arm is refused, with both names."""
     longer = planar_arm(gauges=[gauge('g1', 'j1', 0.11), gauge('g2', 'j2', 0.1)])
-    with pytest.raises(ModelError, match='that the model was fitted to .* fit the model again'):
+    with pytest.raises(ModelError, match='fitted to another arm .* fit the model again'):
         load_bundle(model, arm=longer)
     assert load_bundle(model, arm=ARM).arm.name == 'sample'
 
@@ -331,7 +331,7 @@ def test_overwrite(tmp_path: Path) -> None:
     other = tmp_path / 'thesis'
     other.mkdir()
     (other / 'chapter1.tex').write_text('years')
-    with pytest.raises(ModelError, match='is not a model bundle, so it is kept'):
+    with pytest.raises(ModelError, match='is not a model bundle, so it is not overwritten'):
         check_target(other, overwrite=True)
     assert sorted(p.name for p in tmp_path.iterdir()) == ['model', 'thesis']
 
@@ -410,6 +410,6 @@ def test_chosen_friction_is_the_same_arm(tmp_path: Path) -> None:
     save_bundle(_bundle(chosen), tmp_path / 'model')
     loaded = load_bundle(tmp_path / 'model', arm=ARM)
     assert loaded.arm.joints[0].friction == ('viscous', 'coulomb', 'offset')
-    with pytest.raises(ModelError, match='give the description .*, or fit the model again'):
+    with pytest.raises(ModelError, match='give that description, or fit the model again'):
         load_bundle(tmp_path / 'model', arm=planar_arm(gauges=[gauge('g1', 'j1', 0.2),
                                                                gauge('g2', 'j2', 0.1)]))

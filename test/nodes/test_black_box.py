@@ -88,7 +88,7 @@ def test_replayed_to_the_last_bit(
     assert not capsys.readouterr().err
     save_bundle(replace(bundle, facts={**bundle.facts, 'made': {}}), tmp_path / 'again')
     assert main(['why', str(bag), '--model', str(tmp_path / 'again')]) == 0
-    assert 'again is not the model of the event' in capsys.readouterr().err
+    assert 'again is not the model that the monitor used for this event' in capsys.readouterr().err
 
 
 def test_a_folder_that_takes_nothing(

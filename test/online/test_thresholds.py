@@ -122,7 +122,7 @@ def test_round_trip(learned) -> None:
     for change, text in (
             ({'taps': [[[1.0]]]}, 'taps has the shape'), ({'channels': ['a']}, 'channels'),
             ({'tails': []}, 'tails has 0 entries'), ({'step': -1.0}, 'step: .* greater than 0'),
-            ({'profile': 'no'}, 'profile: '), ({'profile': [[1.0], [1.0, 2.0]]}, 'top level'),
+            ({'profile': 'no'}, 'profile: '), ({'profile': [[1.0], [1.0, 2.0]]}, 'inhomogeneous'),
             ({'taps': [[[float('nan')]]]}, 'taps.0.0.0: .* finite number')):
         with pytest.raises(ModelError, match=f'{text}.*; fit the model again'):
             thresholds_from_dict({**content, **change}, CHANNELS, 2)

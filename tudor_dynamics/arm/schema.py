@@ -23,7 +23,6 @@ default, and the string after it, of which ``docs/reference/arm_yaml.md`` is mad
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from difflib import get_close_matches
 import math
 import re
 from typing import Annotated, Any, get_args, Literal
@@ -33,6 +32,7 @@ from pydantic import (
     BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator,
     ValidationError)
 
+from tudor_dynamics.errors import meant
 from tudor_dynamics.typing import FloatArray
 
 LARGEST = 1e15
@@ -248,7 +248,7 @@ class JointSpec(Spec):
     @classmethod
     def _no_repetition(cls, terms: tuple[str | float, ...]) -> tuple[str | float, ...]:
         if len(set(terms)) != len(terms):
-            raise ValueError(f'{list(terms)} has an entry twice; list each once')
+            raise ValueError(f'{", ".join(map(str, terms))} has an entry twice; list each once')
         return terms
 
     def state_values(self, term: str) -> tuple[float, ...]:
@@ -341,7 +341,7 @@ class CouplingsSpec(Spec):
                 for name in (pair.motor, pair.joint):
                     if name not in joints:
                         raise ValueError(f'couplings names the joint {name!r}, which is not among '
-                                         f'the joints {list(joints)}; correct the name')
+                                         f'the joints {", ".join(joints)}; correct the name')
                 matrix[joints.index(pair.motor), joints.index(pair.joint)] += pair.ratio
         if not np.linalg.cond(matrix) < LARGEST_CONDITION:
             raise ValueError('couplings: the positions of the motors do not determine those of '
@@ -733,16 +733,16 @@ class ArmSpec(Spec):
                     yield f'{what} {name!r} has two entries; rename or remove one'
         for name in self.active_joints or ():
             if name not in names:
-                yield f'active joint {name!r} is not a joint; use one of {names}'
+                yield f'active joint {name!r} is not a joint; use one of {", ".join(names)}'
         if self.active_joints is not None and not self.active_joints:
             yield 'active_joints is empty: name at least one joint, or leave it out'
         yield from self._wrong_couplings(names)
         for gauge in self.gauges:
             if gauge.joint not in names:
                 yield (f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '
-                       f'which is not among the joints {names}; correct joint')
+                       f'which is not among the joints {", ".join(names)}; correct joint')
         yield from self._wrong_types()
-        yield from self._wrong_links(names)
+        yield from self._wrong_links()
         rows = self.kinematics.dh
         flange = self.kinematics.convention == 'modified'
         if rows is not None and len(rows) - len(names) not in (0, flange):
@@ -774,34 +774,27 @@ class ArmSpec(Spec):
                 yield (f'values on topic {source.topic} are described with different message '
                        'types; give all of them index, all interface, or (for JointState) neither')
 
-    def _wrong_links(self, joints: list[str]) -> Iterator[str]:
-        """Find links and initial positions that name no joint of the arm."""
-        seen: list[str] = []
+    def _wrong_links(self) -> Iterator[str]:
+        """Find links that are described in two ways."""
         for link in self.links:
-            if link.joint not in joints:
-                yield f'links: {link.joint!r} is not a joint; use one of {joints}'
-            if link.joint in seen:
-                yield f'links: joint {link.joint!r} has two entries; merge them'
             if link.rigid is not None and link.flexible is not None:
                 yield (f'links: joint {link.joint!r} has both rigid and flexible; '
                        'remove one of them')
-            seen.append(link.joint)
-        for name in self.simulation.initial:
-            if name not in joints:
-                yield f'simulation.initial: {name!r} is not a joint; use one of {joints}'
 
     def _wrong_drives(self, joints: list[str], gauges: list[str]) -> Iterator[str]:
-        """Find drives that name no part of the arm, or are described twice."""
+        """Find links and drives that name no part of the arm, or are described twice."""
         damped = () if self.damper is None else self.damper.joints
         for key, what, named, known, once in (
+                ('links', 'joint', [link.joint for link in self.links], joints, True),
+                ('simulation.initial', 'joint', list(self.simulation.initial), joints, True),
                 ('motors', 'joint', [motor.joint for motor in self.motors], joints, True),
                 ('sensors', 'gauge', [sensor.gauge for sensor in self.sensors], gauges, True),
                 ('damper', 'joint', [item.joint for item in damped], joints, True),
                 ('damper', 'gauge', [item.gauge for item in damped], gauges, False)):
-            for name in named:
+            for name in dict.fromkeys(named):
                 if name not in known:
                     yield (f'{key} names the {what} {name!r}, which is not among the '
-                           f'{what}s {known}; correct the name')
+                           f'{what}s {", ".join(known)}; correct the name')
                 if once and named.count(name) > 1:
                     yield f'{key}: {what} {name!r} has two entries; merge them'
         motors = {motor.joint for motor in self.motors}
@@ -826,22 +819,25 @@ def validation_message(err: ValidationError) -> str:
     def short(text: str) -> str:
         return text if len(text) <= 100 else f'{text[:100]}...'
 
-    parts = []
-    for item in err.errors(include_url=False):
-        where = '.'.join(str(part) for part in item['loc']) or 'top level'
-        text = str(item.get('ctx', {}).get('error', item['msg']))
+    parts, items = [], err.errors(include_url=False)
+    # what holds a wrong part seems to lack it, too
+    around = {item['loc'][:size] for item in items for size in range(len(item['loc']))}
+    for item in (one for one in items if one['loc'] not in around):
+        where = short('.'.join(str(part) for part in item['loc'] if part != '[key]'))
+        own = item.get('ctx', {}).get('error')
+        text = str(own) if isinstance(own, Exception) else item['msg']
         text = re.sub(r'^\w+ should', 'must', text).replace('tuple', 'list').replace(
             ' after validation', '')
         text = re.sub(r'a valid dictionary.*', 'keys with values', text)
-        if item['type'] == 'missing':
-            text = 'is missing; add it'
-        if item['type'] == 'extra_forbidden':
-            near = get_close_matches(str(item['loc'][-1]), _keys(Spec), 1)
-            text = 'unknown key (correct or remove it)' + ''.join(
-                f'; did you mean {key}?' for key in near)
+        text = re.sub(r'a valid date.*', 'a date such as 2026-01-31', text)
         found = item.get('input')
-        shown = '' if isinstance(found, (dict, list)) or item['type'] == 'missing' else (
-            f', found {short(repr(found))}')
-        parts.append(f'{short(where)}: {text}{shown}')
+        shown = '' if isinstance(found, (dict, list)) or f"'{found}'" in text else (
+            f', found {"nothing" if found is None else short(repr(found))}')
+        if item['type'] == 'missing':
+            text, shown = 'is missing', '; add it'
+        if item['type'] == 'extra_forbidden':
+            text = 'unknown key'
+            shown += '; correct or remove it' + meant(str(item['loc'][-1]), _keys(Spec))
+        parts.append(f'{where}: {text}{shown}' if where else text + shown)
     more = f'; and {len(parts) - MAX_PARTS} more' if len(parts) > MAX_PARTS else ''
     return '; '.join(parts[:MAX_PARTS]) + more

@@ -97,8 +97,8 @@ def choose_clock(
             map(len, delays)) else 0
         for name, states in topics.items():
             if not states.stamped and len(states.stamp):
-                notes.add(f'messages in {name} have no stamp: their log times count, less '
-                          f'{delay * 1e-6:.3g} ms that stamped messages take to be recorded')
+                notes.add(f'messages in {name} have no stamp: their log times are used, less '
+                          f'{delay * 1e-6:.3g} ms, the delay of stamped messages of the bag')
         return {name: states.stamp if states.stamped else states.log_time - delay
                 for name, states in topics.items()}
     for name, states in topics.items():
@@ -224,13 +224,13 @@ class Assembly:
 
     def _names_message(self, states: DecodedTopic) -> str:
         found = sorted({name for block in states.blocks for name in block.layout.names})
-        wanted = list(self.plan.joints)
-        missing = [name for name in wanted if name not in found]
+        missing = ', '.join(name for name in self.plan.joints if name not in found)
+        has, wanted = ', '.join(found), ', '.join(self.plan.joints)
         if missing:
-            return (f'joints {missing} are not in {states.topic}; it has {found}, '
+            return (f'joints {missing} are not in {states.topic}; it has {has}, '
                     f'the arm description names {wanted}: correct joints[].name')
         return (f'no message in {states.topic} has positions of all joints {wanted} '
-                f'(names in the topic: {found}); publish them in one message')
+                f'(names in the topic: {has}); publish them in one message')
 
     def _velocity(self, states: DecodedTopic, rows: NDArray[np.intp]) -> FloatArray | None:
         stream, index = self.select(states, self.plan.joints, 'velocity')
@@ -284,23 +284,24 @@ class Assembly:
     ) -> Signals | None:
         who, keys = ', '.join(names), [channel.name for channel in channels]
         wanted, field = channels[0].topic, channels[0].field
+        what = 'strain' if field == 'position' else field  # a JointState has strains there
         topic = self.names[wanted]
         if topic is None:
-            self.notes.add(f'no topic {wanted}, so the {field} of {who} is missing', lacking=True)
+            self.notes.add(f'no topic {wanted}, so the {what} of {who} is missing', lacking=True)
             return None
         states = self.states(topic, channels[0])
         stream, index = self.select(states, keys, field)
         if not len(index):
             present = sorted({name for block in states.having(field)
                               for name in block.layout.names})
-            self.notes.add(f'no {field} of {who} in {topic}, ' + (
-                f'which has it of {", ".join(present)}' if present else 'the field is empty'),
-                lacking=True)
+            self.notes.add(f'no {what} of {who} in {topic}, ' + (
+                f'which has it of {", ".join(present)}' if present else
+                f'the field {field} is empty'), lacking=True)
             return None
         # Stamps of the joint states' own topic were counted with the positions.
         stream, _ = self.ordered(stream, count=topic != self.names[self.plan.joint_topic])
         if len(stream.stamp) < 2:
-            self.notes.add(f'only one message with {stream.what} of {who}', lacking=True)
+            self.notes.add(f'only one message with {what} of {who} in {topic}', lacking=True)
             return None
         if not np.isfinite(stream.values[field]).any():
             self.notes.add(f'{stream.what} is NaN throughout', lacking=True)
@@ -309,7 +310,7 @@ class Assembly:
         spans = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
         if not spans.all():
             still = [name for name, span in zip(names, spans, strict=True) if not span]
-            self.notes.add(f'{stream.what} of {", ".join(still)} never changes: check the '
+            self.notes.add(f'{what} of {", ".join(still)} in {topic} never changes: check the '
                            'sensor and its driver')
         return replace(stream, values={field: values})
 

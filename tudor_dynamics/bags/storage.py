@@ -89,7 +89,7 @@ def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     files = tuple(directory / name for name in dict.fromkeys(names))
     for file in files:
         if not file.is_file():
-            raise ValueError(f'{file.name} is {"no regular file" if file.exists() else "missing"}')
+            raise ValueError(f'{file.name} is {"not a file" if file.exists() else "missing"}')
     custom = information.get('custom_data')
     return Metadata(
         files, compression.replace('storage', ''), _counts(information),
@@ -280,14 +280,10 @@ class Bag:
     def checksum(self) -> str:
         """Give the SHA-256 over the storage files, one after the other."""
         digest = hashlib.sha256()
-        try:
-            for file in self.metadata.files:
-                with open_regular(file) as stream:
-                    while block := stream.read(1 << 20):
-                        digest.update(block)
-        except OSError as err:
-            msg = f'{self.path}: cannot be read ({err.strerror}); check the permissions'
-            raise BagError(msg) from None
+        for file in self.metadata.files:
+            with storage_file(file), open_regular(file) as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
         return digest.hexdigest()
 
 
@@ -309,7 +305,7 @@ def storage_file(file: Path, compression: str | None = '') -> Iterator[Path]:
         msg = f'{file}: cannot be read ({err.strerror or err}); check file and permissions'
         raise BagError(msg) from None
     except (Damaged, MemoryError) as err:
-        msg = f'{file}: damaged or no rosbag2 storage ({one_line(err)}); {remedy}'
+        msg = f'{file}: damaged or not rosbag2 storage ({one_line(err)}); {remedy}'
         raise BagError(msg) from None
 
 
@@ -434,10 +430,10 @@ def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
         msg = f'{path}: cannot be read ({one_line(err)}); check path and permissions'
         raise BagError(msg) from None
     if not exists:
-        msg = f'{path}: no such file or directory; give a rosbag2 directory, .mcap or .db3 file'
-        left = abandoned(path)
-        if left:
-            msg += f'; a killed recorder left {", ".join(map(str, left))}, which may be given too'
+        left = ', '.join(map(str, abandoned(path)))
+        found, one = (f', but a killed recorder left {left}', 'that, or ') if left else ('', '')
+        msg = (f'{path}: no such file or directory{found}; give {one}a rosbag2 directory, .mcap '
+               'or .db3 file')
     elif path.suffix == '.bag':
         msg = f'{path}: a bag of ROS 1; convert it with `rosbags-convert --src {path} --dst OUT`'
     elif path.suffix == '.zstd':

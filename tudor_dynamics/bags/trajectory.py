@@ -89,7 +89,7 @@ class Trajectory(Shown):
                              ('accelerations', self.ddq), ('efforts', self.effort)):
             if values is not None and values.shape != shape:
                 raise SignalError(f'the {name} have shape {values.shape}; expected {shape}, a row '
-                                  f'for each point, a column for each of {list(self.joints)}')
+                                  f'for each point, a column for each of {", ".join(self.joints)}')
             if values is not None and not (np.abs(values) < LARGEST).all():
                 row, column = np.argwhere(~(np.abs(values) < LARGEST))[0].tolist()
                 raise SignalError(f'{name} of point {row + 1}: found {values[row, column]:g} for '
@@ -142,7 +142,7 @@ class Trajectory(Shown):
             wrong = [k for k, row in enumerate(field) if len(row) != len(joints)]
             if wrong:
                 msg = (f'point {wrong[0] + 1} has {len(field[wrong[0]])} {name} for the joints '
-                       f'{list(joints)}')
+                       f'{", ".join(joints)}')
                 raise SignalError(msg, remedy='give one value for each joint')
             arrays.append(np.array(field, dtype=float).reshape(len(field), len(joints)))
         q, dq, ddq = arrays
@@ -153,8 +153,8 @@ class Trajectory(Shown):
         """Take some of the joints, in their own order; none may be missing or named twice."""
         missing = [name for name in joints if self.joints.count(name) != 1]
         if missing:
-            msg = (f'the trajectory has the joints {list(self.joints)}; the model needs each of '
-                   f'{list(joints)} once')
+            msg = (f'the trajectory has the joints {", ".join(self.joints)}; the model needs '
+                   f'each of {", ".join(joints)} once')
             raise SignalError(msg, remedy='use the names of the arm description')
         places = [self.joints.index(name) for name in joints]
         q, dq, ddq, effort = (None if values is None else values[:, places] for values in
@@ -197,7 +197,8 @@ def read_trajectory(path: Path) -> Trajectory:
     for ending, field in FIELDS.items():
         there = [name for name in joints if f'{name}{ending}' in columns]
         if there and len(there) < len(joints):
-            msg = f'there is a column {there[0]}{ending}, but not for all joints {list(joints)}'
+            msg = (f'there is a column {there[0]}{ending}, but not for all joints '
+                   f'{", ".join(joints)}')
             raise BagError(msg, place=path, remedy='give such columns for all joints or none')
         found[field] = values[:, [columns.index(f'{name}{ending}') for name in joints]] \
             if there else None

@@ -37,7 +37,7 @@ from tudor_dynamics.bags.messages import (
     FIELDS, IMU, joint_signals, JOINT_STATE, LAYOUTS, Signals, WRENCH_STAMPED)
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import one_line, RawMessages
-from tudor_dynamics.errors import BagError, check_type
+from tudor_dynamics.errors import BagError, check_type, remedy_of
 from tudor_dynamics.files import scratch_folder, whole
 
 
@@ -203,7 +203,7 @@ def write_bag(
         with whole(path, replace=False) as scratch:
             _write(scratch, series, PLUGINS[storage], custom or {})
     except FAILURES as err:
-        msg = f'{path}: cannot be written ({reason(err)}); check path, rights and disk'
+        msg = f'{path}: cannot be written ({reason(err)}); {remedy_of(err)}'
         raise BagError(msg) from None
 
 
@@ -286,7 +286,7 @@ class LiveWriter:
         except FAILURES as err:
             if scratch is not None:
                 shutil.rmtree(scratch, ignore_errors=True)
-            msg = f'{path}: cannot be written ({reason(err)}); check path, rights and disk'
+            msg = f'{path}: cannot be written ({reason(err)}); {remedy_of(err)}'
             raise BagError(msg) from None
         self._scratch = scratch
         self._typestore = get_typestore(Stores.ROS2_JAZZY)

@@ -76,7 +76,7 @@ def _errors(one: Side, other: Side, bag: str) -> tuple[FloatArray, FloatArray]:
     for side, beside in ((one, other), (other, one)):
         measure = side if side.full is not None else beside
         if measure.bundle is None:
-            raise UsageError('arm descriptions alone cannot be judged by BAG',
+            raise UsageError('BAG is compared with a model, but A and B are arm descriptions',
                              remedy='give a model as A or B, or leave BAG out')
         data = load(parse_choice(bag), measure.arm, measure.bundle.preprocessing, learn=True)
         if not data.has('effort'):

@@ -39,7 +39,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, Trajectory
-from tudor_dynamics.errors import printable, TudorError, UsageError
+from tudor_dynamics.errors import printable, remedy_of, TudorError, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.uses import Use
@@ -109,8 +109,8 @@ def write(path: str | Path, option: str, content: bytes) -> None:
     try:
         write_whole(Path(path), content)
     except OSError as err:
-        msg = f'{option} {path}: cannot be written ({err.strerror}); give another file'
-        raise UsageError(msg) from None
+        raise UsageError(f'cannot be written ({err.strerror})', place=f'{option} {path}',
+                         remedy=remedy_of(err)) from None
 
 
 def print_json(content: Any) -> None:

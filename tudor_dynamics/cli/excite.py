@@ -141,7 +141,8 @@ def _check(args: argparse.Namespace) -> None:
     for name, least, most, unit in (
             ('seconds', 10.0, 3600.0, ' s'), ('rate', 10.0, 10_000.0, ' Hz'),
             ('highest', 1e-3, 50.0, ' Hz'), ('steps', 1, 10**6, ''), ('seed', 0, 2**63, ''),
-            ('noise', 1e-12, 1e12, ''), ('budget', 0.0, 1e6, ' s'), ('radius', 1e-3, 1.0, ' m')):
+            ('noise', 1e-12, 1e12, ''), ('budget', 0.0, 1e6, ' s'), ('radius', 1e-3, 1.0, ' m'),
+            ('floor', -1e3, 1e3, ' m')):
         value = getattr(args, name)
         if value is not None and not least <= value <= most:
             raise UsageError(f'--{name} {value:g}: give {least:g} to {most:g}{unit}')
@@ -152,9 +153,9 @@ def _check(args: argparse.Namespace) -> None:
                          remedy='give --floor Z, the height of the floor above the base [m], or '
                                 '--box X X Y Y Z Z [m]')
     box = args.box or [-1.0, 1.0] * 3
-    if not all(abs(value) <= 1e3 for value in (*box, args.floor or 0.0)) or not all(
-            low < high for low, high in zip(box[::2], box[1::2], strict=True)):
-        raise UsageError('--floor, --box: give -1000 to 1000 m, each pair of --box as MIN MAX')
+    if not all(-1e3 <= low < high <= 1e3 for low, high in zip(box[::2], box[1::2], strict=True)):
+        raise UsageError(f'--box {" ".join(f"{value:g}" for value in box)}: give MIN MAX of each '
+                         'axis, from -1000 to 1000 m')
     if Path(args.out).exists():
         raise UsageError('exists already and is not overwritten', place=args.out,
                          remedy='give another --out')
@@ -186,7 +187,7 @@ def run(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     rigid, bundle = args.purpose == 'rigid', args.model and load_bundle(args.model, arm=arm)
     if not rigid:
-        check_efforts(arm)
+        check_efforts(arm, '--for')
     target = target_of_model(bundle, arm) if bundle else target_of_arm(arm, _noise(args, arm))
     frequencies = bundle.tool.frequencies[:1] if bundle and bundle.tool else UNKNOWN
     motion_limits(arm)  # missing ones are named before shapes are read

@@ -23,9 +23,8 @@ from pathlib import Path
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.cli.console import new_table, print_table, say
+from tudor_dynamics.cli.console import new_table, print_table, say, write
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.files import write_whole
 from tudor_dynamics.models.bundle import elastic_of, ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.comparison import (
@@ -80,11 +79,7 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError('exists already', place=path,
                              remedy='choose another --out, or add --overwrite')
     for path, text in files.items():
-        try:
-            write_whole(path, text.encode())
-        except OSError as err:
-            raise UsageError(f'cannot be written ({err.strerror or err})', place=path,
-                             remedy='choose another --out') from None
+        write(path, '--out', text.encode())
     if full is not None:
         show(full, full.solution.relative_errors if args.to in TABLES else
              file_errors(bundle, full, out))

@@ -26,7 +26,6 @@ import _thread
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, ExitStack, redirect_stderr, redirect_stdout, suppress
-import errno
 import gc
 from importlib import import_module
 import os
@@ -45,7 +44,8 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
 
 from tudor_dynamics._version import __version__  # noqa: E402
-from tudor_dynamics.errors import meant, printable, TudorError, TudorWarning  # noqa: E402
+from tudor_dynamics.errors import (  # noqa: E402
+    meant, printable, remedy_of, TudorError, TudorWarning)
 
 GROUPS = {
     'begin': {
@@ -78,8 +78,6 @@ SUBCOMMANDS = {name: text for group in GROUPS.values() for name, text in group.i
 
 OK, NOT_GOOD_ENOUGH, WRONG_INPUT, DEFECT = 0, 1, 2, 70
 """Exit codes; the last one, EX_SOFTWARE of sysexits.h, is for errors that nobody expected."""
-REMEDIES = {errno.EINVAL: 'give another file', errno.EISDIR: 'give a file',
-            errno.ENOSPC: 'free some space', errno.EACCES: 'check the rights'}
 
 
 class Parser(argparse.ArgumentParser):
@@ -186,8 +184,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return OK
         except OSError as err:
             place = f'{err.filename}: ' if err.filename else ''
-            _complain(name, f'{place}{err.strerror or err}; ' + REMEDIES.get(
-                err.errno or 0, 'check path, rights and disk'))
+            _complain(name, f'{place}{err.strerror or err}; {remedy_of(err)}')
             try:
                 sys.stdout.flush()
             except OSError:
@@ -203,7 +200,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             if interrupted.is_set():  # a library has made another error of it
                 return _interrupted(name)
             what = f'{type(err).__name__}: {" ".join(str(err).split())[:300]}'
-            _complain(name, f'{what}; this is a defect of tudor: {_traceback_file(arguments)}')
+            _complain(name, f'{what}; this is a defect of tudor: {_traceback_file(arguments)}; '
+                      'docs/howto/report_a_bug.md says where')
             return DEFECT
 
 
@@ -267,8 +265,8 @@ def _traceback_file(arguments: Sequence[str]) -> str:
         with open(number, 'w', encoding='utf-8', errors='replace') as file:
             file.write(report(arguments))
     except OSError as err:
-        return (f'run it again with --debug FILE and report it with that file (none could be '
-                f'written to {tempfile.gettempdir()}: {err.strerror})')
+        return (f'run the command again with --debug FILE and report the defect with FILE (no '
+                f'file could be written to {tempfile.gettempdir()}: {err.strerror})')
     return f'please report it with {path}'
 
 

@@ -94,7 +94,7 @@ def _check(args: argparse.Namespace) -> None:
     if min(args.pushes, args.loads, args.seed) < 0:
         raise UsageError(f'--pushes {args.pushes} --loads {args.loads} --seed {args.seed}: none '
                          'can be negative')
-    check_budget(f'--stimuli {args.stimuli}', args.stimuli, 4e4)
+    check_budget(f'--stimuli {args.stimuli}', args.stimuli, 4e4, 'give fewer stimuli')
     if not 2.0 < args.seconds <= 3600.0:
         raise UsageError(f'--seconds {args.seconds}: give more than 2 and at most 3600 s')
 

@@ -226,7 +226,7 @@ def _report(args: argparse.Namespace, result: PlantRecord, mechanism: Mechanism,
 
 def _warn_of(rotation: float, arm: Arm) -> None:
     if rotation > LARGEST_ROTATION:
-        msg = (f'{arm.name}: beams turn by {rotation:.2f} rad where they bend; above '
-               f'{LARGEST_ROTATION:g} rad deflections are more than 4 % too large: give stiffer '
-               'or shorter beams, or less load')
+        msg = (f'{arm.name}: beams bend by up to {rotation:.2f} rad; above {LARGEST_ROTATION:g} '
+               'rad the computed deflections are more than 4 % too large: make the beams stiffer '
+               'or shorter, or lower the load')
         warnings.warn(msg, TudorWarning, stacklevel=2)

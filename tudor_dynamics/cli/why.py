@@ -84,9 +84,9 @@ def causes(args: argparse.Namespace) -> list[Cause]:
     bundle = load_bundle(model)
     digest = records[0].get('digest', bundle.digest) if records else bundle.digest
     if digest != bundle.digest:
-        warnings.warn(f'{model} is not the model of the event (digest {bundle.digest[:12]}, not '
-                      f'{str(digest)[:12]}): events and causes may differ; give as --model '
-                      'the one that the monitor had', TudorWarning, stacklevel=2)
+        warnings.warn(f'{model} is not the model that the monitor used for this event (digest '
+                      f'{bundle.digest[:12]}, not {str(digest)[:12]}), so results may differ from '
+                      'its own; give that model with --model', TudorWarning, stacklevel=2)
     found = explain(bag, bundle, settings, str(params.get('payload_source', 'parameter')), payload,
                     records)
     return [cause for cause in found if args.at in time_of_day(cause.event.event.onset)]

@@ -349,8 +349,8 @@ class _Study:
             raise UsageError(f'bags of several payloads cannot be compared: {said}',
                              remedy='list bags of one payload in the plan')
         if not self.dates:
-            raise FitError(f'none of {len(self.unused)} bags can be used; the first: '
-                           f'{self.unused[0]}', remedy='correct the plan, or record others')
+            raise FitError(f'no bag of the plan can be used; the first of {len(self.unused)}: '
+                           f'{self.unused[0]}', remedy='correct the plan, or record other bags')
         for date_ in self.dates.values():
             date_.sights = parted(date_.whole, PARTS)
 

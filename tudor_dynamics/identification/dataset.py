@@ -190,8 +190,8 @@ def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
     damped = () if arm.spec.damper is None else arm.spec.damper.joints
     if not missing or len(missing) == len(arm.gauges) or {*missing} & {i.gauge for i in damped}:
         return arm
-    msg = (f'{arm.name}: no bag has the gauges {", ".join(missing)} of the description; the '
-           'models are of the others alone')
+    msg = (f'{arm.name}: no bag has the gauges {", ".join(missing)} of the description, so they '
+           'have no model; record them, or remove them from the description')
     warnings.warn(msg, TudorWarning, stacklevel=2)
     return arm.with_gauges(found)
 

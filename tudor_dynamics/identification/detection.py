@@ -33,7 +33,7 @@ from tudor_dynamics.bags.reader import BOOL, read_flags, read_wrenches
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, SignalError, UsageError
-from tudor_dynamics.files import read_bounded
+from tudor_dynamics.files import read_text
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
@@ -129,11 +129,8 @@ def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:
     number says by how much an event may be earlier, as where pushes were marked by eye. A first
     line may name the columns, what follows a ``#`` is a comment.
     """
-    try:
-        text = read_bounded(Path(path), MAX_TABLE).decode()
-    except (OSError, ValueError) as err:
-        msg = f'--pushes {path}: cannot be read ({err}); give a table of begin,end in seconds'
-        raise UsageError(msg) from None
+    text = read_text(Path(path), MAX_TABLE, '--pushes', UsageError,
+                     'give a table of begin,end in seconds')
     lines = [line.split('#')[0].strip() for line in text.splitlines()]
     rows = [(number, row) for number, row in enumerate(
         next(csv.reader([line]), []) for line in lines) if row]

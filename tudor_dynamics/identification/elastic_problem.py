@@ -168,11 +168,11 @@ def records_of(bags: Sequence[BagData]) -> list[Record]:
                if (record := record_of(stretch, bag.payload)) is not None]
     if not records:
         names = ', '.join(str(bag.choice) for bag in bags)
-        msg = (f'no stretch of {names} has {LEAST_SECONDS:g} s of strain without a gap, which the '
-               'elastic model is identified from; record longer, or remove elastic from --models')
+        msg = (f'{names}: no stretch has {LEAST_SECONDS:g} s of strain without a gap, which the '
+               'elastic model is fitted to; record longer, or remove elastic from --models')
         if not any(bag.has('strain') for bag in bags):
-            msg = (f'no strain in {names}, which the elastic model is identified from; record '
-                   'the gauges as well, or remove elastic from --models')
+            msg = (f'{names}: no strain, which the elastic model is fitted to; record the gauges '
+                   'as well, or remove elastic from --models')
         raise FitError(msg)
     return records
 

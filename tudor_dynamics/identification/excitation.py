@@ -82,12 +82,12 @@ def series(bounds: Limits, limits: Limits, seconds: float, highest: float, dt: f
     """Lay out the basis: seconds, dt [s], highest [Hz]."""
     length = seconds - 2.0 * REST
     harmonics = int(highest * length + 1e-9)
+    what = f'a Fourier series of {seconds:g} s up to {highest:g} Hz'
     if length < 2.0 * FADE or harmonics < 1:
-        raise SignalError(f'a Fourier series of {seconds:g} s up to {highest:g} Hz is too short; '
-                          f'give --seconds of at least {2.0 * (REST + FADE):g} s and --highest '
-                          f'above {1.0 / max(length, 1e-3):.3g} Hz')
-    check_budget(f'a Fourier series of {seconds:g} s up to {highest:g} Hz', seconds / dt,
-                 112.0 * harmonics)
+        raise SignalError(f'{what} has no room for a period; give --highest above '
+                          f'{1.0 / max(length, 1e-3):.3g} Hz, and --seconds of at least '
+                          f'{2.0 * (REST + FADE):g} s')
+    check_budget(what, seconds / dt, 112.0 * harmonics, 'lower --seconds, --rate or --highest')
     t = np.asarray(np.arange(int(round(seconds / dt)) + 1) * dt - REST, dtype=np.float64)
     window = [part[:, None] for part in fade(t, length, FADE)]
     w = 2.0 * np.pi / length * np.arange(1, harmonics + 1)

@@ -32,7 +32,7 @@ from tudor_dynamics.arm.limits import Limits, SelfCollision
 from tudor_dynamics.arm.schema import PreprocessingSpec, validation_message
 from tudor_dynamics.bags.trajectory import read_trajectory, Sent, Trajectory, write_trajectories
 from tudor_dynamics.errors import SignalError, UsageError
-from tudor_dynamics.files import read_bounded, write_whole
+from tudor_dynamics.files import read_text, write_whole
 from tudor_dynamics.identification.dataset import OUTPUTS
 from tudor_dynamics.identification.excitation import (
     Beyond, Bounds, CLEARANCE, Criterion, expected_errors, ExpectedError, Information,
@@ -404,14 +404,13 @@ def read_motion(path: Path) -> Trajectory:
 def read_plan(path: str | Path) -> PlanFolder:
     """Read the folder that ``tudor excite`` wrote."""
     path = Path(path)
+    text = read_text(path / HEAD, MAX_HEAD_BYTES, 'the plan', UsageError,
+                     'give a folder that tudor excite wrote')
     try:
-        head = _Head.model_validate_json(read_bounded(path / HEAD, MAX_HEAD_BYTES).decode())
-    except OSError as err:
-        raise UsageError(f'{HEAD} cannot be read ({err.strerror})', place=path,
-                         remedy='give a folder that tudor excite wrote') from None
-    except (ValidationError, ValueError) as err:
-        cause = validation_message(err) if isinstance(err, ValidationError) else str(err)
-        raise UsageError(f'not a valid plan ({cause}); plan again', place=path / HEAD) from None
+        head = _Head.model_validate_json(text)
+    except ValidationError as err:
+        raise UsageError(f'not a valid plan ({validation_message(err).replace("; add it", "")})',
+                         place=path / HEAD, remedy='plan again with tudor excite') from None
     if (head.format, head.version) != (FORMAT, VERSION):
         raise UsageError(f'found {head.format[:60]} {head.version}, expected {FORMAT} {VERSION}',
                          place=path / HEAD, remedy='plan again with this version')

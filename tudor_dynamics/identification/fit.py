@@ -178,8 +178,7 @@ def check_arm(arm: Arm) -> None:
     try:
         DrivenArm(arm)
     except TudorError as err:
-        raise FitError(f'{err}; or remove elastic from --models, which needs links and '
-                       'motors') from None
+        raise FitError(f'{err}, or remove elastic from --models') from None
 
 
 def _tell(arm: Arm, found: Identified) -> None:

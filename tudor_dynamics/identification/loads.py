@@ -134,8 +134,9 @@ def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
                       'analytical')
     found = {output: kinds[chosen] for output, kinds in bundle.models.items() if chosen in kinds}
     if chosen == 'elm' or not found:
-        raise UsageError(f'no {chosen} model that estimates loads is in the bundle, which has '
-                         f'{", ".join(have)}; choose --kind, or fit one with tudor fit --models')
+        raise UsageError(f'the bundle has no {chosen} model that estimates loads, only '
+                         f'{", ".join(have)}', remedy='leave out --kind, or ' * bool(kind)
+                         + 'fit one with tudor fit --models analytical elastic')
     return found
 
 

@@ -275,8 +275,8 @@ class ManyBags:
 
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
         if wrong and self.streaming.strict:
-            more = f' ({len(wrong) - 1} more bags)' if len(wrong) > 1 else ''
-            raise FitError(f'--strict: {wrong[0]}{more}', remedy='leave out such bags or --strict')
+            raise FitError(f'--strict: unusable bags: {len(wrong)}; the first: {wrong[0]}',
+                           remedy='leave out such bags, or leave out --strict')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
             warnings.warn(f'left out: {item}', TudorWarning, stacklevel=2)
         self.unused += wrong

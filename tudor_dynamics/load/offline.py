@@ -217,7 +217,7 @@ class PayloadEstimate(Shown):
                     'effort.torque_constant, sensors[].gain, or a model of two known payloads')
         place = ''
         if self.verdict is Presence.LOAD:
-            known = [f'{axis} {1000 * value:.0f} +- {1000 * std:.0f} mm' for axis, value, std in
+            known = [f'{axis} {1000 * value:.0f} +- {1000 * std:.2g} mm' for axis, value, std in
                      zip('xyz', self.com, self.com_std, strict=True) if math.isfinite(value)]
             tip = ', '.join(f'{axis} {1000 * value:.0f} mm' for axis, value in zip(
                 'xyz', self.tip, strict=True))
@@ -228,7 +228,7 @@ class PayloadEstimate(Shown):
                           if self.source is Source.PAYLOADS else
                           f': taken to sit at the tip, {tip} in {self.frame}')
         return (f'{self.verdict.value}: {self.mass:.4g} +- {self.mass_std:.2g} kg{place}; '
-                f'kilograms from: {self.source.value}')
+                f'the mass comes from {self.source.value}')
 
 
 # -- A recording next to a model
@@ -309,7 +309,7 @@ def estimate_payload(
         found.append(_by_model(source, known, error) if of_all else
                      _by_rows(source, error, whole=whole))
     if not found:
-        msg = f'the recording has none of the outputs that the model predicts: {list(models)}'
+        msg = f'the recording has none of the outputs that the model predicts: {", ".join(models)}'
         raise FitError(msg, remedy='record the efforts or strains that the fit used')
     scaled = [item for item in found if item.scaled]
     return _combined(arm, scaled, known) if scaled else _relative(arm, found, known)

@@ -193,8 +193,9 @@ def stimulus_motion(arm: Arm, seconds: float, seed: int, dt: float) -> Reference
 def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     """Make a motion of a trajectory, at the rate of the loop: dt [s]."""
     if sorted(trajectory.joints) != sorted(arm.active_joints):
-        raise SimulationError(f'the trajectory has the joints {", ".join(trajectory.joints)}, the '
-                              f'arm {arm.name} has {", ".join(arm.active_joints)}; give these')
+        own = ', '.join(arm.active_joints)
+        raise SimulationError(f'the trajectory has the joints {", ".join(trajectory.joints)}, but '
+                              f'the arm {arm.name} has {own}; give a trajectory of {own}')
     q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
     hard = hard_limits(arm)
     wrong = np.any((q < hard.lower) | (q > hard.upper) | (np.abs(dq) > hard.velocity), axis=0)

@@ -458,8 +458,8 @@ def steps_per_message(dt: float, rate: float) -> int:
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
     if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
         near = 1.0 / (dt * round(min(max(every, 1.0), 100.0)))
-        raise SimulationError(f'messages at {rate:g} Hz: this does not divide the loop rate '
-                              f'{1.0 / dt:g} Hz (damper.rate); ask for {near:g} Hz')
+        raise SimulationError(f'a message rate of {rate:g} Hz does not divide the loop rate '
+                              f'{1.0 / dt:g} Hz (damper.rate); give a rate of {near:g} Hz')
     return int(round(every))
 
 

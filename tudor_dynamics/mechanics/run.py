@@ -373,7 +373,8 @@ def run_plant(
         return {**vars(plant.state), **vars(seen), **sensors.read(plant, seen.acceleration),
                 'energy': plant.energy(), 'rotation': largest_rotation(plant)}
     shown = {name: np.shape(value) for name, value in look().items()}
-    check_budget('records', samples, 8.0 * sum(map(math.prod, shown.values())))
+    check_budget('the records of the run', samples, 8.0 * sum(map(math.prod, shown.values())),
+                 'lower --seconds or --rate')
     run = PlantRecord(**{name: np.zeros((samples, *shape)) for name, shape in shown.items()})
     for k in range(steps + 1):
         if k > 0:

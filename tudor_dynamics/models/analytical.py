@@ -80,10 +80,10 @@ class GroupPart(BundlePart):
     def _each(self) -> GroupPart:
         if len(self.residual_std) != len(self.channels):
             raise ValueError(f'residual_std has {len(self.residual_std)} values; expected one for '
-                             f'each of the channels {list(self.channels)}')
+                             f'each of the channels {", ".join(self.channels)}')
         constants = self.torque_constants
         if constants is not None and tuple(item.channel for item in constants) != self.channels:
-            raise ValueError(f'torque_constants must be those of {list(self.channels)}, in order')
+            raise ValueError(f'give torque_constants of {", ".join(self.channels)}, in this order')
         return self
 
 
@@ -120,7 +120,8 @@ def groups_of(
     channels = {name: i for i, name in enumerate(regressor.channels)}
     listed = [name for part in parts for name in part.channels]
     if sorted(listed) != sorted(channels):
-        raise ModelError(f'{output} channels are {listed}, not {list(channels)}', remedy=AGAIN)
+        raise ModelError(f'{output} channels are {", ".join(listed)}, not {", ".join(channels)}',
+                         remedy=AGAIN)
     groups = []
     for part in parts:
         rows = part.coefficients

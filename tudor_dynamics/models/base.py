@@ -59,7 +59,7 @@ def check_block(block: TrainingBlock, n_inputs: int | None, channels: tuple[str,
         check_motion(block.motion, n_inputs)
     if block.output.ndim != 2 or block.output.shape[1] != len(channels):
         raise FitError(f'output has shape {block.output.shape}; expected (n_samples, '
-                       f'{len(channels)}) for the channels {list(channels)}')
+                       f'{len(channels)}) for the channels {", ".join(channels)}')
 
 
 def check_motion(motion: FloatArray, n_inputs: int, fewer: int | None = None) -> None:

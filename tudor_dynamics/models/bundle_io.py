@@ -308,9 +308,10 @@ def check_target(path: Path, *, overwrite: bool) -> None:
     if not path.exists() and not path.is_symlink():
         return
     if not overwrite:
-        raise ModelError(f'{path} exists already; choose another --out, or add --overwrite')
+        raise ModelError(f'{path}: exists already; choose another --out, or add --overwrite')
     if not (path / 'model.yaml').is_file():
-        raise ModelError(f'{path} is not a model bundle, so it is kept; choose another --out')
+        raise ModelError(f'{path}: exists already and is not a model bundle, so it is not '
+                         'overwritten; choose another --out')
 
 
 def _arm_files(arm: Arm) -> dict[str, bytes]:
@@ -371,9 +372,9 @@ def load_bundle(
     # but for the friction of its joints, which a fit may choose
     if arm is not None and arm.with_friction_of(own).digest != own.digest:
         raise ModelError(
-            f'the description of the arm that the model was fitted to ({own.name!r}) differs from '
-            f'{arm.source} ({arm.name!r})', place=path,
-            remedy='give the description that it was fitted to, or fit the model again')
+            f'was fitted to another arm description ({own.name!r}) than {arm.source} '
+            f'({arm.name!r})', place=path,
+            remedy='give that description, or fit the model again')
     try:
         arrays = load_npz(content['elm.npz'], path / 'elm.npz') if 'elm.npz' in content else {}
         models = _models(own, head, arrays, '')

@@ -94,7 +94,7 @@ class ExtremeLearningMachine(MemorylessModel):
         if self.hidden < 1 or not self.ridge >= 0 or self.seed < 0:
             raise FitError(f'ELM with hidden={self.hidden}, ridge={self.ridge}, seed={self.seed}; '
                            'expected hidden of 1 or more, ridge and seed of 0 or more')
-        check_budget(f'{self.hidden} neurons', self.hidden, 16.0 * self.hidden)
+        check_budget(f'{self.hidden} neurons', self.hidden, 16.0 * self.hidden, 'take fewer')
         lows: list[FloatArray] = []
         highs: list[FloatArray] = []
         for block in blocks():
@@ -155,7 +155,8 @@ class ExtremeLearningMachine(MemorylessModel):
         part, channels = read(ElmPart, content), arm.channels[output]
         hidden = part.hidden
         if not 1 <= hidden <= MAX_HIDDEN or part.channels != channels:
-            msg = f'ELM of {hidden} neurons for {list(part.channels)}; expected {list(channels)}'
+            msg = (f'ELM of {hidden} neurons for {", ".join(part.channels)}; expected '
+                   f'{", ".join(channels)}')
             raise ModelError(msg, remedy=AGAIN)
         model = cls(**dict(part))
         n_inputs = 3 * len(arm.active_joints) + (part.payload_range is not None)

@@ -314,7 +314,7 @@ def follow_targets(
     """
     aims = finite_array(start, 'start', len(switches)).copy()
     planner = MotionPlanner(limits, aims)
-    check_budget(f'{samples} samples', samples, 24.0 * len(switches))
+    check_budget(f'{samples} samples', samples, 24.0 * len(switches), 'ask for fewer')
     due = deque(sorted((
         (time, j, value) for j, times in enumerate(switches) for time, value in zip(
             finite_array(times, 'switches', None),

@@ -114,8 +114,8 @@ CHECKS = {
     'offset_step': Check('a channel changes its zero offset', STEPPED, '', RESIDUAL, one_bag=True),
     'payload_changed': Check('the load changed while recording', 'use only the part of the bag '
                              'before or after the change: BAG@5s-50s', '', RESIDUAL, one_bag=True),
-    'unexplained': Check('the model does not explain a channel', 'plot the channel over the '
-                         'motion to find the cause, or leave this bag out', '', RESIDUAL),
+    'unexplained': Check('the model does not explain a channel', 'plot it and the positions '
+                         'over time to find the cause, or leave the bag out', '', RESIDUAL),
     'joint_scale': Check('positions of a joint have a wrong scale', 'correct counts per turn or '
                          'the gear ratio in the driver', '', RESIDUAL),
     'time_scale': Check('time stamps run too fast or too slowly', 'take stamps from the clock in '
@@ -133,7 +133,7 @@ CHECKS = {
     'drift': Check('a channel drifts', 'let the sensor warm up before recording; shorter parts of '
                    'the bag drift less, such as BAG@5s-50s', '', RESIDUAL, one_bag=True),
     'constant': Check('a channel never changes',
-                      'check sensor and driver; no model can be fitted to this channel'),
+                      'check the sensor and its driver; no model can be fitted to this channel'),
     'same_recording': Check('the same recording is given twice', 'give another recording: a copy '
                             'is no test of what was learned', '', 'share of common samples'),
     'rings': Check('the tool or load goes on ringing after motion', '', 'Hz'),

@@ -338,7 +338,7 @@ def flat(
         if np.ptp(item.values) == 0.0:
             value = float(item.values[0])
             findings.append(item.found(
-                'constant', f' never changes (always {value:.4g}{item.unit})', 0.0, value))
+                'constant', f' is always {value:.4g}{item.unit}', 0.0, value))
         else:
             findings.append(_held(recording, item, moves) or _saturated(recording.t, item))
     return [finding for finding in findings if finding is not None]
@@ -418,10 +418,10 @@ def standstill(recording: Recording, moves: NDArray[np.bool_]) -> list[Finding]:
     moving = parse_choice(recording.path).within(
         np.floor(100.0 * before / t[-1]) / 100.0, np.ceil(100.0 * (1.0 - after / t[-1])) / 100.0)
     return [found(
-        'standstill', f'the arm stands still for {before:.3g} s before and {after:.3g} s after '
-        'the motion', recording.path, size=before + after,
+        'standstill', f'standstill of {before:.3g} s before and {after:.3g} s after the motion',
+        recording.path, size=before + after,
         time=0.0 if before >= settings.STANDSTILL else float(t[-1]) - after,
-        remedy=f'use {moving} in place of the whole bag')]
+        remedy=f'use {moving} in place of {recording.path}')]
 
 
 def jitter(recording: Recording, retimed: Timing | None) -> list[Finding]:

@@ -86,7 +86,7 @@ def _row(words: list[str], where: str) -> DhRow:
     a, alpha, d, theta = values
     if max(abs(alpha), abs(theta)) > LARGEST_ANGLE:
         raise ArmError(f'an angle of {max(alpha, theta, key=abs):g} looks like degrees',
-                       place=where, remedy='give radians; pi/2 may be written so')
+                       place=where, remedy='give radians, such as pi/2')
     return DhRow((a, alpha, d, theta), joint, kind)
 
 

@@ -348,7 +348,7 @@ class LiveElastic:
 
     def __init__(self, models: Mapping[str, ElasticModel], observer: str = 'off') -> None:
         if observer not in OBSERVERS:
-            msg = f'observer {observer!r} is unknown; expected one of {list(OBSERVERS)}'
+            msg = f'observer {observer!r} is unknown; expected one of {", ".join(OBSERVERS)}'
             raise ModelError(msg)
         if not models:
             raise ModelError('no elastic model was given; pass at least one')
