@@ -496,8 +496,7 @@ def roc(
     arm : Arm
         Description of the arm.
     truth : sequence of str or path, optional
-        A table of ``begin,end`` [s] for each bag; by default pushes are those on the topic
-        ``applied_wrench``.
+        Tables of ``begin,end`` [s], one a bag; by default the topic ``applied_wrench`` counts.
 
     Returns
     -------
@@ -509,8 +508,7 @@ def roc(
     Raises
     ------
     TudorError
-        If a bag cannot be read, nothing is known of its pushes, or a detector does not give one
-        number a sample.
+        If a bag cannot be read, its pushes are not known, or a detector gives other shapes.
 
     """
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")

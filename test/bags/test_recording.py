@@ -89,7 +89,7 @@ def test_tables(root: Path) -> None:
 
 
 def test_forces_that_were_applied(root: Path, tmp_path: Path) -> None:
-    """A recording has them where its bag does, in parts and tables too; another type is nothing."""
+    """A recording has them where its bag does, in parts and tables too."""
     arm = load_arm(root / 'config/two_blade_arm.yaml')
     recording = read_recording(root / 'bags/two_blade_pushes', arm)
     assert recording.push is not None and recording.push.shape == recording.stamp.shape

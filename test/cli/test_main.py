@@ -172,6 +172,18 @@ def test_help_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert 'examples:\n  tudor evaluate --model model run4' in capsys.readouterr().out
 
 
+@pytest.mark.parametrize('command', sorted(entry.SUBCOMMANDS))
+def test_help_fits_into_80_columns(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """No line of any help is longer; commands that go on end with a backslash."""
+    monkeypatch.setenv('COLUMNS', '80')
+    with pytest.raises(SystemExit):
+        entry.main([command, '--help'])
+    lines = capsys.readouterr().out.splitlines()
+    assert 'examples:' in lines and max(map(len, lines)) <= 80
+
+
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     """The version is the package's."""
     with pytest.raises(SystemExit):

@@ -419,14 +419,13 @@ def read_recording(
     """
     check_type(path, (str, Path), 'path', 'the path of a bag')
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
-    found = read_planned(path, plan_from_arm(arm), need_output=need_output, need_motion=need_motion)
-    wrenches = None
+    plan = plan_from_arm(arm)
+    found = read_planned(path, plan, need_output=need_output, need_motion=need_motion)
     with errors.quiet(), suppress(BagError):  # of another type, or damaged: nothing is known
-        wrenches = read_wrenches(path)
-    if wrenches is None:
-        return found
-    size = np.linalg.norm(wrenches.values['force'], axis=1)
-    return replace(found, push=np.interp(found.stamp, wrenches.stamp, size, 0.0, 0.0))
+        if (wrenches := read_wrenches(path)) is not None:
+            size = np.linalg.norm(wrenches.values['force'], axis=1)
+            found = replace(found, push=np.interp(found.stamp, wrenches.stamp, size, 0.0, 0.0))
+    return found
 
 
 def read_planned(

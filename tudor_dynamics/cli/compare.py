@@ -28,8 +28,8 @@ from tudor_dynamics.typing import FloatArray
 
 EXAMPLES = """\
 examples:
-  tudor compare my_arm.yaml MODEL            the URDF's own numbers and the identified ones
-  tudor compare my_arm.yaml MODEL run4       ... and how well each explains a recording
+  tudor compare my_arm.yaml MODEL            numbers of the URDF, and identified
+  tudor compare my_arm.yaml MODEL run4       ... and how each explains a bag
   tudor compare MODEL_BEFORE MODEL_AFTER run4
 
 A and B are bundles of tudor fit, or arm descriptions whose URDF has masses. A description has no

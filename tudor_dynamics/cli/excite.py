@@ -75,14 +75,14 @@ examples:
         noise of 1 in each channel
   tudor excite my_arm.yaml --floor 0 --out plan --noise 0.4
         the same for efforts whose samples have a noise of 0.4
-  tudor excite my_arm.yaml --floor 0 --out plan --noise 0.4 --noise-of wrist=0.1 link2_hub=1.5
+  tudor excite arm.yaml --floor 0 --out plan --noise 0.4 --noise-of wrist=0.1
         other noise for single joints and gauges, in their units
   tudor excite my_arm.yaml --floor 0 --out plan --model MODEL
         noise, friction and filters of an earlier fit, and efforts by its model
   tudor excite my_arm.yaml --floor 0 --out plan --for vibration
         moves with rests, of which tudor fit RUN --models analytical vibration learns how a tool
         rings; with --model, at the frequency of the tool that it has
-  tudor excite my_arm.yaml --box -0.9 0.9 -0.9 0.9 0 1.5 --out plan --srdf my_arm.srdf \\
+  tudor excite arm.yaml --box -0.9 0.9 -0.9 0.9 0 1.5 --out plan --srdf a.srdf \\
       --meshes my_workspace/src
 
 PLAN has the motion as a bag (trajectory_msgs/JointTrajectory), as CSV and as a picture, and what

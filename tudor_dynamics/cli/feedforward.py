@@ -37,12 +37,11 @@ examples:
   tudor feedforward path.csv --model MODEL --positions motor --rate 100 \\
       --out led.csv
 
-TRAJECTORY is a CSV file with the columns t, JOINT, ... [s, rad or m] and, where
-known, JOINT_velocity and JOINT_acceleration; or a bag of
-trajectory_msgs/JointTrajectory. What is not given is made as
-joint_trajectory_controller makes it: straight lines between positions, cubics
-with velocities, quintics with accelerations too. The result is of the same
-kind, with efforts. See docs/explanation/feedforward.md.
+TRAJECTORY is a CSV file with the columns t, JOINT, ... [s, rad or m] and, where known,
+JOINT_velocity and JOINT_acceleration; or a bag of trajectory_msgs/JointTrajectory. What is not
+given is made as joint_trajectory_controller makes it: straight lines between positions, cubics
+with velocities, quintics with accelerations too. The result is of the same kind, with efforts. See
+docs/explanation/feedforward.md.
 """
 
 

@@ -54,7 +54,7 @@ examples:
         judge by a bag of its own
   tudor fit run1@0-60% --test run1@60-100% --arm my_arm.yaml --out model
         parts of one bag by time; BAG@5s-50s counts seconds
-  tudor fit empty full --payload-of empty=0 full=0.4 --arm my_arm.yaml --out model
+  tudor fit empty full --payload-of empty=0 full=0.4 --arm arm.yaml --out model
         one model of all payloads, its parameters affine in the mass at the tip; bags of
         `tudor record` carry their payload themselves
 
@@ -84,10 +84,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'bags, one model of all payloads is fitted')
     parser.add_argument('--ignore-payload', action='store_true',
                         help='fit as if all bags had the same payload')
-    parser.add_argument('--models', nargs='+', choices=(*KINDS, VIBRATION),
+    parser.add_argument('--models', nargs='+', choices=(*KINDS, VIBRATION), metavar='KIND',
                         default=list(DEFAULT_KINDS),
-                        help='kinds of models (default: analytical; elastic needs links); and '
-                             'vibration: how a tool at the flange rings after motion')
+                        help='analytical (default), elm, elastic (needs links); and vibration: '
+                             'how a tool at the flange rings after motion')
     parser.add_argument('--plan', metavar='PLAN',
                         help='directory of tudor excite that the bags were recorded by: standard '
                              'errors expected and reached')

@@ -40,9 +40,9 @@ a plan, whose names are relative to it:
   arm: my_arm.yaml
   arms:
     - name: cell_1
-      bags: {2026-01-10: recordings/cell_1/january, 2026-02-12: [recordings/cell_1/feb_*]}
+      bags: {2026-01-10: bags/cell_1/january, 2026-02-12: [bags/cell_1/feb_*]}
     - name: cell_2
-      bags: {2026-01-11: recordings/cell_2/january}
+      bags: {2026-01-11: bags/cell_2/january}
 
 DIR/fleet.html shows friction, weight and ring-downs of each arm over time; fleet.json has the
 numbers, models/ a bundle of each arm's last date. A killed command goes on where it was.

@@ -28,12 +28,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, ExitStack, redirect_stderr, redirect_stdout, suppress
 import gc
 from importlib import import_module
+from itertools import groupby
 import os
 from pathlib import Path
 import re
 import signal
 import sys
 import tempfile
+import textwrap
 import threading
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
@@ -107,27 +109,39 @@ class Parser(argparse.ArgumentParser):
         self.exit(WRONG_INPUT, f'{self.prog}: {printable(message)}; see {self.prog} --help\n')
 
 
+class Help(argparse.RawDescriptionHelpFormatter):
+    """Wraps sentences and, after eight blanks, explanations; commands and tables stay."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return '\n'.join(
+            '\n'.join(lines) if not words or 0 < len(blanks) < 8 else textwrap.fill(
+                ' '.join(' '.join(lines).split()), width, initial_indent=blanks,
+                subsequent_indent=blanks, break_on_hyphens=False)
+            for (blanks, words), lines in groupby(text.splitlines(), lambda line: (
+                line[:len(line) - len(line.lstrip())], bool(line))))
+
+
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     """Build the parser."""
     listed = '\n\n'.join(f'{title}:\n' + '\n'.join(
         f'  {name:12} {text}' for name, text in group.items()) for title, group in GROUPS.items())
     parser = Parser(
         prog='tudor', usage='tudor COMMAND ...',
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=Help,
         description='Dynamics of lightweight and elastic robot arms, learned from rosbags.\n\n'
                     + listed,
         epilog='Begin with `tudor init BAG --urdf FILE --out arm.yaml`. The help of each command\n'
                'has examples: `tudor fit --help`. Exit codes: 0 done, 1 data or model not good\n'
                f'enough, 2 wrong input, {DEFECT} a defect of tudor (--debug FILE keeps what\n'
                'a report of it needs), 130 interrupted. For completion by TAB in a shell:\n'
-               'eval "$(register-python-argcomplete tudor)"')
+               '  eval "$(register-python-argcomplete tudor)"')
     parser.add_argument('--version', action='version', version=f'tudor_dynamics {__version__}')
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True,
                                      prog='tudor', help=argparse.SUPPRESS)
     for name, summary in SUBCOMMANDS.items():
         sub = commands.add_parser(
             name, description=summary[0].upper() + summary[1:] + '.',
-            formatter_class=argparse.RawDescriptionHelpFormatter)
+            formatter_class=Help)
         if only == name:
             module = _subcommand(name)
             sub.epilog = module.EXAMPLES

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import sys
 import time
 
 from rich.progress import BarColumn, TimeRemainingColumn
@@ -40,9 +41,9 @@ EXAMPLES = """\
 examples:
   tudor record --arm config/tudor.yaml --payload 0.2 --out recordings/200g
         ten stimuli of 80 s with 200 g at the tip, the links damped
-  tudor record --arm config/tudor.yaml --no-damping --pushes 5 --stimuli 2 --out pushed
+  tudor record --arm config/tudor.yaml --no-damping --pushes 5 --out pushed
         without the damper, with five pushes a stimulus on links, their truth in /applied_wrench
-  tudor record --arm config/tudor.yaml --trajectory plan --stimuli 2 --out planned
+  tudor record --arm config/tudor.yaml --trajectory plan --out planned
         the motion that `tudor excite config/tudor.yaml --floor 0 --out plan` found
   tudor record --arm config/tudor.yaml --ideal friction backlash --out smooth
         drives without friction and backlash
@@ -127,6 +128,7 @@ def run(args: argparse.Namespace) -> int:
     # Whatever is wrong with arm or options shows here, and compiled code is ready for all.
     loop = ClosedLoop(with_payload(arm, args.payload), damping=0.0 if args.no_damping else 1.0)
     steps_per_message(loop.dt, args.rate)
+    print('compiling, at most a minute, then simulating ...', file=sys.stderr, flush=True)
     loop.step([0.0] * len(arm.active_joints), [0.0] * len(arm.active_joints))
     specs = _specs(args, arm, loop.dt)
     total = args.stimuli * int(round(args.seconds / loop.dt))

@@ -34,11 +34,10 @@ examples:
   tudor shape plan --frequency 2.9 --by zvd --out plan_still
   tudor shape plan --model MODEL --by timing --out plan_still
 
-`tudor info BAG --arm YAML` says at which frequency a tool rings, and how it is
-damped. TRAJECTORY is a CSV file or a bag, as for `tudor feedforward`, from rest to
-rest. zv and zvd keep the speeds and accelerations of the given motion, and cut
-corners. timing keeps the path too, and needs the tool that `tudor fit BAGS --models
-analytical vibration` learns.
+`tudor info BAG --arm YAML` says at which frequency a tool rings, and how it is damped. TRAJECTORY
+is a CSV file or a bag, as for `tudor feedforward`, from rest to rest. zv and zvd keep the speeds
+and accelerations of the given motion, and cut corners. timing keeps the path too, and needs the
+tool that `tudor fit BAGS --models analytical vibration` learns.
 """
 OFF = (-0.05, 0.0, 0.05)  # relative errors of the frequency for which it is said what remains
 DAMPING = 0.02  # damping ratio of a tool of which it is unknown

@@ -70,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     if args.web is not None and not 0 < args.web <= LAST_PORT:
         raise UsageError(f'--web {args.web}: expected a port of 1 to {LAST_PORT}')
     if args.bag is None:
+        if args.picture or args.model or args.json:
+            raise UsageError('--picture, --model and --json need a BAG; live topics have --web')
         return _topics(args)
     if not args.model:
         raise UsageError('watching a bag needs a model of its arm', remedy='give --model MODEL')

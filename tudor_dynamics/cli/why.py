@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+import re
 import warnings
 
 from tudor_dynamics.bags.storage import open_bag
@@ -55,6 +56,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, explain, print."""
+    if re.search('[^0-9 :.-]', args.at):
+        raise UsageError(f'--at {args.at}: expected a time of day such as 14:03:12')
     found = causes(args)
     if args.json:
         print_json([{

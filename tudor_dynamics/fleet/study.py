@@ -325,7 +325,7 @@ class _Study:
 
     def _see(self) -> None:
         """Find the bags of each date, and see what they are."""
-        named = [(arm, date, replace(choice, path=_relative(choice.path, self.run.base)))
+        named = [(arm, date, replace(choice, path=choice.path.removeprefix(f'{self.run.base}/')))
                  for arm in self.plan.arms for date, bags in sorted(arm.bags.items())
                  for choice in found_choices([str(self.run.base / text) for text in (
                      (bags,) if isinstance(bags, str) else bags)])]
@@ -438,8 +438,3 @@ class _Study:
         self.unused += [item for item in answers if isinstance(item, Unused)]
         return {name: f'models/{name}' for name, made in zip(last, answers, strict=True)
                 if not isinstance(made, Unused)}
-
-
-def _relative(path: str, base: Path) -> str:
-    """Name a bag as the plan does."""
-    return str(Path(path).relative_to(base)) if Path(path).is_relative_to(base) else path

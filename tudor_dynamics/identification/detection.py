@@ -475,11 +475,7 @@ class Detector(Protocol):
     """A detector of one's own, such as a function."""
 
     def __call__(self, recording: Recording, /) -> FloatArray:
-        """
-        Say for each sample how strongly the arm is touched, from it and those before it.
-
-        (n_samples,), in any unit; NaN where it says nothing.
-        """
+        """Say how strongly each sample, (samples,), and those before show a touch, or NaN."""
 
 
 def roc_of_detector(
