@@ -83,7 +83,8 @@ def replay(bag: Path, description: Path) -> list[str]:
         dq = None if recording.dq is None else recording.dq[part]
         effort = None if recording.effort is None else recording.effort[part]
         commands = np.gradient(q, t, axis=0) if dq is None else dq
-        watch = MotionWatch(arm.active_joints, hard_limits(arm), effort_limits(arm))
+        units = {name: arm.position_units[name] for name in arm.active_joints}
+        watch = MotionWatch(units, hard_limits(arm), effort_limits(arm))
         commanded = Commanded(len(arm.active_joints))
         watch.trust(np.full(len(arm.active_joints), np.inf))  # it is no start that moves
         for k in range(len(t)):

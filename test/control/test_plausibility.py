@@ -34,7 +34,7 @@ LAGS = 0.0, 0.02
 
 def watch(effort: float = np.inf) -> MotionWatch:
     """Give a watch of two joints."""
-    return MotionWatch(('first', 'second'), LIMITS, np.full(2, effort))
+    return MotionWatch({'first': 'rad', 'second': 'rad'}, LIMITS, np.full(2, effort))
 
 
 def drive(
@@ -77,7 +77,7 @@ def test_honest_encoders_are_believed(size: float, dt: float, frequency: float) 
     (lambda q, t: [0.75 + 0.5 * q[0], q[1]], 'times as far', False),
     (lambda q, t: q + [0.1 * t, 0.0], 'in addition to its commands', True),
     (lambda q, t: np.array([1.5, q[1]]), 'does not move', False),
-    (lambda q, t: q + [0.04 * (t > 0.7), 0.0], 'jumped by 0.04', False),
+    (lambda q, t: q + [0.04 * (t > 0.7), 0.0], 'jumped by 0.04 rad', False),
     (lambda q, t: [1.5, 0.1] + (q - [1.5, 0.1])[::-1], 'follow commands to the other', True)])
 def test_what_lies_is_told(
     reading: Callable[[np.ndarray, float], np.ndarray], text: str, astray: bool,

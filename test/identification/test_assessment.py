@@ -90,7 +90,7 @@ def test_uses(assessment: Assessment) -> None:
     # gauges of unknown gain show no newtons, and no kilograms
     said = by_name['strain', 'collision detection (strain)']
     assert said.level is None and 'forces in N need' in said.why
-    assert 'g1' in said.why and 'um/m' in said.why and 's of free motion' in said.why
+    assert 'g1' in said.why and 'um/m' in said.why and 's without contact' in said.why
     assert by_name['strain', 'payload'].level is None
     said = by_name['effort', 'collision detection (effort)']
     assert said.level is Grade.GOOD and 'N at the tip)' in said.why

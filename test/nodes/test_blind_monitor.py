@@ -183,8 +183,14 @@ def test_positions_with_repeated_stamps(watched: Watched) -> None:
 
 def test_without_thresholds(watched: Watched) -> None:
     """A monitor that only shows residuals is blind, and says what to do; learning is a WARN."""
-    watched.node.watch.use_thresholds({}, watched.node.settings())
-    watched.feed(0, 300)
+    node = watched.node
+    node.watch.use_thresholds({}, node.settings())
+    node._note = node._say_missing(node.watch)
+    assert node._note.startswith('the model has no thresholds for strain: fit it')
+    watched.feed(0, 60)
+    level, message, _ = watched.told()
+    assert level == WARN and message.count('the model has no thresholds') == 1, message
+    watched.feed(60, 300)
     level, message, values = watched.told()
     assert level == ERROR and '~/calibrate' in message
     assert values['not judged: no_thresholds'] == '100.0'

@@ -230,7 +230,7 @@ def test_it_shapes(world: World, root: Path, first: float) -> None:
     assert values_of(chain.told())['shaping'] == 'zv'
 
 
-@pytest.mark.parametrize('frequency, said', [(2.0, 'the arm had not stopped'), (0.0, 'above 0')])
+@pytest.mark.parametrize('frequency, said', [(2.0, 'the arm still moved'), (0.0, 'above 0')])
 def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said: str) -> None:
     """It is passed on as it is, and said; or refused, as asked."""
     chain = Chain(world, root, **{**SHAPED, 'shaping_frequency': frequency})
@@ -241,7 +241,7 @@ def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said:
     assert said in chain.relay.not_shaped and len(chain.controller.taken[1].points) == 1
     status = chain.told()
     assert status.level == DiagnosticStatus.WARN
-    assert status.message.startswith('passed on unshaped: ')
+    assert status.message.startswith('trajectory passed on unshaped: ')
     chain.relay.set_parameters([Parameter('not_shaped', value='refuse')])
     chain.send(point(2.0, 2.1, 0.1))
     assert chain.relay.refused.startswith('the trajectory cannot be shaped: ')

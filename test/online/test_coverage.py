@@ -69,17 +69,20 @@ def test_all_judged() -> None:
 
 
 @pytest.mark.parametrize(('causes', 'said'), [
-    ({'gap': 20}, '(gap on joints)'), ({'strain_gap': 20}, '(gap on strains)'),
-    ({'gap': 1, 'strain_gap': 20}, '(gap on strains)'),
-    ({'strain_not_finite': 20}, '(not_finite on strains)'),
-    ({'no_neighbour': 20}, '(no_neighbour on strains)'),
+    ({'gap': 20}, 'on joints (gap)'), ({'strain_gap': 20}, 'on strains (gap)'),
+    ({'gap': 1, 'strain_gap': 20}, 'on strains (gap)'),
+    ({'strain_not_finite': 20}, 'on strains (not_finite)'),
+    ({'no_neighbour': 20}, 'on strains (no_neighbour)'),
     ({'no_thresholds': 20}, '(no_thresholds)'),
     ({'no_prediction': 20}, '(no_prediction)')])
 def test_topics(causes: dict[str, int], said: str) -> None:
     """A cause comes with the topics that it is about."""
     robot = Robot()
     robot.live(3.0, judged=30, **causes)
-    assert robot.verdict.text.endswith(said)
+    topic, _, cause = said.rpartition('(')
+    text = robot.verdict.text
+    assert text.endswith(f' ({cause}') and (f'{topic.strip()} ' in text if topic else
+                                            ' on ' not in text)
 
 
 @pytest.mark.parametrize(('n', 'level'), [
@@ -193,6 +196,22 @@ def test_coverage_takes_the_worst_output() -> None:
     assert coverage.verdict.level is CoverageLevel.NONE and 'strain' in coverage.verdict.text
     assert 'of effort ' not in coverage.verdict.text
     assert sum(told) in (1, 2)  # to a warning, to an error
+
+
+def test_what_is_the_same_for_several_outputs_is_said_once() -> None:
+    """With both outputs, where share and cause agree; apart where they do not."""
+    for lost, said in ((20, 'the samples of effort and strain, mainly because'),
+                       (10, 'the samples of effort, mainly because')):
+        coverage, effort, strain = Coverage(), Counter[str](), Counter[str]()
+        for output, counts in (('effort', effort), ('strain', strain)):
+            coverage.add(output, 'joints', None, (output,), [counts], [Counter()], 0.5)
+        for k in range(500):
+            for topic in ('joints', 'effort', 'strain'):
+                coverage.came(topic, k * 5 * MS, k * 0.005)
+            for counts, share in ((effort, 20), (strain, lost)):
+                counts['gap' if k % 100 < share else 'judged'] += 1
+        text = coverage.verdict.text
+        assert said in text and text.count('go undetected') == (1 if lost == 20 else 2), text
 
 
 def stream(gate: StampGate, stamps: np.ndarray) -> int:

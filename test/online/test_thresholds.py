@@ -108,7 +108,7 @@ def test_lost_samples_give_thresholds_or_a_reason(share: float, seed: int) -> No
     try:
         tails = learn_thresholds(parts, CHANNELS).tails
     except FitError as err:
-        assert 'of free motion are too little' in str(err)
+        assert 'of motion are too little' in str(err)
     else:
         assert all(np.isfinite([tail.location, tail.scale]).all() for tail in tails)
 

@@ -170,7 +170,8 @@ class MotionController:
         self.gains = LoopGains(arm.spec.damper, self.limits.velocity, share)
         self.adaptation: Adaptation | None = None
         self.envelope = Envelope(self.limits, self.gains.response_time, drive_stop(arm))
-        self.watched = MotionWatch(self.joints, self.limits, effort_limits(arm))
+        self.watched = MotionWatch({name: arm.position_units[name] for name in self.joints},
+                                   self.limits, effort_limits(arm))
         self.reference = ReferenceGate(self.joints, self.limits, self.planned.velocity)
         self._takeover = Takeover(self.planned.acceleration)
         self._to = [self.joints.index(name) for name in self.damper.joints]

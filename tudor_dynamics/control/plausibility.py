@@ -187,8 +187,8 @@ class Doubt:
 class MotionWatch:
     """Judges readings against the commands that the joints were given."""
 
-    def __init__(self, joints: tuple[str, ...], limits: Limits, effort: FloatArray) -> None:
-        self._joints, self._limits = joints, limits
+    def __init__(self, units: dict[str, str], limits: Limits, effort: FloatArray) -> None:
+        self._joints, self._units, self._limits = tuple(units), tuple(units.values()), limits
         self.speed = np.where(np.isfinite(limits.velocity), limits.velocity, math.pi)
         self._bounds = np.array([limits.lower, limits.upper, self.speed], dtype=float)
         # Largest of each, in the unit that it is measured in, infinite where unknown.
@@ -265,12 +265,12 @@ class MotionWatch:
         if not telling or not (found or outside.any() or jumped.any()):
             return []
         self._onset = self.state[:, ONSET].copy()
-        doubts = [Doubt(int(j), f'the measured position {q[j]:.4g} is far outside its limits '
-                        f'{self._limits.lower[j]:.4g} .. {self._limits.upper[j]:.4g} [rad or m]; '
-                        'check unit and zero of its encoder', False, later=False)
-                  for j in np.flatnonzero(outside)]
-        doubts += [Doubt(int(j), f'the measured position jumped by {step[j]:.3g} [rad or m] in '
-                         f'{1e3 * dt:.3g} ms; check its encoder', False, later=False)
+        doubts = [Doubt(int(j), f'the measured position {q[j]:.4g} {self._units[j]} is far '
+                        f'outside its limits {self._limits.lower[j]:.4g} .. '
+                        f'{self._limits.upper[j]:.4g}; check unit and zero of its encoder', False,
+                        later=False) for j in np.flatnonzero(outside)]
+        doubts += [Doubt(int(j), f'the measured position jumped by {step[j]:.3g} {self._units[j]} '
+                         f'in {1e3 * dt:.3g} ms; check its encoder', False, later=False)
                    for j in np.flatnonzero(jumped)]
         beyond = self.state[:, BEYOND] > 0.0
         frozen = np.abs(self.state[:, STOOD]) > self.speed * settings.FROZEN_TIME
@@ -334,7 +334,7 @@ class MotionWatch:
         yield left(wanted + step * (np.arange(len(mine)) > place)) + (
             math.inf if abs(step) < settings.JUMP_SHARE * max(
                 np.ptp(change), self.state[j, ALLOWED]) else 0.0), Doubt(
-                j, f'the measured position jumped by {step:.3g} [rad or m] in '
+                j, f'the measured position jumped by {step:.3g} {self._units[j]} in '
                 f'{1e3 * (times[place + 1] - times[place]):.3g} ms; check its encoder', False)
         for i in range(len(self._joints)):
             both_push = pushed and pushing[i]  # of two that are swapped, one is slower
@@ -354,8 +354,8 @@ class MotionWatch:
             ratio = math.copysign(sizes[0] / max(sizes[1], 1e-9), ratio)
         rate = float(change @ since / max(since @ since, 1e-12))
         yield unlikely * fast(rate) * left(wanted + rate * since), Doubt(
-            j, f'the joint moves at {rate:.3g} [rad/s or m/s] in addition to its commands: its '
-            'encoder drifts, or its drive creeps', True, drifts=True)
+            j, f'the joint moves at {rate:.3g} {self._units[j]}/s in addition to its commands: '
+            'its encoder drifts, or its drive creeps', True, drifts=True)
         common = unlikely * settings.FREE * (2.0 if 2.0 / 3.0 < ratio < 1.5 else 1.0)
         yield common * left(ratio * wanted), Doubt(j, self._scaled(ratio), (
             ratio < 0.0 or ratio > 1.0))
@@ -386,8 +386,8 @@ class MotionWatch:
             return ''
         steps = np.diff(moved - made)
         if np.abs(steps).max() > settings.JUMP_SHARE * np.ptp(moved - made):
-            return (f'the position jumped by {steps[np.abs(steps).argmax()]:.3g} [rad or m], the '
-                    'reported velocity did not: the encoder lost counts; check its cable')
+            return (f'the position jumped by {steps[np.abs(steps).argmax()]:.3g} {self._units[j]}'
+                    ', the reported velocity did not: the encoder lost counts; check its cable')
         if abs(mine) < settings.STANDS * abs(way):
             return (f'the position moves {mine / way:.2g} times as far as the reported velocity '
                     'implies: the encoder is frozen, slips, or drifts against the motion')
@@ -395,8 +395,8 @@ class MotionWatch:
         steady = np.std(moved - made - rate * (times - times[0])) * (
             1.0 + abs(rate) / (settings.FAST_DRIFT * self.speed[j]))
         if abs(way) < settings.STANDS * abs(mine) or steady < np.std(moved - mine / way * made):
-            return (f'the position moves at {rate:.3g} [rad/s or m/s] in addition to the reported '
-                    'velocity: the encoder drifts')
+            return (f'the position moves at {rate:.3g} {self._units[j]}/s in addition to the '
+                    'reported velocity: the encoder drifts')
         if mine * way < 0.0:
             return 'the position moves against the reported velocity: the encoder counts backwards'
         return (f'the position moves {mine / way:.2g} times as far as the reported velocity '

@@ -234,7 +234,7 @@ def _usual(scene: Scene) -> str:
     often = _often(scene)
     return '' if often < USUAL else (
         f'{scene.seen.ratio:.2f} of a threshold that allows {scene.stage.rates.collision:.0f} '
-        f'false alarms an hour; free motion reaches as much {often:.0f} times an hour')
+        f'false alarms an hour; motion without contact reaches as much {often:.0f} times an hour')
 
 
 def _low(scene: Scene) -> str:
@@ -246,7 +246,7 @@ def _low(scene: Scene) -> str:
 
 TRAINING = 'motion outside training', (
     'fit with such motion, or learn the thresholds from it (~/calibrate)')
-LOW = 'threshold too low', 'allow fewer false_alarms_per_hour, or fit with more free motion'
+LOW = 'threshold too low', 'allow fewer false_alarms_per_hour, or fit more motion without contact'
 CAUSES: tuple[tuple[Callable[[Scene], str], str, str], ...] = (
     (_clock, 'clock', 'let drivers stamp samples when they are measured, by one clock'),
     (_gap, 'gap', 'look at drivers and network: the diagnostics count what is lost'),

@@ -355,8 +355,8 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
         'forces in N need effort.torque_constant, sensors[].gain or masses in the description; ')
     return level, (
         f'{unknown}detected within {1e3 * settings.NOTICED:.0f} ms at {per_hour:g} false alarm '
-        f'per hour: {", ".join(each)}; thresholds are from {learned.seconds:.0f} s of free motion '
-        f'(which alone ensures no more than {short(sure)} false alarms per hour){wide}'), grades
+        f'per hour: {", ".join(each)}; thresholds are from {learned.seconds:.0f} s without '
+        f'contact (which alone ensures at most {short(sure)} false alarms per hour){wide}'), grades
 
 
 def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:

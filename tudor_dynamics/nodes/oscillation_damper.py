@@ -206,15 +206,14 @@ class OscillationDamperNode(MovingNode):
         if controller is None or not self.active:
             return level, message
         if controller.state is State.FAULT:
-            return ERROR, f'{controller.cause}; joints are stopped: correct it, then call ~/reset'
+            return ERROR, f'{controller.cause}; the joints are stopped until you call ~/reset'
         if clock := self.clocks.fault():
             return ERROR, f'{self._own}: {clock}'
         if controller.blind:
             return STALE, (f'no joint positions arrive on {self._own}, so no commands are sent: '
                            'start the driver of the arm')
         if controller.missing:
-            return STALE, (f'{self._own}: {controller.cause}; the damper commands '
-                           'standstill meanwhile')
+            return STALE, f'{self._own}: the damper commands standstill: {controller.cause}'
         if self.crowded and self.crowded[0] == ERROR:
             return self.crowded
         gains = controller.gains
@@ -228,20 +227,19 @@ class OscillationDamperNode(MovingNode):
         if controller.state is State.HOLDING:
             return (STALE if controller.unreferenced else WARN,
                     f'the joints are held: {controller.cause}')
-        delay = gains.delay.delay
-        if gains.allowed_share < 1.0 and delay is not None:
+        delay = f'{1e3 * (gains.assumed_delay + gains.late):.0f} ms'
+        if gains.allowed_share < 1.0:
             off = 'is off' if gains.allowed_share == 0.0 else 'acts with reduced gain'
-            return WARN, (f'the damper {off}: the loop delay is '
-                          f'{1e3 * (delay + gains.late):.0f} ms; shorten it (driver, network); '
-                          f'full gain needs at most {1e3 * gains.full_delay:.0f} ms')
+            return WARN, (f'the damper {off}: the loop delay is {delay}; shorten it (driver, '
+                          f'network); full gain needs at most {1e3 * gains.full_delay:.0f} ms')
         gain = gains.position_gain_in_use
         if gain < gains.position_gain:
-            return WARN, (f'the loop delay lowers the position gain from {gains.position_gain:g} '
-                          f'to {gain:.2g} 1/s; shorten it (driver, network)')
+            return WARN, (f'a loop delay of {delay} lowers the position gain to {gain:.2g} 1/s '
+                          f'(from {gains.position_gain:g}); shorten the delay (driver, network)')
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
             return WARN, f'fixed gains: {adaptation.unknown}'
-        if note := controller.reference.refusal or self.clocks.offset():
+        if note := controller.reference.refusal or self.clocks.offset(self._own):
             return WARN, note
         if controller.limits.missing:
             return WARN, f'{"; ".join(controller.limits.missing)}; add them to joints[].limits'

@@ -264,15 +264,15 @@ class ReferenceGeneratorNode(MovingNode):
         now = self.steady()
         heard = [self._heard.get(name) for name in self.monitors]
         alive = [item for item in heard if item is not None and now - item[0] < ALIVE]
+        names = ', '.join(self.monitors)
         if any(able for _, able in alive):
             self._unwatched = ''
         elif alive:
-            self._unwatched = (f'{", ".join(self.monitors)} cannot judge the arm; see its '
-                               'diagnostics')
+            self._unwatched = f'{names} cannot detect collisions; see the diagnostics of {names}'
         elif self.monitors:
-            self._unwatched = f'{", ".join(self.monitors)} sends no diagnostics; restart it'
+            self._unwatched = f'{names} sends no diagnostics; restart {names}'
         else:
-            self._unwatched = f'no node publishes {COLLISION}; start monitor'
+            self._unwatched = f'no node publishes on {COLLISION}; start monitor'
         self.source.halt(self._unwatched if self.value('require_monitor') else '')
         self._heard = {name: item for name, item in self._heard.items() if now - item[0] < 60.0}
 
@@ -307,13 +307,14 @@ class ReferenceGeneratorNode(MovingNode):
         if level != OK:
             return level, message
         if source.reacting or source.collision:
-            return WARN, f'collision, reaction {self.value("reaction")}: call ~/reset to go on'
+            return WARN, (f'collision: the reaction is {self.value("reaction")}; check the arm, '
+                          'then call ~/reset')
         if source.halted:
             return WARN, f'the node accepts no goals: {source.halted}'
         if self.crowded is not None:
             return self.crowded
         if len(self.monitors) > 1:
-            return WARN, (f'{len(self.monitors)} nodes publish {COLLISION}: '
+            return WARN, (f'{len(self.monitors)} nodes publish on {COLLISION}: '
                           f'{", ".join(self.monitors)}; let only one publish there')
         if self._unwatched and self.monitors:
             return WARN, f'no node watches for collisions any more: {self._unwatched}'

@@ -250,8 +250,8 @@ class TrajectoryRelayNode(TudorNode):
             shape = partial(shaped_for, tool, kind=kind) if tool is not None else partial(
                 convolved, shaper=impulses(kind, frequency, self.value('shaping_damping')))
             if np.abs(state.dq).max() > AT_REST:
-                raise SignalError('the arm had not stopped',
-                                  remedy='send a motion once the last one has ended')
+                raise SignalError('the arm still moved',
+                                  remedy='send the next motion after the last one has ended')
             begin = max(since, 0.0)
             return shape(from_state(whole, state, begin) if whole.t[0] > begin else whole)
         except SignalError as err:
@@ -311,7 +311,7 @@ class TrajectoryRelayNode(TudorNode):
             return WARN, f'no node hears {self._output.topic_name}: activate that controller'
         if self.refused:
             return WARN, f'refused: {self.refused}'
-        return ((WARN, f'passed on unshaped: {self.not_shaped}') if self.not_shaped else
+        return ((WARN, f'trajectory passed on unshaped: {self.not_shaped}') if self.not_shaped else
                 (level, message))
 
     def close(self) -> None:

@@ -54,22 +54,22 @@ class SensorHealth:
 
 
 MEANING = {
-    'settling': 'filters settle after a start or gap; if it repeats, look for lost messages',
-    'gap': 'messages are lost: check the driver, the network and qos_overrides',
-    'not_finite': 'messages have NaN or infinite values: check the driver',
-    'duplicate_stamp': 'stamps repeat: check the driver, and for a second publisher',
-    'backward_stamp': 'stamps go backwards: check the driver, and for a second publisher',
-    'unknown_names': 'messages lack joints or gauges of the model: use the model of this arm',
-    'short_array': 'messages have fewer values than names: correct the driver',
-    'no_measurement': 'no effort or strain is measured during the motion: check topic and driver',
-    'no_neighbour': 'no effort or strain comes shortly before and after a joint state: check '
-                    'rate and clock of their driver',
+    'settling': 'filters settle after a start or gap on {on}: wait; if this lasts, look for lost '
+                'messages',
+    'gap': 'messages on {on} are lost: check the driver, the network and qos_overrides',
+    'not_finite': 'messages on {on} have NaN or infinite values: check the driver',
+    'duplicate_stamp': 'stamps on {on} repeat: check the driver, and look for a second publisher',
+    'backward_stamp': 'stamps on {on} go back: check the driver, and look for a second publisher',
+    'unknown_names': 'messages on {on} lack joints or gauges that the model has: use the model of '
+                     'the arm that sends them',
+    'short_array': 'messages on {on} have fewer values than names: correct the driver',
+    'no_measurement': 'no measurements come on {on} during the motion: check topic and driver',
+    'no_neighbour': 'no measurement on {on} is near a joint state in time: check rate and clock',
     'no_prediction': 'no prediction comes, or the model diverged: check the node that predicts',
-    'no_thresholds': 'the model has no thresholds: fit it with more free motion, or call '
-                     '~/calibrate while the arm moves freely'}
-"""Causes for which a sample is not judged."""
+    'no_thresholds': 'the model has no thresholds: fit it with more motion without contact, or '
+                     'call ~/calibrate while the arm moves without contact'}
+"""Causes for which a sample is not judged; ``on``: the topics that they are about."""
 OF_MOTIONS = ('no_measurement', 'no_neighbour')  # of a pairing; count motions, not measurements
-OF_MODELS = ('no_prediction', 'no_thresholds')  # are about no sensor
 
 
 class CoverageLevel(IntEnum):
@@ -154,9 +154,8 @@ class OutputCoverage:
     def _follow(self, new: _Counts, last: _Counts) -> None:
         """Keep since when samples come, since when none was judged, and how stamps lie apart."""
         came = [a > b for a, b in zip(new.came, last.came, strict=True)]
-        for place, fresh in enumerate(came):
-            if fresh:
-                self._arrivals[place] = new.time
+        self._arrivals = [new.time if fresh else at
+                          for fresh, at in zip(came, self._arrivals, strict=True)]
         if any(came):
             if self._flowing is None:
                 self._flowing = new.time
@@ -210,15 +209,12 @@ class OutputCoverage:
 
     def _main(self, causes: dict[str, float], motions: dict[str, float]) -> str:
         """Name the cause that explains most, what it means, and the topics it is about."""
-        cause = max(causes, key=causes.__getitem__)
-        if cause in OF_MOTIONS:
-            # where measurements are left out, motions lack them: the reason is what they were
-            others = {name: share for name, share in causes.items() if name not in OF_MOTIONS}
-            first = max(others, key=others.__getitem__, default=cause)
-            cause = first if causes[first] >= 0.5 * causes[cause] else cause
+        # where measurements are left out, motions lack them: the reason is what they were
+        cause = max(causes, key=lambda name: (
+            causes[name] * (0.5 if name in OF_MOTIONS else 1.0), name not in OF_MOTIONS))
         of = self._sensors if cause in OF_MOTIONS or motions.get(cause) != causes[cause] else [0]
-        on = '' if cause in OF_MODELS else f' on {", ".join(self.streams[k].topic for k in of)}'
-        return f'{MEANING[cause]} ({cause}{on})'
+        on = ', '.join(self.streams[k].topic for k in of)
+        return f'{MEANING[cause].format(on=on)} ({cause})'
 
     def _shares(self, new: _Counts, old: _Counts) -> tuple[dict[str, float], dict[str, float]]:
         """Give shares of the motions that were not judged, and of measurements left out."""
@@ -293,17 +289,20 @@ class Coverage:
         """Look at the counts, unless the last look was just before; ``now`` is steady [s]."""
         if now - self._looked >= COVERAGE_PERIOD:
             self._looked = now
-            self.verdict = _together([output.look(now) for output in self._outputs])
+            self.verdict = _together({one.output: one.look(now) for one in self._outputs})
         return self.verdict
 
 
-def _together(found: Sequence[CoverageReport]) -> CoverageReport:
-    """Give the worst level with the texts that have it, and the largest shares."""
-    level = max((verdict.level for verdict in found), default=CoverageLevel.ENOUGH)
+def _together(found: dict[str, CoverageReport]) -> CoverageReport:
+    """Give the worst level with the texts that have it, and the largest shares: by output."""
+    level = max((verdict.level for verdict in found.values()), default=CoverageLevel.ENOUGH)
     causes: dict[str, float] = {}
-    for verdict in found:
+    texts: dict[str, str] = {}  # what is the same for several outputs is said once
+    for output, verdict in found.items():
         for cause, share in verdict.causes.items():
             causes[cause] = max(share, causes.get(cause, 0.0))
-    texts = dict.fromkeys(v.text for v in found if v.level == level and v.text)
-    share = max((verdict.share for verdict in found), default=0.0)
-    return CoverageReport(level, '; '.join(texts), share, causes)
+        if verdict.level == level and verdict.text:
+            text = verdict.text.replace(f'samples of {output}', 'samples of OUTPUT')
+            texts[text] = f'{texts[text]} and {output}' if text in texts else output
+    said = '; '.join(text.replace('OUTPUT', outputs) for text, outputs in texts.items())
+    return CoverageReport(level, said, max((v.share for v in found.values()), default=0.0), causes)

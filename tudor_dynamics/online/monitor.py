@@ -296,9 +296,9 @@ class Watch:
         wide = [f'{method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
                 if factor > WIDENING_WARNING]
         return '' if not wide else (
-            'weak collisions are missed: the motion differs from training, so thresholds widen '
-            f'({", ".join(wide)}); call ~/calibrate during this motion, with nothing '
-            'touching the arm, or fit the model with bags of this motion, too')
+            'weak collisions are missed: the thresholds were learned from other motion, so they '
+            f'rise ({", ".join(wide)}); call ~/calibrate during this motion while nothing touches '
+            'the arm, or fit the model again with bags of this motion too')
 
     @property
     def settle(self) -> float:

@@ -153,7 +153,7 @@ def learn_thresholds(
 ) -> MethodThresholds:
     """Learn the thresholds of one method: stiction (channels,) [unit of the residual]."""
     if not records:
-        raise FitError('no free motion to learn thresholds from; let the arm move without contact')
+        raise FitError('no motion to learn thresholds from; let the arm move without contact')
     period = float(np.median(np.concatenate([np.diff(r.t) for r in records])))
     step = max(STEP, period)
     block = max(1, round(BLOCK / period))
@@ -162,8 +162,8 @@ def learn_thresholds(
     records = [r for r in records if min(r.t[-1], (len(r.t) - 1) * period) > least]
     seconds = float(sum(r.t[-1] for r in records))
     if seconds < LEAST_BLOCKS * BLOCK:
-        raise FitError(f'{seconds:.1f} s of free motion are too little for thresholds; let '
-                       f'the arm move for at least {LEAST_BLOCKS * BLOCK:g} s without a gap')
+        raise FitError(f'{seconds:.1f} s of motion are too little for thresholds; move the arm '
+                       f'for {LEAST_BLOCKS * BLOCK:g} s or more without contact or lost messages')
     stiction = np.zeros(len(channels)) if stiction is None else stiction
     rows = _Rows(records, step, period, stiction)
     taps, profile = rows.law()
@@ -281,7 +281,7 @@ def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray
         -peaks / unit, A_ub=(columns / largest).T, b_ub=np.zeros(columns.shape[1]),
         bounds=np.outer(weight, (PROFILE_QUANTILE - 1.0, PROFILE_QUANTILE)), method='highs')
     if not found.success:
-        raise FitError(f'thresholds cannot be fitted ({found.message}); record more free motion')
+        raise FitError(f'thresholds cannot be fitted ({found.message}); record more motion')
     profile = np.maximum(-found.ineqlin.marginals, 0.0) * unit / largest
     # without a floor, standstill in the data would make the slightest noise a collision
     profile[0] = max(profile[0], PROFILE_FLOOR * unit)

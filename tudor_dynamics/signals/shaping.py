@@ -57,17 +57,17 @@ class Impulses:
 
 def impulses(kind: str, frequency: float, damping: float) -> Impulses:
     """Give the impulses after which a mode does not oscillate: frequency [Hz]."""
-    if kind not in KINDS or not (math.isfinite(frequency) and frequency > 0.0
-                                 and 0.0 <= damping < 1.0):
-        msg = (f'shaper of kind {kind!r}, {frequency} Hz, damping ratio {damping}: give the kind '
-               f'{" or ".join(KINDS)}, a frequency above 0 Hz, a ratio of 0 to 1')
-        raise SignalError(msg)
+    if kind not in KINDS:
+        raise SignalError(f'the shaper is {kind!r}; give {" or ".join(KINDS)}')
+    if not 0.0 < frequency < math.inf:
+        raise SignalError(f'the shaper frequency is {frequency:g} Hz; give one above 0 Hz')
+    if not 0.0 <= damping < 1.0:
+        raise SignalError(f'the shaper damping ratio is {damping:g}; give 0 or more, below 1')
     root = math.sqrt(1.0 - damping**2)
     k = math.exp(-damping * math.pi / root)
     half = 0.5 / (frequency * root)
     weight = np.array([1.0, k] if kind == 'zv' else [1.0, 2.0 * k, k**2])
-    return Impulses(half * np.arange(len(weight), dtype=float),
-                    np.asarray(weight / weight.sum(), dtype=float))
+    return Impulses(half * np.arange(len(weight), dtype=float), weight / weight.sum())
 
 
 def remains(shaper: Impulses, frequency: float, damping: float) -> float:

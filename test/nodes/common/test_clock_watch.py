@@ -35,15 +35,15 @@ def test_age_is_no_fault() -> None:
     """Samples of 3 ms are just that old."""
     watch = watched(3_000_000)
     assert watch.age == pytest.approx(0.003) and watch.text() == '3.0'
-    assert watch.fault() == watch.offset() == ''
+    assert watch.fault() == watch.offset('joint_states') == ''
 
 
 @pytest.mark.parametrize('offset, words', [(-2 * SECOND, '2 s in the future'),
                                            (7 * SECOND, '7 s in the past')])
 def test_another_clock(offset: int, words: str) -> None:
     """An offset is named with its size and direction, but only once it is certain."""
-    assert words in watched(offset).offset()
-    assert watched(offset, 5).offset() == ''
+    assert words in watched(offset).offset('joint_states')
+    assert watched(offset, 5).offset('joint_states') == ''
 
 
 def test_no_stamps() -> None:

@@ -128,13 +128,13 @@ class ClockWatch:
                     'driver set header.stamp')
         return ''
 
-    def offset(self) -> str:
+    def offset(self, topic: str) -> str:
         """Say what is wrong with the clocks, though sample times are right; empty for nothing."""
         if self._count < ENOUGH or self.age is None or -EARLY <= self.age <= OLD:
             return ''
         where, most = ('in the future', EARLY) if self.age < 0.0 else ('in the past', OLD)
-        return (f'stamps of the positions are {abs(self.age):.3g} s {where} (limit {most:g} s): '
-                'synchronize the clocks of this machine and driver, and set use_sim_time alike')
+        return (f'stamps on {topic} are {abs(self.age):.3g} s {where} (limit {most:g} s): '
+                'synchronise node and driver, and give all nodes the same use_sim_time')
 
 
 UNUSABLE = {
@@ -432,7 +432,8 @@ class TudorNode(Node):
         if not since or since.total() < TOO_MANY * (used + since.total()):
             return ''
         cause, count = since.most_common(1)[0]
-        return f'cannot use {count} messages of the last second ({cause}): {UNUSABLE[cause]}'
+        text = UNUSABLE[cause].format(on=self.about()['hears'].replace(' ', ' or '))
+        return f'cannot use {count} messages of the last second ({cause}): {text}'
 
     def publish_diagnostics(self, extra: DiagnosticStatus | None = None) -> None:
         """Publish the state of the node; called once a second."""

@@ -41,7 +41,7 @@ from tudor_dynamics.nodes.common.messages import (
 from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
 from tudor_dynamics.online.black_box import record_of
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
-from tudor_dynamics.online.coverage import Coverage, CoverageLevel, SensorHealth
+from tudor_dynamics.online.coverage import Coverage, CoverageLevel, MEANING, SensorHealth
 from tudor_dynamics.online.detector import CollisionEvent, Level
 from tudor_dynamics.online.monitor import (
     FIELD, Found, METHODS, Monitor, MonitorSettings, SOURCE, Watch)
@@ -232,8 +232,7 @@ class DetectNode(ModelNode):
             '(analytical for momentum) for them; change the parameter methods or kind')
         missing = [m for m in watch.methods if m not in watch.stages]
         return '' if not missing else (
-            f'the model has no thresholds for {", ".join(missing)}: run tudor fit with more '
-            'motion without contact, or call ~/calibrate while the arm moves without contact')
+            MEANING['no_thresholds'].replace(':', f' for {", ".join(missing)}:', 1))
 
     def came(self, topic: str, stamp: int) -> None:
         """Count a message that the detector needs; say at once where fewer are judged."""
@@ -345,7 +344,8 @@ class DetectNode(ModelNode):
             return take
 
         def refuse(why: str) -> None:
-            self._note = f'calibration failed, the previous thresholds stay in use: {why}'
+            self._note = ('calibration failed, the previous thresholds stay in use: '
+                          f'{why}, then call ~/calibrate again')
             self.get_logger().error(self._note)
         self.in_background(learn, refuse)
 
@@ -377,15 +377,15 @@ class DetectNode(ModelNode):
         dead = [name for health in self.health.values()
                 for name in health.dead(self.value('stuck_time'))]
         verdict = self.coverage.verdict
-        learning = self._calibration is not None and not watch.stages
+        text = '' if self._calibration is not None and not watch.stages else verdict.text
         errors = [
             f'{", ".join(dead)}: no change for {self.value("stuck_time"):g} s while the arm '
             'moves; check the sensor and its driver' if dead else '',
             self._unserved if not watch.methods else '',
-            verdict.text if verdict.level is CoverageLevel.NONE and not learning else '']
+            text if verdict.level is CoverageLevel.NONE else '']
         warnings = [
-            verdict.text if not learning else '', self._unserved, self._note,
-            watch.outside_training,
+            text, self._unserved, watch.outside_training,
+            '' if '(no_thresholds)' in text and 'no thresholds' in self._note else self._note,
             f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
             'namespace, or remap the topic' if rivals else '']
         for level, texts in ((ERROR, errors), (WARN, warnings)):

@@ -141,8 +141,8 @@ DETECT = (
     Param('observer_gain', 30.0, 'bandwidth of the momentum observer', '1/s', 0.1, 1e4),
     Param('estimate_contact', False, 'estimate force and place of contacts, from strain where the '
           'model has it, else from the momentum observer'),
-    Param('calibration_time', 60.0, 'free motion that ~/calibrate learns from', 's', 30.0, 3600.0,
-          dynamic=True),
+    Param('calibration_time', 60.0, 'motion without contact that ~/calibrate learns from', 's',
+          30.0, 3600.0, dynamic=True),
     Param('stuck_time', 1.0, 'time without any change while the arm moves, after which a channel '
           'counts as dead', 's', 0.01, 600.0, dynamic=True))
 EVENT_BAGS = Param(
