@@ -46,7 +46,7 @@ examples:
       --torque '0.6*(step(t-0.1) - 2*step(t-0.4) + step(t-0.7))'
   tudor simulate config/elastic_arm.yaml --dt 0.0005 --out out --hold joint3 \\
       --torque 'joint2=4.6+1.5*sin(9*t)'
-  tudor simulate config/l_shape.yaml --out pushed --force 'z=2*step(t-0.5)' 'x=-1'
+  tudor simulate config/l_shape.yaml --out push --force 'z=2*step(t-0.5)' 'x=-1'
   tudor simulate config/l_shape.yaml --seconds 2 --out moved --motion motion.csv
 
 A torque is a CSV file (columns t, JOINT, ...), JOINT=EXPRESSION, or an EXPRESSION for the first
