@@ -71,8 +71,8 @@ CONTENT = {
                       'while it is identifiable'),
     'collision_event': ('std_msgs/Header', 'stamp = first sample above the threshold, frame_id = '
                         'link named'),
-    'collision_record': ('std_msgs/String', 'JSON of the last event, latched: measured, expected, '
-                         'thresholds and ratios of all channels, motion'),
+    'collision_record': ('std_msgs/String', 'JSON of the last event, latched: its channel; measured, '
+                         'expected, thresholds, ratios of all; motion; digest of the model'),
     'payload': ('geometry_msgs/InertiaStamped', 'mass of the load [kg] and its place, in the '
                 'frame of the last link; latched'),
     'wanted_trajectory': (MOTION, 'wanted motion; velocities and accelerations may be empty; '

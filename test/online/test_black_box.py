@@ -87,6 +87,7 @@ def test_a_record_has_what_was_known() -> None:
         5, 7, 'strain', 'link3', {'hub': 3.0, 'mid': -1.0}, {'hub': 1.5, 'mid': 0.25}), excess)
     assert json.loads(json.dumps(record)) == record
     assert (record['onset'], record['stamp'], record['link']) == (5, 7, 'link3')
+    assert record['channel'] == 'hub'
     assert record['measured'] == {'hub': 4.0, 'mid': 0.0}
     assert record['expected'] == {'hub': 1.0, 'mid': 1.0}
     assert record['residual'] == {'hub': 3.0, 'mid': -1.0}

@@ -77,7 +77,6 @@ class BlackBox:
             self._due = self._ring.last + round(RECORDED_AFTER * 1e9)
         self._pending.append({
             **record, 'state': self._node.status()[2],
-            'digest': self._node.bundle.digest if self._node.bundle else '',
             'settings': {name: self._node.value(name) for name in self._node.params}})
 
     def _look(self) -> None:

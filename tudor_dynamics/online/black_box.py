@@ -48,15 +48,15 @@ def record_of(event: CollisionEvent, excess: Excess) -> dict[str, Any]:
     Give all that was known at the sample that made an event certain, as JSON has it.
 
     excess: that of the event's method. Stamps in ns, ``time``: the onset as local time; by channel
-    in its unit; motion: q, dq, ddq of the active joints [rad or m, s].
+    in its unit; channel: of the largest ratio; motion: q, dq, ddq of active joints [rad or m, s].
     """
     channels = list(event.ratios)
     found = {'measured': excess.residual.measured, 'expected': excess.residual.predicted,
              'residual': excess.residual.value, 'threshold': excess.threshold,
              'ratio': np.array([event.ratios[name] for name in channels])}
-    return {'onset': event.onset, 'stamp': event.stamp,
-            'time': time_of_day(event.onset),
+    return {'onset': event.onset, 'stamp': event.stamp, 'time': time_of_day(event.onset),
             'method': event.method, 'link': event.link,
+            'channel': max(channels, key=event.ratios.__getitem__),
             **{name: dict(zip(channels, values.tolist(), strict=True))
                for name, values in found.items()},
             'motion': excess.residual.motion.row.tolist()}

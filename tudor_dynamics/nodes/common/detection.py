@@ -77,10 +77,10 @@ class CollisionOutput:
         node = self._node
         self.last = {'last collision [ns]': str(event.onset), 'last link': event.link}
         self._records.publish(String(data=json.dumps(record)))
-        name = max(event.ratios, key=lambda channel: event.ratios[channel])
         node.get_logger().warning(
             f'collision at {event.link}, detected by {event.method} at {record["time"]}: the '
-            f'residual of {name} is {event.ratios[name]:.2f} times its threshold')
+            f'residual of {record["channel"]} is {record["ratio"][record["channel"]]:.2f} times '
+            'its threshold')
         header = Header(frame_id=event.link)
         header.stamp = time_message(event.onset)
         self._events.publish(header)
@@ -289,6 +289,7 @@ class DetectNode(ModelNode):
             record = record_of(event, next(
                 excess for method, excess in found.excesses if method == event.method
                 and excess.residual.motion.stamp == event.stamp))
+            record['digest'] = self.bundle.digest if self.bundle else ''
             self.collision_output.event(event, record)
             self.keep(record)
         for estimate in found.contacts:
