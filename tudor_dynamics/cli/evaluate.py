@@ -118,7 +118,7 @@ def _truth(args: argparse.Namespace, place: int, bag: BagData, bundle: ModelBund
 def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
     """Print one row a method, and after it one row an event."""
     table = new_table(
-        f'collisions, thresholds for {allowed:g} false alarms per hour', names=('method',),
+        f'collisions, false alarms allowed per hour: {allowed:g}', names=('method',),
         figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',
                  'false\nalarms', '\nin [min]'))
     for item in results:
