@@ -225,9 +225,10 @@ def main() -> None:
                 f'{sum(run.sent for run in runs)}', f'{1e3 * median(r.p50 for r in runs):.1f} ms',
                 f'{1e3 * median(run.p99 for run in runs):.1f} ms', f'{1e6 * cpu:.0f} µs',
                 f'{100.0 * cpu * args.rate:.1f} % of a core', f'{memory:.0f} MB',
-                f'{memory / count:.0f} MB'))
+                f'{memory / count:.0f} MB',
+                f'{100.0 * median(run.others for run in runs):.0f} %'))
     show(('arms', 'processes', 'samples lost', 'p50', 'p99', 'CPU a sample', 'CPU an arm',
-          'memory (Pss)', 'an arm'), rows)
+          'memory (Pss)', 'an arm', 'other load, of a core'), rows)
 
 
 if __name__ == '__main__':
