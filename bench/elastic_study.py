@@ -40,9 +40,11 @@ from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.identification.loads import bundle_of
 from tudor_dynamics.identification.validation import score, trace
 from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.elastic.parameters import in_words
 from tudor_dynamics.online.monitor import MonitorSettings
 
 KINDS = ('analytical', 'elm', 'elastic')
+UNITS = {'1': '', 'N m^2': 'N m²'}
 
 
 def record(args: argparse.Namespace, payload: float, *, damped: bool, seed: int, stimuli: int,
@@ -69,7 +71,10 @@ def bags(arm: Arm, paths: list[str]) -> list[BagData]:
 def truth(arm: Arm) -> dict[str, float]:
     """Give the parameters of the simulation, as far as the elastic model has the same."""
     from tudor_dynamics.models.elastic.arm import DrivenArm
-    return {name: value for name, value in DrivenArm(arm).parameters.items() if name != 'payload'}
+    # between the teeth, whose edges are sharp, gears of the simulation have no torque
+    others = ('payload', 'edge', 'loose')
+    return {name: value for name, value in DrivenArm(arm).parameters.items()
+            if name.partition('(')[0] not in others}
 
 
 def spoilt(arm: Arm) -> Arm:
@@ -130,11 +135,13 @@ def fits(args: argparse.Namespace, arm: Arm) -> None:
     started = truth(known)
     rows = []
     for p in elastic.physical:
-        if p.name in exact:
-            size = exact[p.name] or float('nan')
-            rows.append((p.name, f'{size:.4g} {p.unit}', *(
-                f'{100.0 * (value / size - 1.0):+.1f} %' for value in (started[p.name], p.value)),
-                f'{100.0 * p.standard_error / size:.2g} %' + ('' if p.shown else ', not shown')))
+        size = exact.get(p.name)
+        if size:  # a share of nothing says nothing
+            start, found = (f'{100.0 * (value / size - 1.0):+.1f} %'
+                            for value in (started[p.name], p.value))
+            rows.append((in_words(p.name), f'{size:.4g} {UNITS.get(p.unit, p.unit)}'.strip(),
+                         start, found, f'{100.0 * p.standard_error / size:.2g} %' if p.shown
+                         else 'not in the recordings'))
     show(('parameter', 'truth', 'started from', 'identified', 'standard error'), rows)
 
 

@@ -101,6 +101,8 @@ def arms(folder: Path, model: str) -> Rows:
 
 PARTS: dict[str, Callable[[Path, str], Rows]] = {
     'samples': samples, 'joints': joints, 'bags': bags, 'arms': arms}
+OF = {'samples': 'samples of seven joints', 'joints': f'joints, {PER_JOINTS} samples',
+      'bags': f'bags of {BAG_SECONDS:g} s', 'arms': 'arms'}
 
 
 def curve(axes: Axes, rows: Rows, x: str, y: str, style: str, label: str) -> None:
@@ -179,11 +181,12 @@ def main(args: Sequence[str] | None = None) -> int:
     parts = [(name, [row for row in rows if row.get('layout') == layout]) for name, rows in
              found.items() for layout in dict.fromkeys(row.get('layout') for row in rows)]
     some = [(name, part[at]) for name, part in parts for at in (0, len(part) // 2, -1)]
-    show(('of', 'number', 'time', 'memory'), (
-        (', '.join([name, *([row['layout']] if 'layout' in row else [])]), row[name],
+    show(('of', 'number', 'CPU time', 'memory'), (
+        (f'{OF[name]}, {row["layout"]}' if 'layout' in row else OF[name], row[name],
          f'{row["cores"]:.1%} of a core' if 'cores' in row else
-         f'{row.get("cpu", row.get("seconds")):.3g} s',
-         f'{row["mb"]:.0f} MB' if 'mb' in row else f'{row["mib"]:.1f} MiB')
+         f'{row.get("cpu", row.get("seconds")):.2g} s',
+         f'{row["mb"]:.0f} MB' if 'mb' in row else
+         f'{row["mib"]:.0f} MiB' + ('' if name == 'bags' else ' beyond the data'))
         for name, row in some))
     draw(found, asked.out)
     return 0

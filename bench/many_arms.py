@@ -19,7 +19,8 @@ This process is all the robots and the listener: joint states and strains of eac
 rate, the arms one after the other within a period, as those that know nothing of each other.
 Latency runs from just before the joint states of a sample are published to the arrival of its
 residual. Memory is the proportional set size (Pss): pages that several processes share count
-in parts, so that figures may be added up.
+in parts, so that figures may be added up. The samples match no model; bags of their events are
+not written.
 
 What other processes took meanwhile stands beside the figures. Real-time priority, which suits
 `bench/node_rates.py`, does not suit this one: so many processes wait for each other at the start
@@ -157,7 +158,7 @@ def shared_memory(pid: int) -> float:
 
 def commands(layout: str, count: int, model: str) -> list[list[str]]:
     """Words of the processes of a layout."""
-    common = ['-p', f'model:={model}', '-p', "methods:=['strain']"]
+    common = ['-p', f'model:={model}', '-p', "methods:=['strain']", '-p', 'event_bags:=none']
     if layout == 'one process':
         names = ', '.join(f"'arm{k}'" for k in range(count))
         return [['-m', 'tudor_dynamics.nodes', 'monitors', '--ros-args', *common,
@@ -225,9 +226,10 @@ def main() -> None:
                 f'{sum(run.sent for run in runs)}', f'{1e3 * median(r.p50 for r in runs):.1f} ms',
                 f'{1e3 * median(run.p99 for run in runs):.1f} ms', f'{1e6 * cpu:.0f} µs',
                 f'{100.0 * cpu * args.rate:.1f} % of a core', f'{memory:.0f} MB',
-                f'{memory / count:.0f} MB'))
+                f'{memory / count:.0f} MB',
+                f'{100.0 * median(run.others for run in runs):.0f} %'))
     show(('arms', 'processes', 'samples lost', 'p50', 'p99', 'CPU a sample', 'CPU an arm',
-          'memory (Pss)', 'an arm'), rows)
+          'memory (Pss)', 'an arm', 'other load, of a core'), rows)
 
 
 if __name__ == '__main__':

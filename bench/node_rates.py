@@ -24,7 +24,8 @@ rclpy can do: bytes in, the same bytes out, on the executor of the nodes. `Insid
 What other processes of the machine took meanwhile stands beside the figures: with much of it they
 say nothing, unless the bench runs before all others (``chrt -f 50 python bench/node_rates.py``),
 as a robot's nodes should. A machine that halts for longer than queues are deep loses samples; see
-``--depth``.
+``--depth``. The samples match no model, so that each run has an event: one row has its bag written
+meanwhile, the others write none.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from statistics import median
 import struct
 import subprocess
 import sys
+from tempfile import TemporaryDirectory
 from threading import Thread
 import time
 
@@ -173,8 +175,8 @@ def queues(topics: Iterable[str], kind: str, depth: int) -> list[str]:
             for word in ('-p', f'qos_overrides./{topic}.{kind}.depth:={depth}')]
 
 
-def chains(model: str, depth: int = 0) -> dict[str, list[list[str]]]:
-    """Words of the processes of each chain."""
+def chains(model: str, depth: int = 0, events: str = 'none') -> dict[str, list[list[str]]]:
+    """Words of the processes of each chain; bags of events go into a folder."""
     arm = load_bundle(model).arm
     sensors = (arm.spec.joint_topic, arm.gauges[0].topic)
     within = ('joint_motion', 'predicted_strains')
@@ -191,7 +193,9 @@ def chains(model: str, depth: int = 0) -> dict[str, list[list[str]]]:
         'filter, predictor, detector': [node('joint_state_filter'), node('dynamics_predictor'),
                                         node('collision_detector', *methods)],
         'relay 1 hop': [['-c', RELAY, '0', str(depth or DEEP)]],
-        'monitor': [node('monitor', *methods)]}
+        'monitor': [node('monitor', *methods, '-p', 'event_bags:=none')],
+        'monitor, writes the bag of an event': [
+            node('monitor', *methods, '-p', f'event_bags:={events}')]}
 
 
 def measure(
@@ -250,9 +254,11 @@ def main() -> None:
     sys.setswitchinterval(1e-4)  # the listener must not wait for the sender
     plan = [('relay 3 hops', 500.0), ('filter, predictor, detector', 500.0),
             ('relay 1 hop', 1000.0), ('monitor', 1000.0),
+            ('monitor, writes the bag of an event', 1000.0),
             ('relay 1 hop', 2000.0), ('monitor', 2000.0)]
     plan = [item for item in plan if args.only in f'{item[0]} {item[1]:.0f}']
-    words = chains(args.model, args.depth)
+    folder = TemporaryDirectory()
+    words = chains(args.model, args.depth, folder.name)
     found: dict[tuple[str, float], list[dict[str, float]]] = {key: [] for key in plan}
     for _ in range(args.runs):
         for name, rate in plan:

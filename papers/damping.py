@@ -85,7 +85,7 @@ def section(setting: Setting) -> Section:
               f'{times["fixed"] / times["scheduled"]:.1f} x',
               bool(times['fixed'] >= FASTER * times['scheduled'])),
         Floor(f'{len(swings)} pick-ups of 100 to 400 g in motion', 'no limit cycle',
-              f'4 s later at most {swings[:, 0].max():.0f} um/m, '
+              f'4 s later at most {swings[:, 0].max():.0f} µm/m, '
               f'{swings[:, 1].max():.1f} deg/s',
               bool(np.all(swings[:, 0] < QUIET) and np.all(swings[:, 1] < SLOW)
                    and np.all(swings[:, 2] > 0.0))))

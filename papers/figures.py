@@ -268,5 +268,6 @@ def markdown(data: dict[str, Any]) -> str:
         '', '# Pushes', '',
         *table_lines(('method', 'pushes found', 'median', 'false alarms'), [
             (method, f'{score["found"]} of {score["pushes"]}',
-             f'{1000 * (score["latency_median"] or 0.0):.0f} ms', str(score['false_alarms']))
+             '' if (late := score['latency_median']) is None else f'{1000 * late:.0f} ms',
+             str(score['false_alarms']))
             for method, score in data['collisions'].items()]), ''])

@@ -120,7 +120,7 @@ def test_a_command_is_run_and_its_table_kept(
     assert tool.whole('python x --data DATA --work DIR', Path('/t')) == (
         'python x --data /data --work /t/work')
     assert tool.whole('python x --model model', Path('/t')).endswith(
-        '--out /t/model >&2 && python x --model /t/model')
+        '--out /t/model --overwrite >&2 && python x --model /t/model')
 
 
 def test_copied_figures_are_known() -> None:

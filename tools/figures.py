@@ -79,7 +79,7 @@ def whole(command: str, folder: Path) -> str:
         return text
     bags = [f'bags/two_blade_train_{number}' for number in (1, 2)]
     return (f'tudor fit {" ".join(bags)} --test bags/two_blade_test --arm '
-            f'config/two_blade_arm.yaml --out {given["model"]} >&2 && {text}')
+            f'config/two_blade_arm.yaml --out {given["model"]} --overwrite >&2 && {text}')
 
 
 def output_of(command: str, folder: Path) -> tuple[int, str]:
