@@ -105,7 +105,7 @@ def test_collisions_need_thresholds_of_that_kind(
 
 
 @pytest.mark.parametrize(('changes', 'part'), [
-    ({'links': None, 'motors': None}, 'needs links'),
+    ({'links': None, 'motors': None}, 'elastic models need'),
     ({'gauges': None}, 'no gauges are described')])
 def test_arms_that_do_not_allow_it(
     changes: dict[str, None], part: str, place: Path, tmp_path: Path,

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-import sys
 import time
 
 from rich.progress import BarColumn, TimeRemainingColumn
@@ -128,7 +127,6 @@ def run(args: argparse.Namespace) -> int:
     # Whatever is wrong with arm or options shows here, and compiled code is ready for all.
     loop = ClosedLoop(with_payload(arm, args.payload), damping=0.0 if args.no_damping else 1.0)
     steps_per_message(loop.dt, args.rate)
-    print('compiling, at most a minute, then simulating ...', file=sys.stderr, flush=True)
     loop.step([0.0] * len(arm.active_joints), [0.0] * len(arm.active_joints))
     specs = _specs(args, arm, loop.dt)
     total = args.stimuli * int(round(args.seconds / loop.dt))
