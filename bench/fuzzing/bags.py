@@ -209,7 +209,7 @@ class Bags:
         """Read the bag in every way; BagError where it cannot be."""
         self._turn += 1
         ways = (describe, lambda p: read_recording(p, self.arm),
-                lambda p: read_recording(p, self.carried), read_wrenches)
+                lambda p: read_recording(p, self.carried), lambda p: read_wrenches(open_bag(p)))
         try:  # each takes its turn
             ways[self._turn % len(ways)](path)
         except BagError:

@@ -23,6 +23,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.bags.messages import joint_signals, Signals, WRENCH_STAMPED
 from tudor_dynamics.bags.reader import read_recording, read_wrenches
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.bags.writer import encode, recording_series, write_bag
 from tudor_dynamics.errors import BagError, TudorWarning
 
@@ -368,14 +369,14 @@ def test_wrenches_are_read(tmp_path):
     """Force, torque and frame come back; a bag without the topic has none."""
     force = np.arange(900.0).reshape(300, 3)
     bag = make_bag(tmp_path / 'b', wrenches('/applied_wrench', force))
-    found = read_wrenches(bag)
+    found = read_wrenches(open_bag(bag))
     np.testing.assert_array_equal(found.stamp, times())
     np.testing.assert_array_equal(found.values['force'], force)
     np.testing.assert_array_equal(found.values['torque'], -force)
     assert set(found.frame) == {'tip'} and found.topic == '/applied_wrench'
-    assert read_wrenches(make_bag(tmp_path / 'c')) is None
+    assert read_wrenches(open_bag(make_bag(tmp_path / 'c'))) is None
     with pytest.raises(BagError, match='expected geometry_msgs/msg/WrenchStamped or'):
-        read_wrenches(bag.parent / 'c', 'joint_states')
+        read_wrenches(open_bag(bag.parent / 'c'), 'joint_states')
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])

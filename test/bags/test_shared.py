@@ -25,6 +25,7 @@ import pytest
 from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.reader import read_recording, read_wrenches
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, TudorWarning
 
@@ -114,7 +115,7 @@ def test_published_file_is_read():
 
 def test_pushes_have_their_truth():
     """Pushes of 2 to 6 N are found in the wrenches."""
-    found = read_wrenches(DATA / 'bags' / 'arm_200g_pushes')
+    found = read_wrenches(open_bag(DATA / 'bags' / 'arm_200g_pushes'))
     largest = np.linalg.norm(found.values['force'], axis=1).max()
     assert len(found.stamp) == 8000 and 2 <= largest <= 6.01
 

@@ -26,6 +26,7 @@ from rosbags.typesys import get_typestore, Stores
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.bags.reader import read_wrenches
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics.campaign import (
     random_pushes, record_stimulus, stimulus_motion, stimulus_seeds,
@@ -67,7 +68,7 @@ def test_bag_of_a_stimulus(root: Path, tmp_path: Path) -> None:
     wrenches = found['/applied_wrench']
     force = np.array([[m.wrench.force.x, m.wrench.force.y, m.wrench.force.z] for m in wrenches])
     frames = np.array([m.header.frame_id for m in wrenches])
-    read = read_wrenches(tmp_path / 'bag')
+    read = read_wrenches(open_bag(tmp_path / 'bag'))
     assert read is not None and list(read.frame) == frames.tolist()
     np.testing.assert_array_equal(read.values['force'], force)
     acting = np.linalg.norm(force, axis=1) > 0.0

@@ -25,7 +25,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics import errors
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.messages import (
     decode_topic, DecodedTopic, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE,
@@ -419,13 +418,7 @@ def read_recording(
     """
     check_type(path, (str, Path), 'path', 'the path of a bag')
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
-    plan = plan_from_arm(arm)
-    found = read_planned(path, plan, need_output=need_output, need_motion=need_motion)
-    with errors.quiet(), suppress(BagError):  # of another type, or damaged: nothing is known
-        if (wrenches := read_wrenches(path)) is not None:
-            size = np.linalg.norm(wrenches.values['force'], axis=1)
-            found = replace(found, push=np.interp(found.stamp, wrenches.stamp, size, 0.0, 0.0))
-    return found
+    return read_planned(path, plan_from_arm(arm), need_output=need_output, need_motion=need_motion)
 
 
 def read_planned(
@@ -435,44 +428,48 @@ def read_planned(
     """Read what a plan names from a bag, as `read_recording` does; quiet: without warnings."""
     bag = open_bag(path, quiet=quiet)
     there = {name for name in bag.find(plan.topics).values() if name is not None}
-    return assemble(bag, load_topics(bag, sorted(there)), plan, need_output=need_output,
-                    need_motion=need_motion)
+    found = assemble(bag, load_topics(bag, sorted(there)), plan, need_output=need_output,
+                     need_motion=need_motion)
+    with suppress(BagError):  # of another type, or damaged: nothing is known
+        if (wrenches := read_wrenches(bag)) is not None:
+            size = np.linalg.norm(wrenches.values['force'], axis=1)
+            found = replace(found, push=np.interp(found.stamp, wrenches.stamp, size, 0.0, 0.0))
+    return found
 
 
 BOOL = 'std_msgs/msg/Bool'
 BOOL_BYTES = 5  # A Bool after its encapsulation header
 
 
-def _messages(bag: Bag, topic: str, known: Sequence[str], path: str | Path) -> RawMessages | None:
+def _messages(bag: Bag, topic: str, known: Sequence[str]) -> RawMessages | None:
     """Read a topic of the first of some types; None where it is not there, or is empty."""
     name = bag.find({topic: JOINT_STATE})[topic]
     if name is None or not bag.topics[name].count:
         return None
     if bag.topics[name].msgtype != known[0]:
-        raise BagError(f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
+        raise BagError(f'{bag.path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
                        f'{" or ".join(known)}; give --truth a topic of such a type')
     return bag.read([name])[name]
 
 
-def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Signals | None:
+def read_wrenches(bag: Bag, topic: str = 'applied_wrench') -> Signals | None:
     """Read the wrenches of a bag; None where it has no message with one."""
-    raw = _messages(open_bag(path), topic, (WRENCH_STAMPED, BOOL), path)
+    raw = _messages(bag, topic, (WRENCH_STAMPED, BOOL))
     if raw is None or not raw.data:
         return None
-    found = decode_topic(raw, str(path)).signals()
+    found = decode_topic(raw, str(bag.path)).signals()
     return found.at(increasing(found.stamp)[0])
 
 
 def read_flags(
-    path: str | Path, topic: str, clock: str = 'joint_states',
+    bag: Bag, topic: str, clock: str = 'joint_states',
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
     """Read a Bool topic (n,), without stamps of its own, on header stamps of another; or None."""
-    bag = open_bag(path)
-    raw = _messages(bag, topic, (BOOL, WRENCH_STAMPED), path)
+    raw = _messages(bag, topic, (BOOL, WRENCH_STAMPED))
     if raw is None:
         return None
     if any(not BOOL_BYTES <= len(data) < BOOL_BYTES + 8 or data[4] > 1 for data in raw.data):
-        msg = f'{path}: topic {raw.topic} has messages that are no {BOOL}; record it again'
+        msg = f'{bag.path}: topic {raw.topic} has messages that are no {BOOL}; record it again'
         raise BagError(msg)
     joints = bag.find({clock: JOINT_STATE})[clock]
     shift = 0

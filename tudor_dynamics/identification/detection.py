@@ -94,10 +94,10 @@ def find_truth(
     bag = open_bag(path)
     found = bag.find({name: JOINT_STATE})[name]
     if found is not None and topic is not None and bag.topics[found].msgtype == BOOL:
-        flags = read_flags(path, topic, clock)
+        flags = read_flags(bag, topic, clock)
         if flags is not None:
             return Truth(topic, _flagged(*flags))
-    wrenches = read_wrenches(path, name)
+    wrenches = read_wrenches(bag, name)
     if wrenches is not None:
         size = np.hypot.reduce(wrenches.values['force'], axis=1)  # also of 1e300 N
         return Truth(name, _pushes(wrenches.stamp, size))
@@ -475,7 +475,7 @@ class Detector(Protocol):
     """A detector of one's own, such as a function."""
 
     def __call__(self, recording: Recording, /) -> FloatArray:
-        """Say how strongly each sample, (samples,), and those before show a touch, or NaN."""
+        """Give for each sample, (samples,), how likely a touch is, in any unit; NaN for none."""
 
 
 def roc_of_detector(

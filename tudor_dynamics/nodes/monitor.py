@@ -25,6 +25,7 @@ from threading import Thread
 from typing import Any
 
 from rclpy.subscription import Subscription
+from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -59,7 +60,9 @@ class BlackBox:
         """Keep the messages of a topic before something takes them."""
         if self._node.value('event_bags') in OFF:
             return take
-        # a quarter of the time of the clock's own now(), three times a sample
+        # the first use takes 60 ms, which the thread that writes would take from the loop
+        get_typestore(Stores.ROS2_JAZZY)
+        # a quarter of the time of the clock's own now() (bench/monitor_cost.py)
         now, ring = self._node.get_clock().handle.get_now, self._ring
         name = self._node.resolve_topic_name(topic)
         msgtype = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'

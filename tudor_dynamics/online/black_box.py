@@ -27,7 +27,6 @@ import shutil
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.arm.description import Arm, array_places
 from tudor_dynamics.bags.messages import DATA, JOINT_STATE, load_topics
@@ -81,8 +80,6 @@ class MessageRing:
     def __init__(self) -> None:
         self._messages: deque[tuple[int, str, str, bytes]] = deque()
         self._bytes = self.last = 0
-        # its first use takes 60 ms, which a thread that writes would take from the loop
-        get_typestore(Stores.ROS2_JAZZY)
 
     def add(self, time: int, topic: str, msgtype: str, data: bytes) -> None:
         """Keep a message: when it arrived [ns]. No two have one time: their order is kept."""
