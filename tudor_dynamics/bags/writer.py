@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO, FileIO
 from operator import itemgetter
@@ -192,16 +192,37 @@ def write_bag(
         If the path exists or cannot be written, the storage is unknown, or a recording has no arm.
 
     """
-    path = Path(path)
     if isinstance(series, Recording):
         check_type(arm, Arm, 'arm', 'a recording knows no topics')
         series = recording_series(series, cast(Arm, arm))
+    topics = [encode(item) if isinstance(item, Signals) else item for item in series]
+    messages = [(time, item.topic, item.msgtype, data) for item in topics
+                for time, data in zip(item.log_time.tolist(), item.data, strict=True)]
+    write_messages(path, sorted(messages, key=itemgetter(0)), storage=storage, custom=custom,
+                   topics=[(item.topic, item.msgtype) for item in topics])
+
+
+def write_messages(
+    path: str | Path, messages: Iterable[tuple[int, str, str, bytes]], *, storage: str = 'mcap',
+    custom: Mapping[str, str] | None = None, topics: Iterable[tuple[str, str]] = (),
+) -> None:
+    """Write a bag of messages in their order: time [ns], topic, type, data; topics: also empty."""
+    path = Path(path)
     if storage not in PLUGINS:
         raise BagError(f'{path}: storage {storage!r} is unknown; use one of {", ".join(PLUGINS)}')
     _check_free(path)
+    typestore = get_typestore(Stores.ROS2_JAZZY)
     try:
-        with whole(path, replace=False) as scratch:
-            _write(scratch, series, PLUGINS[storage], custom or {})
+        with whole(path, replace=False) as scratch, Writer(
+                scratch, version=METADATA_VERSION, storage_plugin=PLUGINS[storage]) as writer:
+            for key, value in (custom or {}).items():
+                writer.set_custom_data(key, value)
+            known = {item: writer.add_connection(*item, typestore=typestore) for item in topics}
+            for time, topic, msgtype, data in messages:
+                item = topic, msgtype
+                if item not in known:
+                    known[item] = writer.add_connection(*item, typestore=typestore)
+                writer.write(known[item], time, data)
     except FAILURES as err:
         msg = f'{path}: cannot be written ({reason(err)}); {remedy_of(err)}'
         raise BagError(msg) from None
@@ -211,24 +232,6 @@ def _check_free(path: Path) -> None:
     if path.exists() or path.is_symlink():
         msg = f'{path}: exists already and is not overwritten; give another name or remove it'
         raise BagError(msg)
-
-
-def _write(
-    path: Path, series: Sequence[Signals | RawMessages], plugin: StoragePlugin,
-    custom: Mapping[str, str],
-) -> None:
-    typestore = get_typestore(Stores.ROS2_JAZZY)
-    topics = [encode(item) if isinstance(item, Signals) else item for item in series]
-    with Writer(path, version=METADATA_VERSION, storage_plugin=plugin) as writer:
-        for key, value in custom.items():
-            writer.set_custom_data(key, value)
-        connections = [writer.add_connection(item.topic, item.msgtype, typestore=typestore)
-                       for item in topics]
-        messages = [(time, connection, data)
-                    for item, connection in zip(topics, connections, strict=True)
-                    for time, data in zip(item.log_time.tolist(), item.data, strict=True)]
-        for time, connection, data in sorted(messages, key=itemgetter(0)):
-            writer.write(connection, time, data)
 
 
 def recording_series(recording: Recording, arm: Arm) -> list[Signals]:

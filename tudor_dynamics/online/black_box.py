@@ -30,8 +30,8 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm, array_places
 from tudor_dynamics.bags.messages import DATA, JOINT_STATE, load_topics
-from tudor_dynamics.bags.storage import Bag, METADATA, one_line, RawMessages, read_metadata
-from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.bags.storage import Bag, METADATA, one_line, read_metadata
+from tudor_dynamics.bags.writer import write_messages
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.detector import CollisionEvent, Excess, time_of_day
 from tudor_dynamics.online.monitor import FIELD, Found, Monitor
@@ -39,6 +39,8 @@ from tudor_dynamics.online.settings import RECORDED, RING_BYTES, RING_TIME
 from tudor_dynamics.online.streams import Gathering
 from tudor_dynamics.typing import FloatArray
 
+Message = tuple[int, str, str, bytes]
+"""When it arrived [ns], topic, type, data."""
 EVENTS = 'tudor_events'
 """Key of the records of events among the custom data of a bag: JSON, a list of `record_of`."""
 
@@ -78,7 +80,7 @@ class MessageRing:
     """The messages of the last 30 s as they came, at most 64 MB of them."""
 
     def __init__(self) -> None:
-        self._messages: deque[tuple[int, str, str, bytes]] = deque()
+        self._messages: deque[Message] = deque()
         self._bytes = self.last = 0
 
     def add(self, time: int, topic: str, msgtype: str, data: bytes) -> None:
@@ -93,22 +95,20 @@ class MessageRing:
         while self._messages[0][0] < oldest or self._bytes > RING_BYTES:
             self._bytes -= len(self._messages.popleft()[3])
 
-    def series(self) -> list[RawMessages]:
-        """Give what is kept, topic by topic."""
-        found: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
-        for time, topic, msgtype, data in tuple(self._messages):
-            found.setdefault((topic, msgtype), []).append((time, data))
-        return [RawMessages(*topic, np.array([time for time, _ in items]),
-                            [data for _, data in items]) for topic, items in found.items()]
+    def kept(self) -> tuple[Message, ...]:
+        """Give what is kept now; all of it in one step, so that any thread may ask."""
+        return tuple(self._messages)
 
 
-def write_events(folder: Path, series: list[RawMessages], records: list[dict[str, Any]]) -> Path:
+def write_events(
+    folder: Path, messages: Iterable[Message], records: list[dict[str, Any]],
+) -> Path:
     """Write a bag of events, whole or not at all; the oldest goes where there are too many."""
     # by the clock on the wall: simulated time begins at 0 in every run
     path = folder / datetime.now().strftime('event_%Y%m%d_%H%M%S_%f')
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_bag(path, series, custom={EVENTS: json.dumps(records)})
+        write_messages(path, messages, custom={EVENTS: json.dumps(records)})
         own = []
         for item in sorted(folder.glob(f'event_*/{METADATA}')):
             with suppress(BagError):
