@@ -32,7 +32,7 @@ release = tudor_dynamics.__version__
 # MathJax comes from disk, by a package that ships it: the pages are read without a network.
 extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.mathjax', 'numpydoc',
               'myst_parser', 'sphinx-mathjax-offline', 'figure_data',
-              'site_build']
+              'site_build', 'sphinx_copybutton']
 templates_path = ['_templates']
 exclude_patterns = ['_templates', 'reference/generated/library.txt', 'reference/generated/nodes']
 html_theme = 'furo'
@@ -40,6 +40,7 @@ html_title = f'tudor_dynamics {release}'
 html_copy_source = False
 html_static_path = ['_static']
 html_css_files = ['site.css']
+html_js_files = ['full_size.js']
 html_favicon = '_static/favicon.svg'
 html_search_scorer = str(Path(__file__).parent / '_extensions' / 'search_order.js')
 
@@ -58,12 +59,13 @@ autodoc_default_options = {'members': True, 'show-inheritance': True}
 # One page a module: its members are documented there, not on pages of their own.
 numpydoc_show_class_members = False
 default_role = 'code'
+smartquotes = False  # options have two hyphens in text, too
 
 # The names of the library, each with a link to where it is defined.
 library = Path(__file__).parent / 'reference' / 'generated' / 'library.txt'
 library.parent.mkdir(exist_ok=True)
 library.write_text('.. autosummary::\n   :nosignatures:\n\n' + ''.join(
-    f'   ~{home}.{name}\n' for home, names in tudor_dynamics._HOMES.items() for name in names))
+    f'   ~{getattr(tudor_dynamics, name).__module__}.{name}\n' for name in tudor_dynamics.__all__))
 
 code_pages.write(library.parent)
 
