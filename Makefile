@@ -81,7 +81,7 @@ papers: venv
 
 # Any warning ends it: a docstring that Sphinx cannot read is one that people cannot read.
 docs: venv
-	@$(BIN)/python -c 'import furo, myst_parser, numpydoc' 2>/dev/null \
+	@$(BIN)/python -c 'import furo, myst_parser, numpydoc, sphinx_copybutton' 2>/dev/null \
 	  || $(BIN)/python -m pip install --quiet --use-pep517 --editable '.[docs]'
 	@$(ROS) $(BIN)/python -m sphinx -W --keep-going -j auto -b html docs build/docs
 	@echo "open in a browser: file://$(abspath build/docs)/index.html"

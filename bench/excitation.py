@@ -279,13 +279,13 @@ def closed_loop(folder):
         command('record', '--arm', arm, '--stimuli', 1, '--jobs', 1, '--seed', seed, '--out',
                 here / 'random')
         command('fit', here / 'random' / 'stimulus_01', '--arm', arm, '--out', here / 'first',
-                '--force')
+                '--exit-zero')
         command('excite', arm, '--floor', '-9', '--model', here / 'first', '--seed', seed,
                 '--out', here / 'plan')
         command('record', '--arm', arm, '--trajectory', here / 'plan', '--stimuli', 1, '--jobs', 1,
                 '--seed', seed + 10, '--out', here / 'planned')
         found = command('fit', here / 'planned' / 'stimulus_01', '--arm', arm, '--plan',
-                        here / 'plan', '--out', here / 'second', '--force', '--json')['plan']
+                        here / 'plan', '--out', here / 'second', '--exit-zero', '--json')['plan']
         rows.append((f'seed {seed}', *(
             f'median {found[f"median_over_{by}"]:.2f}, {found[f"within_30_percent_of_{by}"]:.0%} '
             'within 30 %' for by in ('expected', 'by_noise'))))

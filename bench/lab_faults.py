@@ -178,7 +178,7 @@ def answers(lab: Lab, through: str) -> list[dict[str, Any]]:
         bag, description = lab.write(folder)
         words = ['info', bag, '--arm', description, '--json']
         if through == 'fit':
-            words = ['fit', bag, '--arm', description, '--json', '--force', '--out',
+            words = ['fit', bag, '--arm', description, '--json', '--exit-zero', '--out',
                      folder / 'model']
         code, out, err = spoken(*words)
         refused = code not in (0, 1)

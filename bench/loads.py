@@ -56,7 +56,7 @@ def fit(out, arm, training, *options):
     """Fit to bags with their loads [kg]."""
     tudor('fit', *training, '--payload-of', *(f'{str(bag).partition("@")[0]}={mass}'
                                               for bag, mass in training.items()),
-          '--arm', arm, '--out', out, '--overwrite', '--force', *options)
+          '--arm', arm, '--out', out, '--overwrite', '--exit-zero', *options)
 
 
 def main():

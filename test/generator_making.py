@@ -101,9 +101,10 @@ class Generator:
     def told(self) -> Any:
         """Give a diagnosis of this moment."""
         heard = self.world.heard['/diagnostics']
-        heard.clear()
-        self.node.publish_diagnostics()
-        assert self.world.spin(lambda: any(
-            s.name.startswith('reference_generator') for a in heard for s in a.status))
+        for _ in range(2):  # the first one heard may have been on its way
+            heard.clear()
+            self.node.publish_diagnostics()
+            assert self.world.spin(lambda: any(
+                s.name.startswith('reference_generator') for a in heard for s in a.status))
         return [s for a in heard for s in a.status
                 if s.name.startswith('reference_generator')][-1]

@@ -113,4 +113,4 @@ def test_workers_end_with_their_parent(root: Path, tmp_path: Path) -> None:
     assert not (tmp_path / 'out').exists() or list((tmp_path / 'out').iterdir()) == []
     with errors:
         errors.seek(0)
-        assert not errors.read()
+        assert not [line for line in errors if not line.startswith('compiling functions')]

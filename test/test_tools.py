@@ -98,4 +98,4 @@ def test_the_reference_has_all_of_a_node() -> None:
     text = nodes_reference.page('monitor')
     assert [line for line in text.splitlines() if line.startswith('#')] == [
         '## Subscribed', '## Published', '## Services', '## Parameters', '## Diagnostics']
-    assert "| `model` | `''` |" in text and '| s | 0 .. 60 |' in text
+    assert "made by tudor fit | `''` |" in text and '| s | 0 .. 60 |' in text

@@ -189,11 +189,11 @@ def tables() -> str:
             heading = f'### `{part}`' if part else '### Top level'
             summary = ' '.join(text.replace('``', '`').split('\n\n')[0].split())
             lines += ['', heading, '', summary, '',
-                      '| key | values | default | unit | read by | meaning |',
+                      '| key | meaning | values | default | unit | read by |',
                       '|---|---|---|---|---|---|']
         name = key.path.rpartition('.')[2]
-        lines.append(f'| `{name}` | {key.values} | {key.default} | {key.unit} | {key.readers} | '
-                     f'{key.meaning.replace("``", "`")} |')
+        lines.append(f'| `{name}` | {key.meaning.replace("``", "`")} | {key.values} | '
+                     f'{key.default} | {key.unit} | {key.readers} |')
     return '\n'.join(lines) + '\n'
 
 

@@ -31,7 +31,10 @@ import sys
 from tudor_dynamics.nodes.common.base import TudorNode
 from tudor_dynamics.nodes.common.interfaces import NODES, Param
 
-HEAD = ('| name | default | unit | range | while running | what it does |\n'
+NODES_PAGE = '../nodes.md#what-all-nodes-share'
+QOS = {'Subscribed': 'Best effort, so that any driver matches', 'Published':
+       'Reliable; topics that are latched also transient local, with one message'}
+HEAD = ('| name | what it does | default | unit | range | while running |\n'
         '|---|---|---|---|---|---|\n')
 
 MOTION = 'trajectory_msgs/JointTrajectory'
@@ -71,8 +74,9 @@ CONTENT = {
                       'while it is identifiable'),
     'collision_event': ('std_msgs/Header', 'stamp = first sample above the threshold, frame_id = '
                         'link named'),
-    'collision_record': ('std_msgs/String', 'JSON of the last event, latched: its channel; measured, '
-                         'expected, thresholds, ratios of all; motion; digest of the model'),
+    'collision_record': ('std_msgs/String', 'JSON of the last event, latched: its channel; '
+                         'measured, expected, thresholds, ratios of all; motion; digest of '
+                         'the model'),
     'payload': ('geometry_msgs/InertiaStamped', 'mass of the load [kg] and its place, in the '
                 'frame of the last link; latched'),
     'wanted_trajectory': (MOTION, 'wanted motion; velocities and accelerations may be empty; '
@@ -222,8 +226,8 @@ def row(param: Param) -> str:
     """Write the row of a parameter."""
     bounds = '' if param.low is None else f'{param.low:g} .. {param.high:g}'
     choices = f'; one of {", ".join(param.choices)}' if param.choices else ''
-    return (f'| `{param.name}` | `{_default(param)}` | {param.unit} | {bounds} | '
-            f'{"yes" if param.dynamic else "no"} | {param.text}{choices} |\n')
+    return (f'| `{param.name}` | {param.text}{choices} | `{_default(param)}` | {param.unit} | '
+            f'{bounds} | {"yes" if param.dynamic else "no"} |\n')
 
 
 def node_class(name: str) -> type[TudorNode]:
@@ -246,7 +250,8 @@ def tables(name: str) -> Iterator[str]:
     """Write the tables of a node."""
     for part, topics in zip(('Subscribed', 'Published'), TOPICS[name], strict=True):
         if topics:
-            yield f'## {part}\n\n| topic | type | content |\n|---|---|---|\n' + ''.join(
+            yield (f'## {part}\n\n{QOS[part]}; [quality of service]({NODES_PAGE}).\n\n'
+                   '| topic | type | content |\n|---|---|---|\n') + ''.join(
                 f'| `{topic}` | {CONTENT[topic][0]} | {CONTENT[topic][1]} |\n'
                 for topic in topics)
     if name in SERVICES:

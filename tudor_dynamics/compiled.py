@@ -19,11 +19,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, ExitStack, suppress
 from fcntl import flock, LOCK_EX
+from functools import cache
 import hashlib
+import logging
 import math
 import os
 from pathlib import Path
 import shutil
+from threading import Timer
 from typing import Any, cast, TypeVar
 
 import numba
@@ -119,6 +122,13 @@ def compiled(function: Function) -> Function:
 
 
 _ALONE: set[Path] = set()  # locks that this process holds
+SILENCE = 3.0  # after so long it is said that something is compiled [s]
+
+
+@cache
+def _say() -> None:
+    logging.getLogger('tudor_dynamics').warning(
+        'compiling functions for this processor, once after each update; this takes a minute')
 
 
 def _once(function: Any) -> Any:
@@ -129,6 +139,11 @@ def _once(function: Any) -> Any:
     def compile_once(signature: Any) -> Any:
         # numba's own lock first: who has it may need this function inside of another one
         with global_compiler_lock, ExitStack() as held:
+            if not _ALONE:
+                timer = Timer(SILENCE, _say)
+                timer.daemon = True
+                timer.start()
+                held.callback(timer.cancel)
             if place not in _ALONE:
                 with suppress(OSError):  # a directory without locks, or without rights
                     flock(held.enter_context(place.open('a')), LOCK_EX)

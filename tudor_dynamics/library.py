@@ -366,8 +366,9 @@ def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
         item.get('sha256') == bag.recording.checksum != ''
         and bag.choice.overlaps(parse_choice(str(item.get('bag')))) for item in training)]
     if seen:
-        msg = (f'{", ".join(seen)}: the model was trained on this, so its errors here are '
-               'smaller than on new bags; test it on other bags')
+        more = f' and {len(seen) - 3} more' if len(seen) > 3 else ''
+        msg = (f'{", ".join(seen[:3])}{more}: the model was trained on it, so its errors are '
+               'smaller there than on new bags; test it on other bags')
         warnings.warn(msg, TudorWarning, stacklevel=3)
     return seen
 

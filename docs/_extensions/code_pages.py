@@ -71,6 +71,8 @@ def command(name: str) -> str:
     for group in parser._action_groups:
         rows = _rows(group._group_actions, parser)
         if rows:
+            if group.title not in ('positional arguments', 'options'):
+                lines += [f'**{group.title[0].upper()}{group.title[1:]}**', '']
             lines += ['| argument | what it does |', '|---|---|', *rows, '']
     epilog = (parser.epilog or '').strip()
     if epilog:

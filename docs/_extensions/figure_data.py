@@ -26,6 +26,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
+import re
 import subprocess
 from typing import Any
 
@@ -37,6 +38,8 @@ from sphinx.util import logging
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / 'docs' / 'figures'
 LOGGER = logging.getLogger(__name__)
+UNIT = re.compile(r'(?<=\d) (?=(?:%|[µmk]?s|min|h|k?Hz|[µmc]?m|m?N|k?g|deg|rad|[KMG]i?B)\b|%)')
+"""Blank between a number and its unit, which stay in one line."""
 
 
 @dataclass(frozen=True)
@@ -90,12 +93,12 @@ class FiguresDirective(Directive):
         figures = read(name)
         changes = figures.changes()
         age = ('' if changes == 0 else ', age unknown' if changes is None else
-               ', **old**: its code has changed since')
+               f'; {changes} commits to its code since')
         copied = '' if figures.measured else ', copied from what it prints'
         if changes:
             LOGGER.info('old: figures %s are of %s, %d commits to their code since; %s',
                         name, figures.commit, changes, figures.command)
-        lines = [*figures.table(), '',
+        lines = [*(UNIT.sub('\u00a0', line) for line in figures.table()), '',
                  f'*{figures.date}, {figures.commit}: `{figures.command}`*{copied}{age}', '']
         parent = nodes.container(classes=['figures'])
         self.state.nested_parse(StringList(lines, source=name), self.content_offset, parent)

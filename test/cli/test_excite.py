@@ -65,7 +65,7 @@ def test_plan_record_fit(
     capsys.readouterr()
 
     assert main(['fit', str(bag), '--arm', arm, '--plan', str(tmp_path / 'plan'), '--out',
-                 str(tmp_path / 'model'), '--force', '--json']) == 0
+                 str(tmp_path / 'model'), '--exit-zero', '--json']) == 0
     found = json.loads(capsys.readouterr().out)['plan']
     page = (tmp_path / 'model' / 'report.html').read_text()
     assert 'id="planned"' in page and 'Reached over promised' in page
@@ -110,9 +110,10 @@ def test_moves_for_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 
 
 @pytest.mark.parametrize(('options', 'said'), [
-    (('--seconds', '3'), 'give 10 to 3600'), (('--noise-of', 'joint2=-1'), 'positive standard'),
-    (('--noise-of', 'nobody=1'), 'one of joint2, joint3'),
-    (('--highest', '0.01'), 'give --highest above 0.0833 Hz'),
+    (('--seconds', '3'), 'give 10 to 3600'),
+    (('--noise-of', 'joint2=-1'), 'its standard deviation, above 0'),
+    (('--noise-of', 'nobody=1'), 'with a NAME of joint2, joint3'),
+    (('--highest', '0.01'), 'raise --highest above 0.0833 Hz'),
     (('--noise', '0'), '--noise 0: give'),
     (('--model', 'none'), 'none'), (('--srdf', 'none.srdf'), 'SRDF cannot be read'),
     (('--model', 'm', '--noise', '1'), 'leave out --noise')])

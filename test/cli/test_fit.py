@@ -213,7 +213,7 @@ def test_a_copy_is_no_test(
     assert main(['evaluate', '--model', str(fitted), str(copy), '--json']) == 0
     said = capsys.readouterr()
     assert json.loads(said.out)['trained_on'] == [str(copy)]
-    assert 'trained on this' in said.err and said.err.count('\n') == 1
+    assert 'trained on it' in said.err and said.err.count('\n') == 1
 
 
 def test_a_dead_gauge(
@@ -291,7 +291,7 @@ def test_a_model_of_noise_is_not_good_enough(
     words = ['fit', tmp_path / 'noise', '--arm', root / 'config/two_blade_arm.yaml', '--json']
     found = run_json(capsys, *words, '--out', tmp_path / 'm1', code=1)
     assert found['strain']['analytical']['verdict'] == 'do not use'
-    run_json(capsys, *words, '--out', tmp_path / 'm2', '--force', code=0)
+    run_json(capsys, *words, '--out', tmp_path / 'm2', '--exit-zero', code=0)
 
 
 @pytest.mark.shared
@@ -364,7 +364,7 @@ def test_a_gauge_that_no_bag_has_is_left_out(
     bag = root / 'bags/two_blade_train_1'
     capsys.readouterr()
     assert main(['fit', str(bag), '--models', 'analytical', '--arm', str(arm), '--out', str(out),
-                 '--force']) == 0
+                 '--exit-zero']) == 0
     said = capsys.readouterr()
     assert 'no bag has the gauges link3_mid' in said.err
     found = run_json(capsys, 'evaluate', '--model', out, bag, '--json')
@@ -377,7 +377,7 @@ def test_a_flexible_tool_with_the_models(
 ) -> None:
     """Currents do not show its size, which is said before the fit; torques do."""
     words = ['fit', f'{root}/bags/two_blade_train_1@0-50%', '--models', 'vibration', '--arm',
-             f'{root}/config/two_blade_arm.yaml', '--out', str(tmp_path / 'm'), '--force']
+             f'{root}/config/two_blade_arm.yaml', '--out', str(tmp_path / 'm'), '--exit-zero']
     assert main(words) == 2
     assert 'are in A, but the model of vibration needs N m or N' in capsys.readouterr().err
     tool = FlexibleTool.model_validate({

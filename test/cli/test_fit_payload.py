@@ -74,7 +74,7 @@ def test_bags_that_say_what_they_carry(arm: str, tmp_path: Path, capsys) -> None
 def test_payload_of(arm: str, tmp_path: Path, capsys) -> None:
     """The command line says what the bags do not; one bag left unsaid is asked for."""
     empty, full = bag(tmp_path / 'a', 0.0, 1), bag(tmp_path / 'b', 0.4, 2)
-    more = ['--arm', arm, '--models', 'analytical', '--force']
+    more = ['--arm', arm, '--models', 'analytical', '--exit-zero']
     assert main(['fit', empty, full, *more, '--out', str(tmp_path / 'm1'), '--payload-of',
                  f'{full}=0.4']) == 0  # one is known only: nothing to tell apart
     assert 'of all payloads' not in capsys.readouterr().out

@@ -95,8 +95,8 @@ def test_mistakes_of_ours_are_one_line_and_a_file(
     assert 'call: tudor evaluate bag' in text and 'Traceback' in text and __version__ in text
     monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path / 'gone'))
     assert entry.main(['evaluate']) == 70
-    assert ('run the command again with --debug FILE and report the defect with FILE (no file '
-            'could be written to' in capsys.readouterr().err)
+    assert ('run the command again with --debug FILE and report the defect with FILE (the '
+            'report cannot be written to' in capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(('err', 'code', 'ended'), [
@@ -354,3 +354,16 @@ def test_a_description_that_cannot_be_read_is_left_out_of_a_bug_report(
     command.run, kept = _raise(BagError('secret.yaml: cannot be read')), tmp_path / 'debug.txt'
     assert entry.main(['evaluate', str(tmp_path / 'secret.yaml'), '--debug', str(kept)]) == 2
     assert 'cannot be read' in kept.read_text() and 'name: arm' not in kept.read_text()
+
+
+@pytest.mark.parametrize(('command', 'old', 'new'), [
+    ('fit', '--force', '--exit-zero'), ('simulate', '--plot', '--pictures')])
+def test_old_names_of_options(
+    capsys: pytest.CaptureFixture[str], command: str, old: str, new: str,
+) -> None:
+    """They work, and one line says what they are called now."""
+    with pytest.raises(SystemExit, match='2'):
+        entry.main([command, old, 'arm.yaml', '--out', 'm', '--bag'])
+    err = capsys.readouterr().err
+    assert f'warning: {old} is now {new}; the old name goes with 1.2\n' in err
+    assert 'there is no --bag' in err

@@ -32,7 +32,7 @@ def model(tmp_path_factory: pytest.TempPathFactory, root: Path) -> Path:
     assert main(['fit', str(root / 'bags/two_blade_train_1'), '--arm',
                  str(root / 'config/two_blade_arm.yaml'), '--filter', 'causal', '--estimator',
                  'wls', '--friction', 'viscous', 'coulomb', '--currents', 'separate', '--out',
-                 str(out), '--force']) == 0
+                 str(out), '--exit-zero']) == 0
     return out
 
 
@@ -66,7 +66,7 @@ def test_two_known_payloads(shared_data: Path, root: Path, tmp_path: Path, capsy
     known = [f'{bags}/arm_000g_free_1=0', f'{bags}/arm_200g_free_1=0.2']
     assert main(['fit', *(text.split('=')[0] for text in known), '--payload-of', *known, '--arm',
                  str(root / 'config/two_blade_arm.yaml'), '--out', str(tmp_path / 'model'),
-                 '--force']) == 0
+                 '--exit-zero']) == 0
     true = {f'{bags}/arm_200g_free_2': 0.2, f'{bags}/arm_200g_free_4': 0.2,
             f'{bags}/arm_000g_undamped_1': 0.0}
     capsys.readouterr()

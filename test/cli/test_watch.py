@@ -68,7 +68,7 @@ def test_a_bag(
     (['run'], 'give --model'),
     (['run', '--model', 'm', '--speed', '-1'], '--speed -1'),
     (['run', '--model', 'm', '--speed', 'nan'], '--speed nan'),
-    (['run', '--model', 'm', '--false-alarms', '0'], 'above 0'),
+    (['run', '--model', 'm', '--false-alarms', '0'], 'more than 0'),
     (['--picture', 'v.svg'], 'need a BAG'), (['--json'], 'need a BAG'),
     (['--web', '0'], 'port of 1 to 65535')])
 def test_refusals(options: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -50,7 +50,7 @@ COMMANDS = {
     'record': 'record --arm config/tudor.yaml --seconds 3 --out {pipe}',
     'simulate': f'simulate {LINK} --torque 0 --seconds 0.01 --out {{pipe}}',
     'simulate --animate': f'simulate {LINK} --torque 0 --seconds 0.1 --animate {{pipe}}.gif',
-    'simulate --plot': f'simulate {LINK} --plot --out {{folder}}',
+    'simulate --pictures': f'simulate {LINK} --pictures --out {{folder}}',
     'watch --picture': 'watch {bag} --model {model} --picture {pipe}.svg',
     'tune': 'tune config/tudor.yaml --payloads 0 --out {pipe}.yaml',
     'tune --picture': 'tune config/tudor.yaml --payloads 0 --out {free}.yaml --picture {pipe}.png',

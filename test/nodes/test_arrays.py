@@ -58,7 +58,7 @@ def arrays(root: Path, tmp_path_factory: pytest.TempPathFactory, recording) -> P
     write(out / 'bag', topic_of(states), topic_of(currents),
           Topic('/bridge', ARRAY, topic_of(states).log_time, strain))
     assert main(['fit', str(out / 'bag'), '--arm', str(out / 'arm.yaml'), '--models',
-                 'analytical', '--out', str(out / 'model'), '--force']) == 0
+                 'analytical', '--out', str(out / 'model'), '--exit-zero']) == 0
     assert main(['evaluate', '--model', str(out / 'model'), str(out / 'bag'), '--causal', '--rate',
                  'full', '--save', str(out / 'r.npz'), '--json']) == 0
     return out

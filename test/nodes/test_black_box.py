@@ -89,7 +89,8 @@ def test_replayed_to_the_last_bit(
     assert main(['why', str(bag), '--at', 'noon']) == 2
     save_bundle(replace(bundle, facts={**bundle.facts, 'made': {}}), tmp_path / 'again')
     assert main(['why', str(bag), '--model', str(tmp_path / 'again')]) == 0
-    assert 'again is not the model that the monitor used for this event' in capsys.readouterr().err
+    assert f'again (digest {bundle.digest[:12]}' not in (err := capsys.readouterr().err)
+    assert f'the monitor used for this event (digest {bundle.digest[:12]})' in err
 
 
 def test_a_folder_that_takes_nothing(

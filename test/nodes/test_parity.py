@@ -108,7 +108,7 @@ def test_real_arm(world: World, shared_data: Path, root: Path, tmp_path: Path) -
     bag, out = tmp_path / 'bag', tmp_path / 'm'
     assert import_merit([str(shared_data / 'merit_exp1.csv'), '--out', str(bag)]) == 0
     assert main(['fit', f'{bag}@0-50%', '--test', f'{bag}@50-100%', '--models', 'analytical',
-                 '--arm', str(root / 'config/tudor.yaml'), '--out', str(out), '--force']) == 0
+                 '--arm', str(root / 'config/tudor.yaml'), '--out', str(out), '--exit-zero']) == 0
     reference = tmp_path / 'r.npz'
     assert main(['evaluate', '--model', str(out), str(bag), '--causal', '--rate', 'full', '--save',
                  str(reference), '--json']) == 0

@@ -182,7 +182,7 @@ def test_two_publishers_of_collisions(world: World, tudor: Path) -> None:
     generator.node._look()
     status = generator.told()
     assert status.level == DiagnosticStatus.WARN
-    assert '2 nodes publish on collision' in status.message
+    assert '2 nodes publish on the topic collision' in status.message
 
 
 def test_moves_are_shaped(world: World, root: Path, tmp_path: Path) -> None:
@@ -318,7 +318,7 @@ def test_lifecycle(world: World, tudor: Path) -> None:
     assert node.trigger_activate().name == 'SUCCESS'
     assert generator.run(5)[-1] == pytest.approx(generator.q)
     assert node.trigger_shutdown().name == 'SUCCESS'
-    assert generator.told().message.startswith('shut down')
+    assert generator.told().message.startswith('has been shut down')
 
 
 def test_no_goals_among_random_targets(world: World, tudor: Path) -> None:

@@ -48,7 +48,7 @@ def several(root: Path, tmp_path_factory: pytest.TempPathFactory, recording) -> 
     arm = load_arm(out / 'arm.yaml')
     write_bag(out / 'bag', recording_series(recording, arm))
     assert main(['fit', str(out / 'bag'), '--arm', str(out / 'arm.yaml'), '--models',
-                 'analytical', '--out', str(out / 'model'), '--force']) == 0
+                 'analytical', '--out', str(out / 'model'), '--exit-zero']) == 0
     assert main(['evaluate', '--model', str(out / 'model'), str(out / 'bag'), '--causal', '--rate',
                  'full', '--save', str(out / 'r.npz'), '--json']) == 0
     return out

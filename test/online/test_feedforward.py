@@ -136,7 +136,7 @@ def test_currents_and_torques() -> None:
     assert torque.efforts(motion) == pytest.approx(plain.efforts(motion) * [2.0, 4.0])
     assert np.array_equal(Feedforward(known, unit='current').efforts(motion),
                           plain.efforts(motion))
-    with pytest.raises(ModelError, match='torque constant is not described'):
+    with pytest.raises(ModelError, match='the joint has no torque constant'):
         Feedforward(bundle(two_gauge_arm()), unit='current')
 
 

@@ -347,7 +347,7 @@ def load_arm(path: str | Path) -> Arm:
     check_type(path, (str, Path), 'path', 'the path of a YAML file')
     path = Path(path)
     text = read_text(path, MAX_YAML_BYTES, 'the arm description', ArmError,
-                     'check --arm, or write one with `tudor init`')
+                     'check the path, or write one with `tudor init`')
     try:
         content = load_yaml(text)
     except YamlError as err:

@@ -74,7 +74,7 @@ class ExactAngles:
             return ''
         more = len(self._changed) - SHOWN
         shown = ', '.join(self._changed[:SHOWN]) + (f' and {more} more' if more > 0 else '')
-        return (f'angles within {NEAR:g} rad of a multiple of 45 degrees are taken as that: '
+        return (f'angles within {NEAR:g} rad of a multiple of 45 degrees are rounded to it: '
                 f'{shown} [rad]')
 
 

@@ -639,7 +639,7 @@ class BeamSpec(Spec):
             yield 'give either the end of the beam or its length, not both'
         for part in self.lumped:
             if isinstance(part.node, int) and part.node > self.elements:
-                yield (f'an entry of lumped has node {part.node}, but the last is '
+                yield (f'an entry of lumped has node {part.node}, but the last node is '
                        f'{self.elements}; correct node, or raise elements')
 
 

@@ -286,7 +286,8 @@ class Assembly:
         what = 'strain' if field == 'position' else field  # a JointState has strains there
         topic = self.names[wanted]
         if topic is None:
-            self.notes.add(f'no topic {wanted}, so the {what} of {who} is missing', lacking=True)
+            self.notes.add(f'no topic {wanted}, so the {what} of {who} is missing; record it if '
+                           'it is needed', lacking=True)
             return None
         states = self.states(topic, channels[0])
         stream, index = self.select(states, keys, field)

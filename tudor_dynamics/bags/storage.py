@@ -383,9 +383,9 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
     with open_regular(journal) as stream:
         # written before SQLite changes the file itself, whose pages may now be of two times
         if stream.read(len(HOT_JOURNAL)) == HOT_JOURNAL:
-            raise BagError(f'{file}: the recorder was killed while it wrote; to undo the broken '
-                           f'write by {journal.name}, run `sqlite3 {file.name} "pragma '
-                           'quick_check"` in this directory, best in a copy of it')
+            raise BagError(f'{file}: the recorder was killed while it wrote; to undo the last '
+                           f'write with {journal.name}, run `sqlite3 {file.name} "pragma '
+                           'quick_check"` in its directory, best in a copy of that')
 
 
 def _open_directory(path: Path, notes: Notes) -> Bag:
@@ -431,7 +431,7 @@ def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
         raise BagError(msg) from None
     if not exists:
         left = ', '.join(map(str, abandoned(path)))
-        found, one = (f', but a killed recorder left {left}', 'that, or ') if left else ('', '')
+        found, one = (f', but a killed recorder left {left}', f'{left}, or ') if left else ('', '')
         msg = (f'{path}: no such file or directory{found}; give {one}a rosbag2 directory, .mcap '
                'or .db3 file')
     elif path.suffix == '.bag':

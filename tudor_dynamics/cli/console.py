@@ -173,17 +173,16 @@ def print_findings(findings: Sequence[Finding]) -> None:
 def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) -> Table:
     """Lay figures out as a table."""
     table = new_table(title, names=('channel',), figures=(
-        'RMSE', 'unit', 'sigma(E)', 'fit\n%', 'Eq. 18\n%', 'rel. error\n%'))
+        'RMSE', 'unit', 'sigma(E)', 'fit\n%', 'rel. error\n%'))
     table.columns[2].justify = 'left'
     for output, model, score, units in rows:
         unit = set(units.values())
         table.add_row(f'{output}, {model}', f'{score.rmse:.4g}',
                       unit.pop() if len(unit) == 1 else 'mixed', f'{score.sigma_e:.4g}',
-                      _percent(score.fit), _percent(score.fit_printed),
-                      _percent(100 * score.relative_error))
+                      _percent(score.fit), _percent(100 * score.relative_error))
         for name, channel in score.channels.items():
             table.add_row(f'  {name}', f'{channel.rmse:.4g}', units[name], '',
-                          _percent(channel.fit), '', _percent(100 * channel.relative_error))
+                          _percent(channel.fit), _percent(100 * channel.relative_error))
         table.add_section()
     return table
 
@@ -204,6 +203,9 @@ def print_table(table: Table) -> None:
     # no markup: units in brackets, and names that come from bags, stand as they are
     console = Console(markup=False, highlight=False, emoji=False)
     console.width = max(console.width, _arrange(table, console.width))
+    title, table.title = table.title, None  # rich would fold it to the width of the figures
+    if title:
+        console.print(title)
     console.print(table)
 
 
@@ -267,6 +269,13 @@ def changed_trajectories(
         except TudorError as err:
             raise err.at(f'{args.trajectory}, trajectory {number}') from None
     return done
+
+
+def refuse_existing(path: Path, *, overwrite: bool) -> None:
+    """Let nothing be replaced that nobody asked to replace."""
+    if path.exists() and not overwrite:
+        raise UsageError('exists already', place=path,
+                         remedy='choose another --out, or add --overwrite')
 
 
 def add_running(parser: Any) -> None:

@@ -116,7 +116,12 @@ def _truth(args: argparse.Namespace, place: int, bag: BagData, bundle: ModelBund
 
 
 def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
-    """Print one row a method, and after it one row an event."""
+    """Print the best method in words, one row a method, and after it one row an event."""
+    best = max((item for item in results if item.score.pushes and item.score.hours), default=None,
+               key=lambda item: (item.score.found, -(item.score.false_alarms or 0)))
+    if best is not None:
+        say(f'{best.method} finds {best.score.found} of {best.score.pushes} pushes, with '
+            f'{best.score.false_alarms} false alarms in {60.0 * best.score.hours:.1f} min')
     table = new_table(
         f'collisions, false alarms allowed per hour: {allowed:g}', names=('method',),
         figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',
@@ -331,7 +336,8 @@ def run(args: argparse.Namespace) -> int:
     say(*map(str, worse))
     if compared and not worse:
         say('the model is what it was in its validation: no channel is worse by more than chance')
-    print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}', rows))
+    print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}, ' + (
+        'as the monitor filters' if args.causal else 'offline: filters without delay'), rows))
     print_findings(findings)
     for bag, carried in evaluated.loads.items():
         say(f'load in {bag}: {carried.sentence}')

@@ -87,8 +87,7 @@ examples:
 
 PLAN has the motion as a bag (trajectory_msgs/JointTrajectory), as CSV and as a picture, and what
 it will show in plan.json. Then move the robot and record: tudor fit RUN --plan PLAN says what was
-reached. `tudor record --trajectory PLAN` plays it in simulation. exit codes: 0 done, 2 wrong
-input.
+reached. `tudor record --trajectory PLAN` plays it in simulation.
 """
 
 RANDOM = 3  # random motions that the planned one is compared with
@@ -141,8 +140,8 @@ def _check(args: argparse.Namespace) -> None:
     for name, least, most, unit in (
             ('seconds', 10.0, 3600.0, ' s'), ('rate', 10.0, 10_000.0, ' Hz'),
             ('highest', 1e-3, 50.0, ' Hz'), ('steps', 1, 10**6, ''), ('seed', 0, 2**63, ''),
-            ('noise', 1e-12, 1e12, ''), ('budget', 0.0, 1e6, ' s'), ('radius', 1e-3, 1.0, ' m'),
-            ('floor', -1e3, 1e3, ' m')):
+            ('noise', 1e-12, 1e12, ' in the unit of the efforts'), ('budget', 0.0, 1e6, ' s'),
+            ('radius', 1e-3, 1.0, ' m'), ('floor', -1e3, 1e3, ' m')):
         value = getattr(args, name)
         if value is not None and not least <= value <= most:
             raise UsageError(f'--{name} {value:g}: give {least:g} to {most:g}{unit}')
@@ -174,8 +173,8 @@ def _noise(args: argparse.Namespace, arm: Arm) -> dict[str, FloatArray]:
         except ValueError:
             number = 0.0
         if name not in names or not 0.0 < number < 1e12:
-            raise UsageError(f'--noise-of {text}: expected NAME=SIZE, a positive standard '
-                             f'deviation in the unit of NAME, one of {", ".join(names)}')
+            raise UsageError(f'--noise-of {text}: expected NAME=SIZE with a NAME of '
+                             f'{", ".join(names)}, and its standard deviation, above 0')
         output, place = names[name]
         size[output][place] = number
     return size if arm.gauges else {'effort': size['effort']}

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.cli.console import new_table, print_table, say, write
+from tudor_dynamics.cli.console import new_table, print_table, refuse_existing, say, write
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.bundle import elastic_of, ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -75,9 +75,7 @@ def run(args: argparse.Namespace) -> int:
     bundle = load_bundle(args.model, with_data=True)
     files, left_out, full = _content(bundle, args, out)
     for path in files:
-        if path.exists() and not args.overwrite:
-            raise UsageError('exists already', place=path,
-                             remedy='choose another --out, or add --overwrite')
+        refuse_existing(path, overwrite=args.overwrite)
     for path, text in files.items():
         write(path, '--out', text.encode())
     if full is not None:

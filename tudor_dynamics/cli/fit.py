@@ -95,7 +95,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='replace a bundle at MODEL; the report compares the two')
     parser.add_argument('--compare', metavar='MODEL', type=Path,
                         help='earlier bundle to compare this fit with')
-    parser.add_argument('--force', action='store_true',
+    parser.add_argument('--exit-zero', action='store_true',
                         help='exit with 0 even if no model is good enough')
     parser.add_argument('-v', '--verbose', action='store_true',
                         help='print offline figures, all verdicts and what was chosen, too')
@@ -126,9 +126,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'with the others, or separate (default: auto)')
     models.add_argument('--strain-form', choices=STRAIN_FORMS, default='exact',
                         help="bending moment at the gauge, or the joint's as in the paper")
-    models.add_argument('--elm-hidden', type=int, default=100, metavar='H')
-    models.add_argument('--elm-ridge', type=float, default=1e-6, metavar='LAMBDA')
-    models.add_argument('--elm-seed', type=int, default=0, metavar='N')
+    models.add_argument('--elm-hidden', type=int, default=100, metavar='H',
+                        help='neurons of the ELM (default: 100)')
+    models.add_argument('--elm-ridge', type=float, default=1e-6, metavar='LAMBDA',
+                        help='its regularisation (default: 1e-6)')
+    models.add_argument('--elm-seed', type=int, default=0, metavar='N',
+                        help='of its random weights (default: 0)')
 
 
 def described(args: argparse.Namespace) -> Arm:
@@ -203,7 +206,7 @@ def run(args: argparse.Namespace) -> int:
         say(*[f'tool: {fit.bundle.tool}'] * (fit.bundle.tool is not None))
         if fit.plan is not None:
             print_comparison(fit.plan)
-    if any(level is not Grade.DO_NOT_USE for level in levels) or args.force:
+    if any(level is not Grade.DO_NOT_USE for level in levels) or args.exit_zero:
         return 0
     return 1
 

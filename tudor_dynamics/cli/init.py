@@ -22,8 +22,8 @@ import shlex
 import sys
 
 from tudor_dynamics.arm.description import arm_from_dict, OPEN, spelled
-from tudor_dynamics.cli.console import say, say_command
-from tudor_dynamics.errors import printable, UsageError
+from tudor_dynamics.cli.console import refuse_existing, say, say_command
+from tudor_dynamics.errors import printable
 from tudor_dynamics.files import other_name, write_whole
 from tudor_dynamics.identification.drafting.draft import (
     answer, Draft, draft_of, question_of, text_of)
@@ -56,8 +56,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Look at the bags, ask where somebody can answer, write the file and say what is in it."""
     out = Path(args.out)
-    if out.exists() and not args.overwrite:
-        raise UsageError(f'{out}: exists already; give another name, or --overwrite to replace it')
+    refuse_existing(out, overwrite=args.overwrite)
     draft = draft_of(args.bags, urdf=None if args.urdf is None else Path(args.urdf),
                      dh=None if args.dh is None else Path(args.dh), out=out)
     if sys.stdin.isatty() and sys.stdout.isatty():

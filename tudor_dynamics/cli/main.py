@@ -82,6 +82,11 @@ OK, NOT_GOOD_ENOUGH, WRONG_INPUT, DEFECT = 0, 1, 2, 70
 """Exit codes; the last one, EX_SOFTWARE of sysexits.h, is for errors that nobody expected."""
 
 
+RENAMED = {('tudor fit', '--force'): '--exit-zero',
+           ('tudor simulate', '--plot'): '--pictures'}
+"""Options that have another name since 1.0, by command."""
+
+
 class Parser(argparse.ArgumentParser):
     """Answers a wrong word with the word that was meant, in place of the whole usage."""
 
@@ -94,6 +99,11 @@ class Parser(argparse.ArgumentParser):
                                                  for action in self._actions):
                 place = words.index(f'--{name}')
                 words = [words[place + 1], *words[:place], *words[place + 2:]]
+        for place, word in enumerate(words):
+            if new := RENAMED.get((self.prog, word)):
+                warnings.warn(f'{word} is now {new}; the old name goes with 1.2', TudorWarning,
+                              stacklevel=2)
+                words[place] = new
         for word in words:
             name = word.partition('=')[0]
             if name.startswith('--') and len(name) > 2 and self.prog != 'tudor' and not any(
@@ -279,8 +289,8 @@ def _traceback_file(arguments: Sequence[str]) -> str:
         with open(number, 'w', encoding='utf-8', errors='replace') as file:
             file.write(report(arguments))
     except OSError as err:
-        return (f'run the command again with --debug FILE and report the defect with FILE (no '
-                f'file could be written to {tempfile.gettempdir()}: {err.strerror})')
+        return (f'run the command again with --debug FILE and report the defect with FILE (the '
+                f'report cannot be written to {tempfile.gettempdir()}: {err.strerror})')
     return f'please report it with {path}'
 
 

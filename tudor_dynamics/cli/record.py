@@ -161,7 +161,7 @@ def _write_campaign(
 
 
 def _print(results: list[StimulusResult], out: Path, seconds: float) -> None:
-    table = new_table(f'{out}: {len(results)} bags in {seconds:.1f} s', names=('bag',),
+    table = new_table(f'recorded into {out} in {seconds:.1f} s', names=('bag',),
                       figures=('samples', 'pushes'))
     for result in results:
         table.add_row(Path(result.bag).name, str(result.samples), str(len(result.pushes)))

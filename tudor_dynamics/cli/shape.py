@@ -63,8 +63,8 @@ def run(args: argparse.Namespace) -> int:
     check_trajectories(args)
     if args.model is not None:
         if args.damping is not None:
-            raise UsageError('--damping needs --frequency, as --model has its own damping ratio',
-                             remedy='leave --damping out')
+            raise UsageError('--damping goes with --frequency alone: --model has its own damping '
+                             'ratio', remedy='leave --damping out')
         done = _by_model(args, load_bundle(args.model))
     else:
         done = _by_frequency(args)

@@ -41,7 +41,7 @@ EXAMPLES = """\
 examples:
   tudor simulate config/l_shape.yaml --modes 8
   tudor simulate config/l_shape.yaml --modes 8 --free motor
-  tudor simulate config/l_shape.yaml --plot --out out
+  tudor simulate config/l_shape.yaml --pictures --out out
   tudor simulate config/l_shape.yaml --seconds 5 --out out --animate out/l.gif \\
       --torque '0.6*(step(t-0.1) - 2*step(t-0.4) + step(t-0.7))'
   tudor simulate config/elastic_arm.yaml --dt 0.0005 --out out --hold joint3 \\
@@ -80,7 +80,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rho', type=float, default=0.9,
                         help='numerical damping of the highest frequencies, 1 for none (0.9)')
     parser.add_argument('--out', metavar='DIR', help='run.npz, bag/ and figures go there')
-    parser.add_argument('--plot', action='store_true',
+    parser.add_argument('--pictures', action='store_true',
                         help='draw the initial configuration and, after a run, the signals')
     parser.add_argument('--signals', metavar='S', nargs='+',
                         help='what to draw, e.g. acceleration:tip moment:JOINT strain:GAUGE')
@@ -121,8 +121,8 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
     count_steps(args.seconds, args.dt, args.rate)  # says so if they are impossible
     if args.modes is not None and args.modes < 1:
         raise UsageError(f'--modes {args.modes}: give the number of modes to list, 1 or more')
-    if (args.plot or args.animate is None) and args.out is None and (
-            args.plot or _runs(args)) and not args.json:
+    if (args.pictures or args.animate is None) and args.out is None and (
+            args.pictures or _runs(args)) and not args.json:
         msg = 'nothing says where results go: give --out DIR (or --json for figures alone)'
         raise UsageError(msg)
     if args.out is not None and (Path(args.out) / 'bag').exists():
@@ -178,11 +178,11 @@ def run(args: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
     if args.modes is not None:
         print_modes(plant, args.modes, args.free, as_json=args.json)
-    if args.plot and folder is not None:
+    if args.pictures and folder is not None:
         plot_configuration(folder / 'initial.png', mechanism, probe.observe().position,
                            f'{arm.name}: initial configuration')
         print(f'{folder / "initial.png"}: initial configuration', file=sys.stderr)
-    if not _runs(args) and (args.plot or args.modes is not None):
+    if not _runs(args) and (args.pictures or args.modes is not None):
         _warn_of(largest_rotation(plant), arm)
         return 0
     known = signal_names(mechanism, arm.gauge_names)
@@ -196,7 +196,7 @@ def run(args: argparse.Namespace) -> int:
     result = SimulatedRun(arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
     if folder is not None:
         result.save(folder)
-    if args.plot and folder is not None:
+    if args.pictures and folder is not None:
         for name in signals:
             file = ''.join(c if c.isalnum() or c in '-_' else '_' for c in name)
             result.plot(name, folder / f'{file}.png', title=result.curves(name).title)

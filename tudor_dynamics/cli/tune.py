@@ -23,7 +23,8 @@ import numpy as np
 from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
+from tudor_dynamics.cli.console import (
+    bar, new_table, print_json, print_table, refuse_existing, say)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.bundle import elastic_of
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -64,6 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--payloads', type=float, nargs='+', metavar='KG',
                         help='masses at the tip, ascending')
     parser.add_argument('--out', required=True, metavar='FILE.yaml', help='schedule to write')
+    parser.add_argument('--overwrite', action='store_true', help='replace the schedule')
     parser.add_argument('--picture', metavar='FILE',
                         help='picture of it (.png, .svg or .pdf; beside the schedule)')
     parser.add_argument('--json', action='store_true', help='print figures as JSON')
@@ -74,6 +76,7 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.out)
     if out.suffix not in ('.yaml', '.yml'):
         raise UsageError(f'--out {out}: expected a file that ends in .yaml')
+    refuse_existing(out, overwrite=args.overwrite)
     picture = picture_path(args.picture or out.with_suffix('.png'))
     arm = load_arm(args.arm)
     model = None
@@ -113,8 +116,8 @@ def run(args: argparse.Namespace) -> int:
         return int(missed.any())
     table = new_table(f'{arm.name}: damping ratio {wish.damping_ratio:g} at a delay of '
                       f'{1e3 * wish.delay:g} ms, least and most over {missed[0].size} poses',
-                      figures=('payload [g]', 'first mode [Hz]', 'position gain [1/s]',
-                               'damping ratio', 'with fixed gains', 'holds up to [ms]'))
+                      figures=('payload\n[g]', 'first mode\n[Hz]', 'position gain\n[1/s]',
+                               'damping\nratio', 'with fixed\ngains', 'holds up to\n[ms]'))
     for payload, *values in rows:
         values[-1] = 1e3 * values[-1]
         table.add_row(f'{1e3 * payload:g}', *(

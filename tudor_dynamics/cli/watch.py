@@ -71,13 +71,15 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'--web {args.web}: expected a port of 1 to {LAST_PORT}')
     if args.bag is None:
         if args.picture or args.model or args.json:
-            raise UsageError('--picture, --model and --json need a BAG; live topics have --web')
+            raise UsageError('--picture, --model and --json need a BAG; give one, or leave them '
+                             'out')
         return _topics(args)
     if not args.model:
         raise UsageError('watching a bag needs a model of its arm', remedy='give --model MODEL')
-    if not args.speed >= 0.0 or not args.false_alarms > 0.0:
-        raise UsageError(f'--speed {args.speed:g} --false-alarms {args.false_alarms:g}: expected '
-                         'a speed of 0 or more and a rate above 0 per hour')
+    if not args.speed >= 0.0:
+        raise UsageError(f'--speed {args.speed:g}: give 0 or more')
+    if not args.false_alarms > 0.0:
+        raise UsageError(f'--false-alarms {args.false_alarms:g}: give more than 0 an hour')
     return _bag(args)
 
 

@@ -189,7 +189,8 @@ def arm_gains(arm: Arm) -> list[JointGains]:
     """Tune the cascade of an arm's active joints."""
     if arm.spec.damper is None:
         raise ArmError(f'{arm.source}: there is no damper section with the gains of the loop; add '
-                       'damper: position_gain, mean_frequency, velocity_bandwidth and joints')
+                       'the key damper with position_gain, mean_frequency, velocity_bandwidth '
+                       'and joints')
     motors = {motor.joint: motor for motor in arm.spec.motors}
     for joint in arm.joints:
         if joint.name not in motors:

@@ -171,8 +171,8 @@ def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> N
         same = known.setdefault(Path(other.path).resolve(), [])
         for one in same:
             if one.overlaps(other):
-                msg = (f'{one} and {other} overlap: the same samples twice, or in training and '
-                       'test; name parts that do not overlap, such as BAG@0-60% and BAG@60-100%')
+                msg = (f'{one} and {other} overlap, so samples would count twice; name parts that '
+                       'do not overlap, such as BAG@0-60% and BAG@60-100%')
                 raise UsageError(msg)
         if number < len(training):
             same.append(other)

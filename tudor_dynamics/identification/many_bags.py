@@ -275,7 +275,7 @@ class ManyBags:
 
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
         if wrong and self.streaming.strict:
-            raise FitError(f'--strict: unusable bags: {len(wrong)}; the first: {wrong[0]}',
+            raise FitError(f'--strict: {len(wrong)} unusable bags, first {wrong[0]}',
                            remedy='leave out such bags, or leave out --strict')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
             warnings.warn(f'left out: {item}', TudorWarning, stacklevel=2)

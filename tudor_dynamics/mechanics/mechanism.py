@@ -138,7 +138,7 @@ def _body_frame(beam: BeamSpec, end: FloatArray, axis: FloatArray, where: str) -
             y = np.eye(3)[int(np.argmin(np.abs(x)))]
     y = y - (y @ x) * x
     if np.linalg.norm(y) < 1e-6:
-        msg = f'{where}: height_axis points along the beam; give a direction across'
+        msg = f'{where}: height_axis points along the beam; give a direction across it'
         raise SimulationError(msg)
     y = y / np.linalg.norm(y)
     return np.column_stack([x, y, np.cross(x, y)])

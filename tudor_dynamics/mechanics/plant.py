@@ -382,8 +382,8 @@ class Plant:
         slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
         # Links so stiff that 2 ms do not follow them are meant as rigid: they stay damped.
         if self.dt * slowest > 1.0 / 8.0 and self.dt > 2e-3:
-            msg = (f'{self.mechanism.name}: a step of {self.dt:g} s is too large, the slowest '
-                   f'vibration of the links has {slowest:.3g} Hz; take at most '
+            msg = (f'{self.mechanism.name}: a step of {self.dt:g} s is too large for the '
+                   f'slowest vibration of the links, {slowest:.3g} Hz; take at most '
                    f'{1.0 / (8.0 * slowest):.2g} s, better {1.0 / (100.0 * slowest):.1g} s')
             raise SimulationError(msg)
 
@@ -403,7 +403,7 @@ class Plant:
                    f'{settings.MAX_ROTATION} rad, where a linear beam means nothing; energy '
                    f'before: {self.energy().total:.6g} J; check torques and sections')
         else:
-            msg = (f'{name}: the run diverged at t = {t:.6g} s, energy before: '
-                   f'{self.energy().total:.6g} J; take a smaller step than {self.dt:g} s or check '
+            msg = (f'{name}: the run diverged at t = {t:.6g} s, energy a step before: '
+                   f'{self.energy().total:.6g} J; take a step below {self.dt:g} s, or check '
                    'torques and masses')
         raise SimulationError(msg)

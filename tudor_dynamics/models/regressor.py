@@ -69,17 +69,10 @@ class Regressor(ABC):
     @abstractmethod
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """
-        Evaluate rows, shape (n_samples, n_channels, n_columns).
+        Evaluate rows, shape (n_samples, n_channels, n_columns), into ``out`` where it is given.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2]; after it the states of friction, as of joints that slide where these are left
-            out (`FrictionStates`).
-        out : ndarray of shape (n_samples, n_channels, n_columns), optional
-            Array to be filled, in place of a new one.
-
+        motion: ``[q, dq, ddq]`` of the active joints, (n_samples, 3 n_joints); after it the
+        states of friction, as of joints that slide where these are left out (`FrictionStates`).
         """
 
     @abstractmethod

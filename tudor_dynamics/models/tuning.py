@@ -109,7 +109,7 @@ class TunedArm:
     def __init__(self, arm: Arm, model: ElasticModel | None = None) -> None:
         if arm.spec.damper is None:
             raise ModelError('there is no damper section to tune', place=arm.source,
-                             remedy='add damper: joints, with gauges and rough gains')
+                             remedy='add the key damper: for each joint a gauge and a rough gain')
         self.arm = arm
         self.dampers = [item for item in arm.spec.damper.joints if item.joint in arm.active_joints]
         self._index = index = [arm.gauge_names.index(item.gauge) for item in self.dampers]

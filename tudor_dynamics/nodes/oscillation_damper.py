@@ -81,7 +81,7 @@ class OscillationDamperNode(MovingNode):
         Figure('damper JOINT', lambda controller: dict(zip(
             controller.damper.joints, controller.damper.report(), strict=True)), 'controller'))
     feels = True
-    ending = 'shut down: the joints brake to standstill; start the node again to go on'
+    ending = 'has been shut down: the joints brake to standstill; start the node again to go on'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('oscillation_damper', LONGEST_GAP, **kwargs)
@@ -213,7 +213,8 @@ class OscillationDamperNode(MovingNode):
             return STALE, (f'no joint positions arrive on {self._own}, so no commands are sent: '
                            'start the driver of the arm')
         if controller.missing:
-            return STALE, f'{self._own}: the damper commands standstill: {controller.cause}'
+            return STALE, (f'{self._own}: {controller.cause}; until then the damper commands '
+                           'standstill')
         if self.crowded and self.crowded[0] == ERROR:
             return self.crowded
         gains = controller.gains

@@ -66,7 +66,7 @@ class ReferenceGeneratorNode(MovingNode):
         Figure('trajectory', lambda source: _progress(source), 'source'),
         Figure('off the reference JOINT [rad]', lambda source: _off(source), 'source'),
         Figure('begun again', lambda source: source.note or None, 'source'))
-    ending = 'shut down: the reference brakes to standstill; start the node again to go on'
+    ending = 'has been shut down: the arm brakes to standstill; start the node again to go on'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('reference_generator', LONGEST_GAP, **kwargs)
@@ -314,8 +314,8 @@ class ReferenceGeneratorNode(MovingNode):
         if self.crowded is not None:
             return self.crowded
         if len(self.monitors) > 1:
-            return WARN, (f'{len(self.monitors)} nodes publish on {COLLISION}: '
-                          f'{", ".join(self.monitors)}; let only one publish there')
+            return WARN, (f'{len(self.monitors)} nodes publish on the topic {COLLISION}: '
+                          f'{", ".join(self.monitors)}; let only one of them do so')
         if self._unwatched and self.monitors:
             return WARN, f'no node watches for collisions any more: {self._unwatched}'
         return level, message

@@ -250,8 +250,8 @@ class TrajectoryRelayNode(TudorNode):
             shape = partial(shaped_for, tool, kind=kind) if tool is not None else partial(
                 convolved, shaper=impulses(kind, frequency, self.value('shaping_damping')))
             if np.abs(state.dq).max() > AT_REST:
-                raise SignalError('the arm still moved',
-                                  remedy='send the next motion after the last one has ended')
+                raise SignalError('the arm was still moving when it arrived',
+                                  remedy='send each motion after the one before has ended')
             begin = max(since, 0.0)
             return shape(from_state(whole, state, begin) if whole.t[0] > begin else whole)
         except SignalError as err:

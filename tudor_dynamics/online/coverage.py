@@ -54,14 +54,14 @@ class SensorHealth:
 
 
 MEANING = {
-    'settling': 'filters settle after a start or gap on {on}: wait; if this lasts, look for lost '
-                'messages',
+    'settling': 'filters are settling after a start or gap in {on}: wait; if this lasts, look for '
+                'lost messages',
     'gap': 'messages on {on} are lost: check the driver, the network and qos_overrides',
     'not_finite': 'messages on {on} have NaN or infinite values: check the driver',
     'duplicate_stamp': 'stamps on {on} repeat: check the driver, and look for a second publisher',
     'backward_stamp': 'stamps on {on} go back: check the driver, and look for a second publisher',
     'unknown_names': 'messages on {on} lack joints or gauges that the model has: use the model of '
-                     'the arm that sends them',
+                     'the connected arm',
     'short_array': 'messages on {on} have fewer values than names: correct the driver',
     'no_measurement': 'no measurements come on {on} during the motion: check topic and driver',
     'no_neighbour': 'no measurement on {on} is near a joint state in time: check rate and clock',
@@ -186,12 +186,13 @@ class OutputCoverage:
                 patient and share == settling):
             causes = causes or {'no_measurement': 1.0}
             why = self._silent(new) or self._apart(new, old) or self._main(causes, motions)
-            return CoverageReport(CoverageLevel.NONE, 'collisions go undetected in all samples '
-                                  f'of {self.output} because {why}', 1.0, causes)
+            return CoverageReport(CoverageLevel.NONE, 'collisions cannot be detected in all '
+                                  f'samples of {self.output} because {why}', 1.0, causes)
         faults = list(filter(None, [self._apart(new, old)]))
         if share >= UNJUDGED_WARNING:
-            faults.append(f'collisions go undetected in {100.0 * share:.1f} % of the samples of '
-                          f'{self.output}, mainly because {self._main(causes, motions)}')
+            why = self._main(causes, motions)
+            faults.append(f'collisions cannot be detected in {100.0 * share:.1f} % of the samples '
+                          f'of {self.output}, mainly because {why}')
         lasting = share - (settling if patient else 0.0)
         full = (self._flowing is not None
                 and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
@@ -239,7 +240,7 @@ class OutputCoverage:
                 one, other = self.streams[place].topic, self.streams[0].topic
                 side = 'behind' if offset > 0.0 else 'ahead of'
                 return (f'stamps of {one} are {1e3 * abs(offset):.0f} ms {side} those of {other} '
-                        f'(limit {1e3 * limit:.0f} ms): compare the clocks of hosts and drivers')
+                        f'(limit {1e3 * limit:.0f} ms): synchronise the clocks')
         return ''
 
     def _period(self, place: int, new: _Counts, old: _Counts) -> float:

@@ -58,10 +58,10 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
         if unit == 'model' or is_current == (unit == 'current'):
             continue
         if np.isnan(constant):
-            msg = (f'the efforts of joint {joint.name!r} cannot be converted from '
-                   f'{joint.effort.unit}, as its torque constant is not described')
+            msg = (f'joint {joint.name!r}: efforts cannot be converted from '
+                   f'{joint.effort.unit}, as the joint has no torque constant')
             raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm descrip'
-                                         'tion and fit again, or take the unit of the model')
+                                         'tion and fit again, or ask for the unit of the model')
         result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
 
@@ -351,7 +351,7 @@ class Feedforward:
         if kind not in efforts:
             msg = (f'the bundle has no effort model of kind {kind!r}; its effort models: '
                    f'{", ".join(efforts) or "none"}')
-            raise ModelError(msg, remedy='set kind to one it has, or fit one to bags with efforts')
+            raise ModelError(msg, remedy='choose one of them, or fit this kind with efforts')
         self.joints = arm.active_joints
         self.units = tuple(
             joint.effort.unit if unit == 'model' else 'A' if unit == 'current' else

@@ -293,12 +293,12 @@ class Watch:
     @property
     def outside_training(self) -> str:
         """Say where the arm does not move as it did for its thresholds; empty where it does."""
-        wide = [f'{method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
+        wide = [f'of {method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
                 if factor > WIDENING_WARNING]
         return '' if not wide else (
-            'weak collisions are missed: the thresholds were learned from other motion, so they '
-            f'rise ({", ".join(wide)}); call ~/calibrate during this motion while nothing touches '
-            'the arm, or fit the model again with bags of this motion too')
+            'weak collisions are missed: this motion differs from the training, so thresholds '
+            f'{" and ".join(wide)} as high are in use; call ~/calibrate during this motion while '
+            'nothing touches the arm, or fit the model again with bags of this motion too')
 
     @property
     def settle(self) -> float:

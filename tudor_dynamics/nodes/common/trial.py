@@ -54,7 +54,7 @@ class Trial(Node):
 
     def __init__(self, name: str, arm: Arm, **kwargs: Any) -> None:
         if arm.spec.damper is None:
-            raise ArmError('there is no damper section; add damper: with gauges and gains',
+            raise ArmError('there is no damper section; add the key damper with gauges and gains',
                            place=arm.source)
         refuse_interfaces(arm, name)
         super().__init__(name, **kwargs)
