@@ -22,7 +22,7 @@ rclpy can do: bytes in, the same bytes out, on the executor of the nodes. `Insid
 99th percentile that a node itself tells: from a message's arrival in Python to its last result.
 
 What other processes of the machine took meanwhile stands beside the figures: with much of it they
-say nothing, unless the bench runs before all others (``chrt -f 50 python bench/node_rates.py``),
+say nothing, unless the bench runs before all others (``nice -n -19 python bench/node_rates.py``),
 as a robot's nodes should. A machine that halts for longer than queues are deep loses samples; see
 ``--depth``. The samples match no model, so that each run has an event: one row has its bag written
 meanwhile, the others write none.
