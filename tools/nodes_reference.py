@@ -33,7 +33,7 @@ from tudor_dynamics.nodes.common.interfaces import NODES, Param
 
 NODES_PAGE = '../nodes.md#what-all-nodes-share'
 QOS = {'Subscribed': 'Best effort, so that any driver matches', 'Published':
-       'Reliable; topics that are latched also transient local, with one message'}
+       'Reliable, the last 100 or 10 messages; latched topics are transient local, the last one'}
 HEAD = ('| name | what it does | default | unit | range | while running |\n'
         '|---|---|---|---|---|---|\n')
 

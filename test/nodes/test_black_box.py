@@ -16,10 +16,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from ros_world import feed, World
 from std_msgs.msg import String
@@ -41,6 +44,66 @@ LOST = range(1350, 1353)
 """Readings of strain that never come."""
 
 
+Change = Callable[[int, dict[str, Any]], None]
+K = 900
+"""Sample of the bag without pushes from which on something is wrong."""
+
+
+def without_some(k: int, messages: dict[str, Any]) -> None:
+    """Leave some readings out."""
+    if k in LOST:
+        messages.pop('link_strains')
+
+
+def late(k: int, messages: dict[str, Any]) -> None:
+    """Let the stamps of strains leap by 0.25 s."""
+    if k >= K:
+        stamp = messages['link_strains'].header.stamp
+        stamp.sec, stamp.nanosec = divmod(stamp.sec * 10**9 + stamp.nanosec + 250_000_000, 10**9)
+
+
+def complete(k: int, messages: dict[str, Any]) -> None:
+    """Leave all as it is."""
+
+
+def leaping(recording: Recording) -> Recording:
+    """Let a gauge leap."""
+    strain = recording.strain.copy()
+    strain[K:, 0] += 6.0 * strain[:, 0].std()
+    return replace(recording, strain=strain)
+
+
+def stuck(recording: Recording) -> Recording:
+    """Let a gauge say the same for ever."""
+    strain = recording.strain.copy()
+    strain[K:, 1] = strain[K, 1]
+    return replace(recording, strain=strain)
+
+
+def breaking_away(recording: Recording) -> Recording:
+    """Let a joint need more to begin to move after it has stood."""
+    effort, speed = recording.effort.copy(), np.gradient(recording.q[:, 0], recording.dt)
+    still = np.abs(speed) < 0.02
+    for start in np.flatnonzero(still[:-1] & ~still[1:]):
+        if start > K and still[start - 30:start].all():
+            span = effort[start:start + 30, 0]
+            span += 2.5 * effort[:, 0].std() * np.sign(speed[start + 5]) * np.exp(
+                -np.arange(len(span)) / 12.0)
+    return replace(recording, effort=effort)
+
+
+def as_it_is(recording: Recording) -> Recording:
+    """Change nothing."""
+    return recording
+
+
+@pytest.fixture(scope='module')
+def free(root: Path) -> Recording:
+    """Read the bag in which nothing touches the arm."""
+    return read_recording(root / 'bags/two_blade_test',
+                          load_arm(root / 'config/two_blade_arm.yaml'))
+
+
 @pytest.fixture(scope='module')
 def pushes(root: Path) -> Recording:
     """Read the bag in which the arm is pushed."""
@@ -48,13 +111,21 @@ def pushes(root: Path) -> Recording:
                           load_arm(root / 'config/two_blade_arm.yaml'))
 
 
-def played(world: World, model: Path, pushes: Recording, folder: Path) -> list[dict]:
+def played(
+    world: World, model: Path, recording: Recording, folder: Path, change: Change | None = None,
+    *, first: int = BEGIN, last: int = END, **params: object,
+) -> list[dict]:
     """Play a part to a monitor that is ended after it; gives the records on its topic."""
-    node = world.add(MonitorNode, model=str(model), event_bags=str(folder))
+    node = world.add(MonitorNode, model=str(model), event_bags=str(folder), **params)
     records = world.listen('collision_record', String, latched())
     world.meet('joint_states', 'motor_currents', 'link_strains')
-    feed(world, pushes, lambda: node.meter.count // 3 + 1, first=BEGIN, last=END,
-         change=lambda k, sent: sent.pop('link_strains') if k in LOST else None)
+    sent = [0]
+
+    def each(k: int, messages: dict[str, Any]) -> None:
+        (change or without_some)(k, messages)
+        sent[0] += len(messages)
+    feed(world, recording, lambda: 10**9 if node.meter.count >= sent[0] else 0, first=first,
+         last=last, change=each)
     assert world.spin(lambda: bool(records))
     world.end(node)
     return [json.loads(message.data) for message in records]
@@ -91,6 +162,26 @@ def test_replayed_to_the_last_bit(
     assert main(['why', str(bag), '--model', str(tmp_path / 'again')]) == 0
     assert f'again (digest {bundle.digest[:12]}' not in (err := capsys.readouterr().err)
     assert f'the monitor used for this event (digest {bundle.digest[:12]})' in err
+
+
+@pytest.mark.parametrize(('cause', 'make', 'change', 'params'), [
+    ('', as_it_is, late, {}),  # played fast, so arrivals do not show that a clock is wrong
+    ('gauge', leaping, complete, {}), ('gauge', stuck, complete, {}),
+    ('friction after standstill', breaking_away, complete, {}),
+    ('threshold too low', as_it_is, complete, {
+        'contact_alarms_per_hour': 3600.0, 'false_alarms_per_hour': 3600.0})])
+def test_each_cause_comes_again(
+    world: World, model: Path, free: Recording, tmp_path: Path, cause: str,
+    make: Callable[[Recording], Recording], change: Change, params: dict[str, float],
+) -> None:
+    """Whatever made the monitor alarm: the same event to the last bit, and its cause by name."""
+    records = played(world, model, make(free), tmp_path, change, first=0, last=len(free.stamp),
+                     **params)
+    (bag,) = tmp_path.iterdir()
+    found = causes(build_parser('why').parse_args(['why', str(bag)]))
+    assert [item.event.event.onset for item in found] == [item['onset'] for item in records]
+    assert all(item.same for item in found)
+    assert not cause or cause in {item.name for item in found}
 
 
 def test_a_folder_that_takes_nothing(

@@ -471,7 +471,7 @@ class Feedforward:
                 continue
             if name not in self._held:
                 msg = (f'the trajectory names the joint {name!r}, which the model does not know; '
-                       f'it knows {[*self.joints, *self._held]}')
+                       f'it knows {", ".join((*self.joints, *self._held))}')
                 raise SignalError(msg, remedy='name joints as the arm description does')
             off = np.abs(column - self._held[name])
             if off.max() > HELD_WITHIN:
