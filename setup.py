@@ -29,7 +29,7 @@ setup(
     # Not in setup.cfg: setuptools makes an object of it there, which colcon cannot read.
     python_requires='>=3.10,<3.14',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed', '__init__.pyi', '**/*.j2', '**/*.css', '**/*.js', '**/*.yaml']},
+    package_data={PACKAGE: ['py.typed', '*.pyi', '**/*.j2', '**/*.css', '**/*.js', '**/*.yaml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
