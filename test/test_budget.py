@@ -30,7 +30,7 @@ RECORD = 'record --arm config/tudor.yaml --out {out} --seconds 3 --stimuli 1'
 
 
 @pytest.mark.parametrize(('words', 'cause'), [
-    (f'{LINK} --dt 1e-300', '--seconds 5 --dt 1e-300: 5e+300 steps, more than 2e+07'),
+    (f'{LINK} --dt 1e-300', '--seconds 5 --dt 1e-300: 5e+300 steps, more than the limit of 2e+07'),
     (f'{LINK} --dt 1e-9', '5e+09 steps'),
     (f'{LINK} --dt 1e-6 --seconds 1e5', '1e+11 steps'),
     (f'{LINK} --dt 1e-4 --seconds 1e3 --rate 1e4', '1e+07 steps need 8.2 GB'),
@@ -70,7 +70,7 @@ def test_the_budget_itself() -> None:
     """What is just enough passes; what is no number does not."""
     check_budget('x', MAX_STEPS, MAX_BYTES / MAX_STEPS)
     for steps, each in ((MAX_STEPS + 1, 1.0), (MAX_STEPS, 8 * MAX_BYTES), (float('nan'), 1.0)):
-        with pytest.raises(UsageError, match='more than (2e.07|4 GB)'):
+        with pytest.raises(UsageError, match='more than the limit of (2e.07|4 GB)'):
             check_budget('x', steps, each)
     assert count_steps(5.0, 2.5e-4, 1000.0) == (20_000, 4)
     assert count_steps(1e-300, 1e-300, 1e-300) == (1, 2)

@@ -146,12 +146,13 @@ MAX_STEPS, MAX_BYTES = 2e7, 4e9
 """What one run may take at once: steps or samples, and memory of what is kept of them [bytes]."""
 
 
-def check_budget(what: str, steps: float, each: float = 8.0, remedy: str = 'lower the '
-                 'seconds, or take larger steps') -> None:
+def check_budget(what: str, steps: float, each: float = 8.0, remedy: str = 'choose a '
+                 'shorter time or larger steps') -> None:
     """Refuse a run that nobody could wait for, or no memory holds: each [bytes a step]."""
     if not (steps <= MAX_STEPS and steps * each <= MAX_BYTES):
-        over = (f'{steps:.3g} steps, more than {MAX_STEPS:g}' if not steps <= MAX_STEPS else
-                f'{steps:.3g} steps need {1e-9 * steps * each:.1f} GB, more than '
+        over = (f'{steps:.3g} steps, more than the limit of {MAX_STEPS:g}'
+                if not steps <= MAX_STEPS else
+                f'{steps:.3g} steps need {1e-9 * steps * each:.1f} GB, more than the limit of '
                 f'{1e-9 * MAX_BYTES:g} GB')
         raise UsageError(f'{what}: {over}', remedy=remedy)
 

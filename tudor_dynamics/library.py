@@ -367,8 +367,8 @@ def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
         and bag.choice.overlaps(parse_choice(str(item.get('bag')))) for item in training)]
     if seen:
         more = f' and {len(seen) - 3} more' if len(seen) > 3 else ''
-        msg = (f'{", ".join(seen[:3])}{more}: the model was trained on it, so its errors are '
-               'smaller there than on new bags; test it on other bags')
+        msg = (f'{", ".join(seen[:3])}{more}: the model was trained on this bag, so its errors '
+               'are smaller here than on new ones; test it on other bags')
         warnings.warn(msg, TudorWarning, stacklevel=3)
     return seen
 

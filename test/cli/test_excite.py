@@ -111,8 +111,8 @@ def test_moves_for_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.parametrize(('options', 'said'), [
     (('--seconds', '3'), 'give 10 to 3600'),
-    (('--noise-of', 'joint2=-1'), 'its standard deviation, above 0'),
-    (('--noise-of', 'nobody=1'), 'with a NAME of joint2, joint3'),
+    (('--noise-of', 'joint2=-1'), 'the standard deviation of the noise, above 0'),
+    (('--noise-of', 'nobody=1'), 'a NAME of joint2, joint3'),
     (('--highest', '0.01'), 'raise --highest above 0.0833 Hz'),
     (('--noise', '0'), '--noise 0: give'),
     (('--model', 'none'), 'none'), (('--srdf', 'none.srdf'), 'SRDF cannot be read'),

@@ -89,7 +89,7 @@ def test_a_bag_gets_efforts(model: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('text', 'options', 'words'), [
     ('t,j1,j3\n0,0,0\n1,0,0\n', [], 'the joint'),
-    ('t,j1\n0,0\n1,0\n', [], 'not once there'),
+    ('t,j1\n0,0\n1,0\n', [], 'missing or repeated'),
     (TABLE, ['--unit', 'current'], 'torque constant'),
     (TABLE, ['--kind', 'elm'], 'its effort models: analytical'),
     (TABLE, ['--rate', '-1'], 'give a --rate above 0'),

@@ -213,7 +213,7 @@ def test_a_copy_is_no_test(
     assert main(['evaluate', '--model', str(fitted), str(copy), '--json']) == 0
     said = capsys.readouterr()
     assert json.loads(said.out)['trained_on'] == [str(copy)]
-    assert 'trained on it' in said.err and said.err.count('\n') == 1
+    assert 'trained on this bag' in said.err and said.err.count('\n') == 1
 
 
 def test_a_dead_gauge(

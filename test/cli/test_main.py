@@ -365,5 +365,5 @@ def test_old_names_of_options(
     with pytest.raises(SystemExit, match='2'):
         entry.main([command, old, 'arm.yaml', '--out', 'm', '--bag'])
     err = capsys.readouterr().err
-    assert f'warning: {old} is now {new}; the old name goes with 1.2\n' in err
+    assert f'warning: {old} is now {new}; version 1.2 removes the old name\n' in err
     assert 'there is no --bag' in err

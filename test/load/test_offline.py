@@ -135,11 +135,12 @@ def test_one_estimate_says_where_the_load_sits() -> None:
     effort = {'effort': rows['effort']}
     seen = estimate_payload(arm, effort, [stretch(arm, motion(60.0, 3), 0.3, 3, noise=0.02)])
     assert f', centre at x {1000 * seen.com[0]:.0f} +- ' in seen.sentence
-    assert f' in {seen.frame}; the mass comes from ' in seen.sentence
+    assert f' in the frame of {seen.frame}; the scale of the mass comes from ' in seen.sentence
     assumed = estimate_payload(arm, effort, [stretch(arm, motion(60.0, 3), 0.3, 3)], whole=False)
     assert assumed.at_tip and (
         ', its centre not shown by this motion: taken to sit at the tip, '
-        f'x {1000 * LENGTH_2:.0f} mm, y 0 mm, z 0 mm in {assumed.frame};') in assumed.sentence
+        f'x {1000 * LENGTH_2:.0f} mm, y 0 mm, z 0 mm in the frame of {assumed.frame};'
+    ) in assumed.sentence
     known = estimate_payload(arm, of_all, [stretch(arm, motion(60.0, 3), 0.3, 3)])
     assert 'mounted as the payloads of the model were' in known.sentence
 

@@ -151,7 +151,7 @@ def test_a_live_monitor_is_required(world: World, tudor: Path) -> None:
         status = generator.told()
         assert status.level == DiagnosticStatus.WARN and cause in status.message
     generator.node._look()
-    refused('no node publishes on collision')
+    refused('no node publishes the topic collision')
     publisher = world.probe.create_publisher(Bool, 'collision', latched())
     assert world.spin(lambda: publisher.get_subscription_count() > 0)
     generator.node._look()

@@ -96,8 +96,8 @@ def choose_clock(
             map(len, delays)) else 0
         for name, states in topics.items():
             if not states.stamped and len(states.stamp):
-                notes.add(f'messages in {name} have no stamp: their log times are used, less '
-                          f'{delay * 1e-6:.3g} ms, the delay of stamped messages of the bag')
+                notes.add(f'messages in {name} have no stamp: their log times minus '
+                          f'{delay * 1e-6:.3g} ms are used (the delay of stamped messages)')
         return {name: states.stamp if states.stamped else states.log_time - delay
                 for name, states in topics.items()}
     for name, states in topics.items():

@@ -172,9 +172,12 @@ def _noise(args: argparse.Namespace, arm: Arm) -> dict[str, FloatArray]:
             number = float(value)
         except ValueError:
             number = 0.0
-        if name not in names or not 0.0 < number < 1e12:
-            raise UsageError(f'--noise-of {text}: expected NAME=SIZE with a NAME of '
-                             f'{", ".join(names)}, and its standard deviation, above 0')
+        if name not in names:
+            raise UsageError(f'--noise-of {text}: no channel {name!r}; give NAME=SIZE with a NAME '
+                             f'of {", ".join(names)}')
+        if not 0.0 < number < 1e12:
+            raise UsageError(f'--noise-of {text}: give NAME=SIZE, where SIZE is the standard '
+                             'deviation of the noise, above 0')
         output, place = names[name]
         size[output][place] = number
     return size if arm.gauges else {'effort': size['effort']}

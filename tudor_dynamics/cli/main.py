@@ -101,8 +101,8 @@ class Parser(argparse.ArgumentParser):
                 words = [words[place + 1], *words[:place], *words[place + 2:]]
         for place, word in enumerate(words):
             if new := RENAMED.get((self.prog, word)):
-                warnings.warn(f'{word} is now {new}; the old name goes with 1.2', TudorWarning,
-                              stacklevel=2)
+                warnings.warn(f'{word} is now {new}; version 1.2 removes the old name',
+                              TudorWarning, stacklevel=2)
                 words[place] = new
         for word in words:
             name = word.partition('=')[0]

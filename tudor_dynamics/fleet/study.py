@@ -105,7 +105,7 @@ def load_plan(path: Path) -> FleetPlan:
     except ValueError as err:
         cause = validation_message(err) if isinstance(err, ValidationError) else str(err)
         raise UsageError(cause, place=path,
-                         remedy='see docs/howto/fleet.md for what a plan holds') from None
+                         remedy='correct it; docs/howto/fleet.md shows a plan') from None
     lacking = [arm.name for arm in plan.arms if arm.arm is None]
     if plan.arm is None and lacking:
         raise UsageError(f'arm {lacking[0]} has no description', place=path,
@@ -349,8 +349,8 @@ class _Study:
             raise UsageError(f'bags of several payloads cannot be compared: {said}',
                              remedy='list bags of one payload in the plan')
         if not self.dates:
-            raise FitError(f'no bag of the plan can be used; the first of {len(self.unused)}: '
-                           f'{self.unused[0]}', remedy='correct the plan, or record other bags')
+            raise FitError(f'none of the {len(self.unused)} bags can be used; the first one is '
+                           f'{self.unused[0]}', remedy='or name other bags in the plan')
         for date_ in self.dates.values():
             date_.sights = parted(date_.whole, PARTS)
 

@@ -221,14 +221,14 @@ class PayloadEstimate(Shown):
                      zip('xyz', self.com, self.com_std, strict=True) if math.isfinite(value)]
             tip = ', '.join(f'{axis} {1000 * value:.0f} mm' for axis, value in zip(
                 'xyz', self.tip, strict=True))
-            place = (f', centre at {", ".join(known)} in {self.frame}' if known else
+            place = (f', centre at {", ".join(known)} in the frame of {self.frame}' if known else
                      ', its centre not shown by this motion')
             if self.at_tip:
                 place += (': mounted as the payloads of the model were taken to be'
                           if self.source is Source.PAYLOADS else
-                          f': taken to sit at the tip, {tip} in {self.frame}')
+                          f': taken to sit at the tip, {tip} in the frame of {self.frame}')
         return (f'{self.verdict.value}: {self.mass:.4g} +- {self.mass_std:.2g} kg{place}; '
-                f'the mass comes from {self.source.value}')
+                f'the scale of the mass comes from {self.source.value}')
 
 
 # -- A recording next to a model

@@ -459,7 +459,8 @@ def steps_per_message(dt: float, rate: float) -> int:
     if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
         near = 1.0 / (dt * round(min(max(every, 1.0), 100.0)))
         raise SimulationError(f'a message rate of {rate:g} Hz does not divide the loop rate '
-                              f'{1.0 / dt:g} Hz (damper.rate); give a rate of {near:g} Hz')
+                              f'of {1.0 / dt:g} Hz (damper.rate); give a message rate of '
+                              f'{near:g} Hz')
     return int(round(every))
 
 

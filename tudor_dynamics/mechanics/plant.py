@@ -403,7 +403,7 @@ class Plant:
                    f'{settings.MAX_ROTATION} rad, where a linear beam means nothing; energy '
                    f'before: {self.energy().total:.6g} J; check torques and sections')
         else:
-            msg = (f'{name}: the run diverged at t = {t:.6g} s, energy a step before: '
-                   f'{self.energy().total:.6g} J; take a step below {self.dt:g} s, or check '
+            msg = (f'{name}: the run diverged at t = {t:.6g} s (energy before that: '
+                   f'{self.energy().total:.3g} J); set a time step below {self.dt:g} s, or check '
                    'torques and masses')
         raise SimulationError(msg)

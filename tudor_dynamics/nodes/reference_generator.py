@@ -272,7 +272,7 @@ class ReferenceGeneratorNode(MovingNode):
         elif self.monitors:
             self._unwatched = f'{names} sends no diagnostics; restart {names}'
         else:
-            self._unwatched = f'no node publishes on {COLLISION}; start monitor'
+            self._unwatched = f'no node publishes the topic {COLLISION}; start monitor'
         self.source.halt(self._unwatched if self.value('require_monitor') else '')
         self._heard = {name: item for name, item in self._heard.items() if now - item[0] < 60.0}
 

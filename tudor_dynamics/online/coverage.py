@@ -64,7 +64,8 @@ MEANING = {
                      'the connected arm',
     'short_array': 'messages on {on} have fewer values than names: correct the driver',
     'no_measurement': 'no measurements come on {on} during the motion: check topic and driver',
-    'no_neighbour': 'no measurement on {on} is near a joint state in time: check rate and clock',
+    'no_neighbour': 'no measurement on {on} is near a joint state in time: check its rate, and '
+                    'synchronise the clocks of both',
     'no_prediction': 'no prediction comes, or the model diverged: check the node that predicts',
     'no_thresholds': 'the model has no thresholds: fit it with more motion without contact, or '
                      'call ~/calibrate while the arm moves without contact'}
@@ -186,8 +187,8 @@ class OutputCoverage:
                 patient and share == settling):
             causes = causes or {'no_measurement': 1.0}
             why = self._silent(new) or self._apart(new, old) or self._main(causes, motions)
-            return CoverageReport(CoverageLevel.NONE, 'collisions cannot be detected in all '
-                                  f'samples of {self.output} because {why}', 1.0, causes)
+            return CoverageReport(CoverageLevel.NONE, 'collisions cannot be detected in any '
+                                  f'sample of {self.output}, because {why}', 1.0, causes)
         faults = list(filter(None, [self._apart(new, old)]))
         if share >= UNJUDGED_WARNING:
             why = self._main(causes, motions)

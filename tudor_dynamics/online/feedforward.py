@@ -59,9 +59,9 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
             continue
         if np.isnan(constant):
             msg = (f'joint {joint.name!r}: efforts cannot be converted from '
-                   f'{joint.effort.unit}, as the joint has no torque constant')
+                   f'{joint.effort.unit} to {unit}, as the joint has no torque constant')
             raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm descrip'
-                                         'tion and fit again, or ask for the unit of the model')
+                                         'tion and fit again, or set unit to model')
         result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
 
@@ -351,7 +351,7 @@ class Feedforward:
         if kind not in efforts:
             msg = (f'the bundle has no effort model of kind {kind!r}; its effort models: '
                    f'{", ".join(efforts) or "none"}')
-            raise ModelError(msg, remedy='choose one of them, or fit this kind with efforts')
+            raise ModelError(msg, remedy='choose one of them, or fit with --models')
         self.joints = arm.active_joints
         self.units = tuple(
             joint.effort.unit if unit == 'model' else 'A' if unit == 'current' else

@@ -114,8 +114,8 @@ CHECKS = {
     'offset_step': Check('a channel changes its zero offset', STEPPED, '', RESIDUAL, one_bag=True),
     'payload_changed': Check('the load changed while recording', 'use only the part of the bag '
                              'before or after the change: BAG@5s-50s', '', RESIDUAL, one_bag=True),
-    'unexplained': Check('the model does not explain a channel', 'plot it and all '
-                         'positions to find the cause, or leave the bag out', '', RESIDUAL),
+    'unexplained': Check('the model does not explain a channel', 'plot this channel '
+                         'and the positions to find why, or leave the bag out', '', RESIDUAL),
     'joint_scale': Check('positions of a joint have a wrong scale', 'correct counts per turn or '
                          'the gear ratio in the driver', '', RESIDUAL),
     'time_scale': Check('time stamps run too fast or too slowly', 'take stamps from the clock in '
