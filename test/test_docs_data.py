@@ -129,6 +129,16 @@ def test_copied_figures_are_known() -> None:
     assert sum(not read(file.stem).measured for file in DATA) <= COPIED
 
 
+def test_each_key_of_a_file_is_explained() -> None:
+    """The page of formats has a meaning for every key, and names what folders hold."""
+    text = load('code_pages', 'docs/_extensions').formats()
+    rows = [line for line in text.splitlines() if line.startswith('| `')]
+    assert len(rows) > 50 and not [line for line in rows if '` |  | `' in line]
+    assert all(f'`{name}`' in text for name in (
+        'model.yaml', 'arm.yaml', 'elm.npz', 'data.npz', 'plan.json', 'trajectory.csv', 'run.npz',
+        'campaign.yaml', 'tudor_events', 'payload', 'damping_ratio', 'bags'))
+
+
 def test_all_that_is_public_has_its_page() -> None:
     """A page for each node; the page of the library has each of its names."""
     listed = dict(re.findall(r'\[`(\w+)`\]\((\S+\.md)\)', (

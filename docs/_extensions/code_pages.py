@@ -17,13 +17,24 @@
 from __future__ import annotations
 
 import argparse
+import ast
+import inspect
 from pathlib import Path
 import re
 import sys
+import textwrap
 
 from tudor_dynamics import errors
 from tudor_dynamics.cli.main import build_parser, SUBCOMMANDS
+from tudor_dynamics.control import schedule
+from tudor_dynamics.fleet import study
+from tudor_dynamics.identification import excitation_plan
+from tudor_dynamics.models import bundle_io
+from tudor_dynamics.models.analytical import AnalyticalPart
+from tudor_dynamics.models.elastic.model import ElasticPart
+from tudor_dynamics.models.elm import ElmPart
 from tudor_dynamics.nodes.common.interfaces import NODES
+from tudor_dynamics.online.threshold_learning import ThresholdsPart
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / 'tools'))
@@ -88,6 +99,75 @@ def commands() -> str:
     return '\n'.join(head) + '\n' + '\n'.join(command(name) for name in SUBCOMMANDS)
 
 
+FORMATS: tuple[tuple[str, str, tuple[type, ...]], ...] = (
+    ('Model: a folder of `tudor fit`', '`model.yaml` has the keys below and ends with its '
+     'checksum; `files` names the others with theirs: `arm.yaml`, the description with all that '
+     'it names; `elm.npz`, weights of an ELM; `data.npz`, sums over the training bags, for '
+     '`tudor export`. `report.html` is for people. A file that was changed is refused.',
+     (bundle_io.HeadPart, bundle_io.ModelsPart, bundle_io.ArmPart, AnalyticalPart, ElasticPart,
+      ElmPart, ThresholdsPart)),
+    ('Plan: a folder of `tudor excite`', '`trajectory.csv` and `bag` hold the motion, '
+     '`motion.png` shows it, `plan.json` says what was asked for and what it will show. '
+     '`tudor fit --plan` reads:', (excitation_plan._Head,)),
+    ('Schedule: `tudor tune`', 'YAML, read by `oscillation_damper` and `reference_generator`; '
+     '`nodes` has a row for each payload and pose, `columns` names its values.',
+     (schedule.ScheduleFile,)),
+    ('Plan of a fleet', 'YAML, written by hand for `tudor fleet`.',
+     (study.FleetPlan, study.FleetArm)),
+    ('Bag of an event', 'A rosbag2 (MCAP) of the last 30 s with all that the monitor heard. Its '
+     '`custom_data` has the key `tudor_events`: JSON, a list with a record for each event, as the '
+     'topic `collision_record` publishes it: `onset` and `stamp` [ns], `time`, `method`, `link`, '
+     '`channel`; by channel `measured`, `expected`, `residual`, `threshold`, `ratio`; `motion` '
+     '(q, dq, ddq of the active joints); `state`, the diagnostics; `settings`, the parameters; '
+     '`digest` of the model; `made`, versions. `tudor why` reads it.', ()),
+    ('Recordings', 'rosbag2, MCAP or SQLite, of the topics that the arm description names. '
+     '`tudor record` adds `/applied_wrench` or `/applied_payload` (the truth), `payload` [kg] in '
+     '`custom_data`, and `campaign.yaml`: arm, digest, seed and what was asked for, and for each '
+     'bag its pushes and loads.', ()),
+    ('Tables', 'CSV with a head. Trajectories: [trajectories](../trajectories.md). Pushes, for '
+     '`tudor evaluate --pushes`: `begin,end[,tolerance]` [s] since the beginning of the bag. '
+     'Motion and torque of `tudor simulate`: `t`, then a column for each joint.', ()),
+    ('Arrays', 'NPZ without pickle. `run.npz` of `tudor simulate`: time, joints, motors, tip, '
+     'strain, energy, with names of joints, gauges and beams. `tudor evaluate --save`: for each '
+     'output and model `OUTPUT_KIND_stamp`, `_measured`, `_predicted`, `_residual`, `_bag`, and '
+     '`OUTPUT_channels`.', ()))
+
+
+def _keys(kind: type) -> list[str]:
+    """Write the keys of a part of a file: type, default, and what the code says of it."""
+    text = textwrap.dedent(inspect.getsource(kind))
+    lines, body = text.splitlines(), ast.parse(text).body[0].body  # type: ignore[attr-defined]
+    rows = []
+    for item, after in zip(body, [*body[1:], None], strict=True):
+        if not isinstance(item, ast.AnnAssign) or ast.unparse(item.target) == 'model_config':
+            continue
+        said = re.search(r'  # (?!noqa)(.+)$', lines[(item.end_lineno or item.lineno) - 1])
+        above = lines[item.lineno - 2].strip()
+        meaning = said[1] if said else above[2:] if above.startswith('# ') else ''
+        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            meaning = str(after.value.value)
+        name = 'format' if ast.unparse(item.target) == 'kind' else ast.unparse(item.target)
+        meaning = meaning or {'format': 'name of the format', 'version': 'of the format'}[name]
+        default = '' if item.value is None or 'alias' in ast.unparse(item.value) else (
+            '' if 'Field' in ast.unparse(item.value) else f'`{ast.unparse(item.value)}`')
+        shape = re.sub(r'^Annotated\[(.+), Field\(.*\)\]$', r'\1', ast.unparse(item.annotation))
+        rows.append(f'| `{name}` | {_cell(meaning)} | `{_cell(shape)}` | {_cell(default)} |')
+    if not rows:
+        return []
+    return ['', f'`{kind.__name__.strip("_")}`: {(kind.__doc__ or "").strip()}', '',
+            '| key | meaning | type | default |', '|---|---|---|---|', *rows]
+
+
+def formats() -> str:
+    """Write the page of all files that the package writes and reads."""
+    lines = ['# File formats', '', 'Written from the code that reads them. Reads are bounded, '
+             'nothing is unpickled, and files are written whole or not at all.', '',
+             'The description of an arm: [arm description](../arm_yaml.md).']
+    for title, text, kinds in FORMATS:
+        lines += ['', f'## {title}', '', text, *(line for kind in kinds for line in _keys(kind))]
+    return '\n'.join(lines) + '\n'
+
+
 def error_page() -> str:
     """Write the page of the classes of errors."""
     kinds = [kind for kind in vars(errors).values() if isinstance(kind, type)
@@ -112,7 +192,7 @@ def write(folder: Path) -> None:
         if not (home.is_dir() or home.with_suffix('.py').exists()):
             page.unlink()
     (folder / 'nodes').mkdir(exist_ok=True)
-    pages = {'commands': commands(), 'errors': error_page(),
+    pages = {'commands': commands(), 'errors': error_page(), 'formats': formats(),
              **{f'nodes/{name}': SLASH.sub(r'\1<wbr>', nodes_reference.page(name))
                 for name in NODES}}
     for name, text in pages.items():

@@ -98,16 +98,17 @@ class ScheduleFile(Spec):
 
     kind: Literal['tudor_dynamics/schedule'] = Field(alias='format')
     version: Literal[1]
-    arm: Name
-    joints: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]
-    damped: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]
-    gauges: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]
-    damping_ratio: Annotated[float, Field(gt=0, lt=1)]
-    delay: NonNegative
-    mean_frequency: Positive
-    payload: Annotated[tuple[NonNegative, ...], Field(min_length=1, max_length=200)]
-    pose: tuple[Axis, ...]
-    columns: Annotated[tuple[Name, ...], Field(min_length=1, max_length=2000)]
+    arm: Name  # name of the arm
+    joints: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]  # active ones
+    damped: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]  # joints that damp
+    gauges: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]  # one of each of them
+    damping_ratio: Annotated[float, Field(gt=0, lt=1)]  # that was asked for
+    delay: NonNegative  # of the loop that the gains are for [s]
+    mean_frequency: Positive  # of the high-pass that takes the mean off strains [Hz]
+    payload: Annotated[tuple[NonNegative, ...], Field(min_length=1, max_length=200)]  # grid [kg]
+    pose: tuple[Axis, ...]  # grid of joint positions [rad or m]
+    columns: Annotated[tuple[Name, ...], Field(min_length=1, max_length=2000)]  # of `nodes`
+    # A row for each payload and pose.
     nodes: Annotated[tuple[tuple[Finite, ...], ...], Field(min_length=1, max_length=MAX_NODES)]
 
 

@@ -355,9 +355,9 @@ class _Head(BaseModel):
     model_config = ConfigDict(extra='ignore', frozen=True)
     format: str  # noqa: A003
     version: int
-    noise: dict[str, dict[str, float]]
-    noise_of: str
-    noise_stated: bool
+    noise: dict[str, dict[str, float]]  # standard deviation by output and channel, in its unit
+    noise_of: str  # `samples`, or `residuals` of a model
+    noise_stated: bool  # whether anybody stated it
 
 
 @dataclass(frozen=True, eq=False)

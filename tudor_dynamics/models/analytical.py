@@ -90,10 +90,10 @@ class GroupPart(BundlePart):
 class AnalyticalPart(BundlePart):
     """Analytical model."""
 
-    estimator: Text
-    form: Text | None = None
-    payload_range: Payloads | None = None
-    groups: tuple[GroupPart, ...]
+    estimator: Text  # `ols`, `wls` or `huber`
+    form: Text | None = None  # of strain: `exact` or `paper`
+    payload_range: Payloads | None = None  # of a model of all payloads [kg]
+    groups: tuple[GroupPart, ...]  # channels with base parameters of their own
 
     @property
     def shared(self) -> bool:

@@ -121,26 +121,27 @@ def _read_file(path: Path, name: str) -> bytes:
 class ModelsPart(BundlePart):
     """Models, with the preprocessing that they were fitted to."""
 
-    preprocessing: PreprocessingSpec
+    preprocessing: PreprocessingSpec  # filters and rate
+    # Of each output, the models by their kind.
     outputs: dict[Literal['effort', 'strain'], dict[str, dict[str, Any]]]
 
 
 class ArmPart(BundlePart):
     """What the arm was when the models were fitted."""
 
-    digest: str
+    digest: str  # of what a model depends on in its description
 
 
 class HeadPart(ModelsPart):
     """The head itself; `facts` are read by those who know of them."""
 
-    arm: ArmPart
+    arm: ArmPart  # name and digest of the arm
     digest: str  # of the text itself, and so of all files
-    files: dict[str, str]
-    causal: ModelsPart | None = None
-    data: dict[str, tuple[str, ...]] = {}
-    facts: dict[str, Any] = {}
-    tool: FlexibleTool | None = None
+    files: dict[str, str]  # the other files, with their SHA-256
+    causal: ModelsPart | None = None  # models for the running robot, where `outputs` are not
+    data: dict[str, tuple[str, ...]] = {}  # models with arrays in `data.npz`, and which
+    facts: dict[str, Any] = {}  # training, validation, verdicts, thresholds, versions
+    tool: FlexibleTool | None = None  # what rings at the flange
 
 
 def _read_head(path: Path) -> HeadPart:

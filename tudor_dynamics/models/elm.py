@@ -43,12 +43,12 @@ ARRAYS = ('input_range', 'output_range', 'input_weights', 'biases', 'output_weig
 class ElmPart(BundlePart):
     """ELM, whose arrays stand in a file of their own."""
 
-    channels: tuple[str, ...]
-    hidden: Whole
-    ridge: float
-    seed: Whole
-    clip: Flag
-    payload_range: Payloads | None = None
+    channels: tuple[str, ...]  # joints or gauges
+    hidden: Whole  # neurons
+    ridge: float  # regularisation
+    seed: Whole  # of the random weights
+    clip: Flag  # whether inputs are limited to the range of the training
+    payload_range: Payloads | None = None  # of a model of all payloads [kg]
 
 
 class ExtremeLearningMachine(MemorylessModel):

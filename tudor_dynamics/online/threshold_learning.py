@@ -50,15 +50,15 @@ Matrix = tuple[tuple[Number, ...], ...]
 class ThresholdsPart(BundlePart):
     """Thresholds of one method, of an arm whose channels and joints come as context."""
 
-    channels: tuple[Text, ...]
-    seconds: float
-    step: Positive
-    taps: tuple[Matrix, ...]
-    profile: tuple[tuple[Size, ...], ...]
-    tails: tuple[Tail, ...]
-    usual: tuple[Positive, ...]
-    reach: tuple[Positive, ...]
-    stiction: tuple[Size, ...]
+    channels: tuple[Text, ...]  # joints or gauges
+    seconds: float  # of free motion that they were learned from
+    step: Positive  # between samples of the autoregression [s]
+    taps: tuple[Matrix, ...]  # of the autoregression
+    profile: tuple[tuple[Size, ...], ...]  # usual size of a statistic by the motion
+    tails: tuple[Tail, ...]  # how rarely a ratio is exceeded
+    usual: tuple[Positive, ...]  # usual level of the onset statistics
+    reach: tuple[Positive, ...]  # largest speeds of the training [rad/s or m/s]
+    stiction: tuple[Size, ...]  # what friction may hold at standstill
 
     @model_validator(mode='after')
     def _fits(self, info: ValidationInfo) -> ThresholdsPart:

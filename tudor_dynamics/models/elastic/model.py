@@ -132,9 +132,9 @@ class ChannelPart(BundlePart):
 class ElasticPart(BundlePart):
     """Elastic model, of one payload or of all."""
 
-    physical: tuple[PhysicalParameter, ...]
-    channels: tuple[ChannelPart, ...]
-    payload_range: Payloads | None = None
+    physical: tuple[PhysicalParameter, ...]  # stiffness, damping, play, masses, with errors
+    channels: tuple[ChannelPart, ...]  # gains, offsets, friction
+    payload_range: Payloads | None = None  # of a model of all payloads [kg]
 
 
 class ElasticModel(Model):
