@@ -230,7 +230,8 @@ def test_it_shapes(world: World, root: Path, first: float) -> None:
     assert values_of(chain.told())['shaping'] == 'zv'
 
 
-@pytest.mark.parametrize('frequency, said', [(2.0, 'was still moving'), (0.0, 'above 0')])
+@pytest.mark.parametrize('frequency, said', [
+    (2.0, 'was still moving'), (0.0, 'shaping_frequency is 0')])
 def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said: str) -> None:
     """It is passed on as it is, and said; or refused, as asked."""
     chain = Chain(world, root, **{**SHAPED, 'shaping_frequency': frequency})

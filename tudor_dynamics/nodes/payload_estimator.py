@@ -21,9 +21,11 @@ from typing import Any
 
 from rclpy.publisher import Publisher
 
+from tudor_dynamics.nodes.common.base import OK
 from tudor_dynamics.nodes.common.interfaces import PAYLOAD_TOPIC
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.monitor import MonitorNode
+from tudor_dynamics.online.coverage import CoverageLevel
 
 
 class PayloadEstimatorNode(MonitorNode):
@@ -38,6 +40,12 @@ class PayloadEstimatorNode(MonitorNode):
         """Publish the load; residuals and collisions are those of other nodes."""
         return super().publish_on(kind, topic if topic == PAYLOAD_TOPIC else f'~/{topic}',
                                   latch=latch)
+
+    def verdict(self) -> tuple[bytes, str]:
+        """Say what it means for the load that contacts go unseen."""
+        level, message = super().verdict()
+        blind = level != OK and self.coverage.verdict.level is not CoverageLevel.ENOUGH
+        return level, f'a touch may be taken for a load: {message}' if blind else message
 
 
 main = partial(run, PayloadEstimatorNode)

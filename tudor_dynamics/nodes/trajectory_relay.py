@@ -247,6 +247,9 @@ class TrajectoryRelayNode(TudorNode):
             if kind == TIMING and tool is None:
                 raise SignalError('shaping is timing, but tool names no model', remedy='set it to '
                                   'a bundle of `tudor fit --models analytical vibration`')
+            if tool is None and not frequency:
+                raise SignalError('shaping_frequency is 0, and tool names no model', remedy='set '
+                                  'one of them: where the tool rings [Hz], or its model')
             shape = partial(shaped_for, tool, kind=kind) if tool is not None else partial(
                 convolved, shaper=impulses(kind, frequency, self.value('shaping_damping')))
             if np.abs(state.dq).max() > AT_REST:

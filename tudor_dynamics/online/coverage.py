@@ -61,7 +61,7 @@ MEANING = {
     'duplicate_stamp': 'stamps on {on} repeat: check the driver, and look for a second publisher',
     'backward_stamp': 'stamps on {on} go back: check the driver, and look for a second publisher',
     'unknown_names': 'messages on {on} lack joints or gauges that the model has: use the model of '
-                     'the connected arm',
+                     'the connected arm, or publish all of them in one message',
     'short_array': 'messages on {on} have fewer values than names: correct the driver',
     'no_measurement': 'no measurements come on {on} during the motion: check topic and driver',
     'no_neighbour': 'no measurement on {on} is near a joint state in time: check its rate, and '
