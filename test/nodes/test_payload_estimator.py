@@ -38,11 +38,12 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.regressor import PayloadRegressor, StrainRegressor
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
-from tudor_dynamics.nodes.common.base import latched
+from tudor_dynamics.nodes.common.base import latched, WARN
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.payload_estimator import PayloadEstimatorNode
+from tudor_dynamics.online.coverage import CoverageLevel, CoverageReport
 from tudor_dynamics.online.settings import LAGS, WINDOW
 from tudor_dynamics.online.threshold_learning import thresholds_to_dict
 from tudor_dynamics.online.thresholds import MethodThresholds, Tail
@@ -139,6 +140,17 @@ def test_expected(world: World, bundle: Path) -> None:
     answer = node.port._expect()
     assert 'not reported as a collision' in answer and node.port.load is not None
     assert world.call(Trigger, 'payload_estimator/expect_payload').success
+
+
+def test_contacts_that_go_unseen(
+    world: World, bundle: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It says what this means for the load; it reports no collisions itself."""
+    node = world.add(PayloadEstimatorNode, model=str(bundle))
+    monkeypatch.setattr(MonitorNode, 'verdict', lambda self: (WARN, 'samples are lost'))
+    assert node.verdict() == (WARN, 'samples are lost')
+    node.coverage.verdict = CoverageReport(CoverageLevel.PARTIAL, 'samples are lost')
+    assert node.verdict() == (WARN, 'a touch may be taken for a load: samples are lost')
 
 
 def test_without_a_scale(world: World, model: Path) -> None:
