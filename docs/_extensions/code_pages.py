@@ -148,12 +148,10 @@ def _keys(kind: type) -> list[str]:
             meaning = str(after.value.value)
         name = 'format' if ast.unparse(item.target) == 'kind' else ast.unparse(item.target)
         meaning = meaning or {'format': 'name of the format', 'version': 'of the format'}[name]
-        default = '' if item.value is None or 'alias' in ast.unparse(item.value) else (
-            '' if 'Field' in ast.unparse(item.value) else f'`{ast.unparse(item.value)}`')
+        value = '' if item.value is None else ast.unparse(item.value)
+        default = f'`{value}`' if value and not value.startswith('Field(') else ''
         shape = re.sub(r'^Annotated\[(.+), Field\(.*\)\]$', r'\1', ast.unparse(item.annotation))
         rows.append(f'| `{name}` | {_cell(meaning)} | `{_cell(shape)}` | {_cell(default)} |')
-    if not rows:
-        return []
     return ['', f'`{kind.__name__.strip("_")}`: {(kind.__doc__ or "").strip()}', '',
             '| key | meaning | type | default |', '|---|---|---|---|', *rows]
 

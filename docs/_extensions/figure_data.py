@@ -16,9 +16,9 @@
 Figures that benches measured, as data: ``docs/figures/NAME.json``.
 
 A page shows the table with the directive ``figures`` (MyST: three backticks, ``{figures} NAME``).
-Below it stand the command, the commit that the figures are of, how many commits have changed the
-files in ``paths`` since, and whether the figures were written by hand. The build says which
-figures are older than their code; this is no warning, so that it does not fail.
+Below it stand the command, the commit that the figures are of, and how many commits have changed
+the files in ``paths`` since. The build says which figures are older than their code; this is no
+warning, so that it does not fail.
 """
 
 from __future__ import annotations
@@ -94,12 +94,11 @@ class FiguresDirective(Directive):
         changes = figures.changes()
         age = ('' if changes == 0 else ', age unknown' if changes is None else
                f'; {changes} commits to its code since')
-        copied = '' if figures.measured else ', copied from what it prints'
         if changes:
             LOGGER.info('old: figures %s are of %s, %d commits to their code since; %s',
                         name, figures.commit, changes, figures.command)
         lines = [*(UNIT.sub('\u00a0', line) for line in figures.table()), '',
-                 f'*{figures.date}, {figures.commit}: `{figures.command}`*{copied}{age}', '']
+                 f'*{figures.date}, {figures.commit}: `{figures.command}`*{age}', '']
         parent = nodes.container(classes=['figures'])
         self.state.nested_parse(StringList(lines, source=name), self.content_offset, parent)
         return [parent]

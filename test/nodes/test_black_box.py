@@ -112,7 +112,7 @@ def pushes(root: Path) -> Recording:
 
 
 def played(
-    world: World, model: Path, recording: Recording, folder: Path, change: Change | None = None,
+    world: World, model: Path, recording: Recording, folder: Path, change: Change = without_some,
     *, first: int = BEGIN, last: int = END, **params: object,
 ) -> list[dict]:
     """Play a part to a monitor that is ended after it; gives the records on its topic."""
@@ -122,7 +122,7 @@ def played(
     sent = [0]
 
     def each(k: int, messages: dict[str, Any]) -> None:
-        (change or without_some)(k, messages)
+        change(k, messages)
         sent[0] += len(messages)
     feed(world, recording, lambda: 10**9 if node.meter.count >= sent[0] else 0, first=first,
          last=last, change=each)

@@ -195,11 +195,15 @@ def write_bag(
     if isinstance(series, Recording):
         check_type(arm, Arm, 'arm', 'a recording knows no topics')
         series = recording_series(series, cast(Arm, arm))
+    write_messages(path, _in_order(series), storage=storage, custom=custom,
+                   topics=[(item.topic, item.msgtype) for item in series])
+
+
+def _in_order(series: Sequence[Signals | RawMessages]) -> Iterator[tuple[int, str, str, bytes]]:
+    """Encode what is not yet, once it is asked for, and give all messages by their log times."""
     topics = [encode(item) if isinstance(item, Signals) else item for item in series]
-    messages = [(time, item.topic, item.msgtype, data) for item in topics
-                for time, data in zip(item.log_time.tolist(), item.data, strict=True)]
-    write_messages(path, sorted(messages, key=itemgetter(0)), storage=storage, custom=custom,
-                   topics=[(item.topic, item.msgtype) for item in topics])
+    yield from sorted(((time, item.topic, item.msgtype, data) for item in topics for time, data in
+                       zip(item.log_time.tolist(), item.data, strict=True)), key=itemgetter(0))
 
 
 def write_messages(

@@ -252,10 +252,10 @@ def check_trajectories(args: argparse.Namespace) -> None:
     if is_table(source) != is_table(out):
         raise UsageError(f'{source} and --out {out}: one is a CSV table, the other a bag',
                          remedy='give two CSV tables (.csv) or two bags')
-    if out.exists() and not (args.overwrite and is_table(out)):
-        raise UsageError('exists already', place=out,
-                         remedy='choose another --out' + (', or add --overwrite'
-                                                          if is_table(out) else ''))
+    if is_table(out):
+        refuse_existing(out, overwrite=args.overwrite)
+    elif out.exists():
+        raise UsageError('exists already', place=out, remedy='choose another --out')
 
 
 def changed_trajectories(

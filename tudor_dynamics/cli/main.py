@@ -80,8 +80,6 @@ SUBCOMMANDS = {name: text for group in GROUPS.values() for name, text in group.i
 
 OK, NOT_GOOD_ENOUGH, WRONG_INPUT, DEFECT = 0, 1, 2, 70
 """Exit codes; the last one, EX_SOFTWARE of sysexits.h, is for errors that nobody expected."""
-
-
 RENAMED = {('tudor fit', '--force'): '--exit-zero',
            ('tudor simulate', '--plot'): '--pictures'}
 """Options that have another name since 1.0, by command."""

@@ -47,8 +47,7 @@ examples:
   tudor record --arm config/tudor.yaml --ideal friction backlash --out smooth
         drives without friction and backlash
 
-OUT/campaign.yaml says what was recorded. The same seed gives the same bags, byte by byte. exit
-codes: 0 done, 2 wrong input.
+OUT/campaign.yaml says what was recorded. The same seed gives the same bags, byte by byte.
 """
 
 

@@ -54,7 +54,7 @@ class BlackBox:
         self._pending: list[dict[str, Any]] = []
         self._due = 0
         self._writer: Thread | None = None
-        self._hurry = False  # nobody waits for the loop any more
+        self._closing = False  # no sample waits any more
         self._timer = node.every(0.5, self._look)
 
     def keeping(self, kind: Any, topic: str, take: Callable[[bytes], Any]) -> Any:
@@ -104,15 +104,15 @@ class BlackBox:
             self._node.get_logger().error(str(err))
 
     def _paced(self, messages: tuple[Message, ...]) -> Iterator[Message]:
-        """Leave most of the time to the loop: without it, a sample waits for up to 20 ms."""
+        """Rest between messages: else samples wait for up to 20 ms (bench/node_rates.py)."""
         for number, message in enumerate(messages):
-            if not (self._hurry or number % 20):
+            if not (self._closing or number % 20):
                 time.sleep(1e-3)
             yield message
 
     def close(self) -> None:
         """Write what is pending."""
-        self._hurry = True
+        self._closing = True
         if self._writer is not None:
             self._writer.join()
         if self._pending:

@@ -101,7 +101,7 @@ def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> 
         node = factory()
         executor.add_node(node)
         gc.collect()
-        # a thread that writes beside hands over sooner: p99 0.8 instead of 2.7 ms meanwhile
+        # a thread that writes a bag hands over sooner: p99 0.8, not 2.7 ms (bench/node_rates.py)
         sys.setswitchinterval(2e-4)
         gc.freeze()  # shortens the pauses of the collector: p99 0.56 instead of 0.81 ms
         # Shutting the context down in a callback would end it under the executor, and under
