@@ -46,6 +46,9 @@ ARRAY = re.compile(rf'{PLACE}ndarray\[tuple\[{PLACE}Any, \.\.\.\], '
                    rf'{PLACE}dtype\[{PLACE}(\w+)\]\]')
 LIKE = re.compile(rf'{PLACE}_?Buffer \| .*?_NestedSequence\[complex \| bytes \| str\]')
 MADE = re.compile(r'= <[^,()=]*>(?=[,)])')  # a default that has no text
+LONG = re.compile(r'(array\(\[[^],]*),[^]]{60,}\]')
+VARIABLE = re.compile(r'~(?:typing\.~)?([A-Z])\b')  # of a generic function
+MOST = 300  # characters of a value that are shown
 CHECKED = re.compile(rf'{PLACE}Annotated\[')
 
 
@@ -91,7 +94,7 @@ def short(text: str) -> str:
     """Write types of a signature as the code does: NDArray, ArrayLike, and what is annotated."""
     text = MADE.sub('= ...', text)
     text = ARRAY.sub(lambda m: 'NDArray' if m[1][0] == '_' else f'NDArray[{m[1]}]', text)
-    text = LIKE.sub('ArrayLike', text)
+    text = VARIABLE.sub(r'\1', LONG.sub(r'\1, ...]', LIKE.sub('ArrayLike', text)))
     while match := CHECKED.search(text):
         inner, end = first_of(text, match.end())
         text = text[:match.start()] + inner + text[end:]
@@ -102,6 +105,9 @@ def handle_signature(self: PyObject[Any], sig: str, signode: Any) -> tuple[str, 
     """Read a signature as the domain does, with short types."""
     if 'type' in self.options:
         self.options['type'] = short(self.options['type'])
+    value = self.options.get('value', '')
+    if len(value) > MOST:
+        self.options['value'] = f'{value[:value.rfind(",", 0, MOST)]}, ...'
     return handle(self, short(sig), signode)
 
 
@@ -121,7 +127,7 @@ def leave_modules_out(app: Any, doctree: nodes.document) -> None:
             tree.parent.remove(tree)
 
 
-def setup(app: Any) -> dict[str, bool]:
+def setup(app: Any) -> dict[str, Any]:
     """Connect all of it."""
     docscrape_sphinx.SandboxedEnvironment = one_environment
     PythonDomain.find_obj = find_obj  # type: ignore[method-assign]
@@ -129,4 +135,4 @@ def setup(app: Any) -> dict[str, bool]:
     app.add_search_language(Questions)
     app.connect('doctree-read', keep_units)
     app.connect('doctree-read', leave_modules_out, priority=100)
-    return {'parallel_read_safe': True}
+    return {'parallel_read_safe': True, 'env_version': 3}

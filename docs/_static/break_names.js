@@ -1,5 +1,5 @@
 // Long names break after a dot, a slash or an underscore, and options never at their hyphens.
-const NAMES = "table code .pre, h1, .sig-prename .pre, .sig-name .pre, .sig-param .pre, .names a, table code";
+const NAMES = "table code, h1, .sig .pre, .names a";
 const OPTION = /(?<![^\s("'`])--?[A-Za-z][\w-]*/;
 
 function textsOf(element) {
@@ -10,7 +10,7 @@ function textsOf(element) {
 }
 
 function breakName(text) {
-  const parts = text.data.split(/(?<=[./_=[(:;,])(?=[A-Za-z_'"\d])/);
+  const parts = text.data.split(/(?<=\w{3}\.|[/_=[(:;,])(?=[A-Za-z_'"\d])(?!\w{2,5}$)/);
   if (parts.length === 1) return;
   text.replaceWith(...parts.flatMap((part, k) => k ? [document.createElement("wbr"), part] : [part]));
 }
