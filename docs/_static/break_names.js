@@ -12,7 +12,11 @@ function textsOf(element) {
 function breakName(text) {
   const parts = text.data.split(/(?<=\w{3}\.|[/_=[(:;,])(?=[A-Za-z_'"\d])(?!\w{2,5}$)/);
   if (parts.length === 1) return;
-  text.replaceWith(...parts.flatMap((part, k) => k ? [document.createElement("wbr"), part] : [part]));
+  text.replaceWith(...parts.flatMap((part) => {
+    const place = document.createElement("wbr");
+    place.className = "name-break";
+    return [place, part];
+  }).slice(1));
 }
 
 function keepOptions(text) {
