@@ -112,13 +112,10 @@ def handle_signature(self: PyObject[Any], sig: str, signode: Any) -> tuple[str, 
 
 
 def keep_units(app: Any, doctree: nodes.document) -> None:
-    """Keep numbers and their units in one line, and what ends a sentence at its formula."""
+    """Keep numbers and their units in one line."""
     for text in list(doctree.findall(nodes.Text)):
         if not isinstance(text.parent, (nodes.literal, nodes.FixedTextElement, nodes.math)):
             kept = UNIT.sub('\u00a0', text)
-            place = text.parent.index(text)
-            if place and isinstance(text.parent[place - 1], nodes.math) and kept[0] in ',.;:)':
-                kept = f'\u2060{kept}'
             if kept != text:
                 text.parent.replace(text, nodes.Text(kept))
 
@@ -138,4 +135,4 @@ def setup(app: Any) -> dict[str, Any]:
     app.add_search_language(Questions)
     app.connect('doctree-read', keep_units)
     app.connect('doctree-read', leave_modules_out, priority=100)
-    return {'parallel_read_safe': True, 'env_version': 4}
+    return {'parallel_read_safe': True, 'env_version': 5}

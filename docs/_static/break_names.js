@@ -1,4 +1,5 @@
 // Long names break after a dot, a slash or an underscore, and options never at their hyphens.
+// What ends a sentence stays with the formula before it.
 const NAMES = "table code, h1, .sig .pre, .names a";
 const OPTION = /(?<![^\s("'`])--?[A-Za-z][\w-]*/;
 
@@ -10,7 +11,7 @@ function textsOf(element) {
 }
 
 function breakName(text) {
-  const parts = text.data.split(/(?<=\w{3}\.|[/_=[(:;,])(?=[A-Za-z_'"\d])(?!\w{2,5}$)/);
+  const parts = text.data.split(/(?<=\w{3}\.(?!\w{2,5}$)|[/_=[(:;,])(?=[A-Za-z_'"\d])/);
   if (parts.length === 1) return;
   text.replaceWith(...parts.flatMap((part) => {
     const place = document.createElement("wbr");
@@ -24,10 +25,21 @@ function keepOptions(text) {
     const option = text.splitText(match.index);
     text = option.splitText(match[0].length);
     const span = document.createElement("span");
-    span.className = "option-name";
+    span.className = "one-line";
     option.replaceWith(span);
     span.append(option);
   }
+}
+
+function keepMark(formula) {
+  const after = formula.nextSibling;
+  const mark = after && after.nodeType === Node.TEXT_NODE && /^[,.;:)]+/.exec(after.data);
+  if (!mark) return;
+  after.splitText(mark[0].length);
+  const span = document.createElement("span");
+  span.className = "one-line";
+  formula.replaceWith(span);
+  span.append(formula, after);
 }
 
 document.addEventListener("DOMContentLoaded", () => {
@@ -36,4 +48,5 @@ document.addEventListener("DOMContentLoaded", () => {
   for (const name of content.querySelectorAll(NAMES)) textsOf(name).forEach(breakName);
   for (const code of content.querySelectorAll(".highlight-sh pre, code .pre"))
     textsOf(code).forEach(keepOptions);
+  content.querySelectorAll("span.math").forEach(keepMark);
 });
