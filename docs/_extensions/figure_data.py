@@ -38,7 +38,8 @@ from sphinx.util import logging
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / 'docs' / 'figures'
 LOGGER = logging.getLogger(__name__)
-UNIT = re.compile(r'(?<=\d) (?=(?:%|[µmk]?s|min|h|k?Hz|[µmc]?m|m?N|k?g|deg|rad|[KMG]i?B)\b|%)|(?<=[≥≤±]) (?=\d)')
+UNIT = re.compile(r'(?<=\d) (?=(?:%|[µmk]?s|min|h|k?Hz|[µmc]?m|m?N|k?g|deg|rad|[KMG]i?B)\b|%)'
+                  r'|(?<=[≥≤±]) (?=\d)')
 """Blank between a number and its unit or its bound, which stay in one line."""
 
 
