@@ -76,8 +76,16 @@ def skip_alias(_: Any, what: str, name: str, item: object, skip: bool, options: 
     return skip or isinstance(item, GenericAlias) or name == 'model_config'
 
 
+def leave_numbers_out(
+        _: Any, what: str, name: str, item: object, options: Any, lines: list[str]) -> None:
+    """Leave out what Python says of the fields of a named tuple."""
+    if lines and lines[0].startswith('Alias for field number'):
+        lines.clear()
+
+
 def setup(app: Any) -> None:
     """Connect what is above."""
+    app.connect('autodoc-process-docstring', leave_numbers_out)
     app.connect('autodoc-skip-member', skip_alias)
     # It copies files when all is done, and does not say that several readers may run beside.
     app.extensions['sphinx-mathjax-offline'].parallel_read_safe = True

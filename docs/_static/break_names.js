@@ -11,7 +11,7 @@ function textsOf(element) {
 }
 
 function breakName(text) {
-  const parts = text.data.split(/(?<=\w{3}\.(?!\w{2,5}$)|[/_=:;,]|\w[[(])(?=[A-Za-z_'"\d])/);
+  const parts = text.data.split(/(?<=\w{3}\.(?!\w{2,5}$)|\w[/_]|[=:;,]|\w[[(])(?=[A-Za-z_'"\d])/);
   if (parts.length === 1) return;
   text.replaceWith(...parts.flatMap((part) => {
     const place = document.createElement("wbr");
