@@ -79,7 +79,7 @@ def skip_alias(_: Any, what: str, name: str, item: object, skip: bool, options: 
 def leave_numbers_out(
         _: Any, what: str, name: str, item: object, options: Any, lines: list[str]) -> None:
     """Leave out what Python says of the fields of a named tuple."""
-    if lines and lines[0].startswith('Alias for field number'):
+    if any(line.strip().startswith('Alias for field number') for line in lines):
         lines.clear()
 
 

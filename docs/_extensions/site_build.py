@@ -135,4 +135,4 @@ def setup(app: Any) -> dict[str, Any]:
     app.add_search_language(Questions)
     app.connect('doctree-read', keep_units)
     app.connect('doctree-read', leave_modules_out, priority=100)
-    return {'parallel_read_safe': True, 'env_version': 6}
+    return {'parallel_read_safe': True, 'env_version': 1}
