@@ -38,9 +38,10 @@ exclude_patterns = ['_templates', 'reference/generated/library.txt', 'reference/
 html_theme = 'furo'
 html_title = f'tudor_dynamics {release}'
 html_copy_source = False
+html_split_index = True  # on one page it is as long as four hundred screens of a phone
 html_static_path = ['_static']
 html_css_files = ['site.css']
-html_js_files = ['full_size.js']
+html_js_files = ['full_size.js', 'break_names.js']
 html_favicon = '_static/favicon.svg'
 html_search_scorer = str(Path(__file__).parent / '_extensions' / 'search_order.js')
 
@@ -71,12 +72,20 @@ code_pages.write(library.parent)
 
 
 def skip_alias(_: Any, what: str, name: str, item: object, skip: bool, options: Any) -> bool:
-    """Leave aliases of types out: they are taken for classes, and have no signature."""
-    return skip or isinstance(item, GenericAlias)
+    """Leave out aliases of types, which are taken for classes, and what Pydantic itself says."""
+    return skip or isinstance(item, GenericAlias) or name == 'model_config'
+
+
+def leave_numbers_out(
+        _: Any, what: str, name: str, item: object, options: Any, lines: list[str]) -> None:
+    """Leave out what Python says of the fields of a named tuple."""
+    if any(line.strip().startswith('Alias for field number') for line in lines):
+        lines.clear()
 
 
 def setup(app: Any) -> None:
     """Connect what is above."""
+    app.connect('autodoc-process-docstring', leave_numbers_out)
     app.connect('autodoc-skip-member', skip_alias)
     # It copies files when all is done, and does not say that several readers may run beside.
     app.extensions['sphinx-mathjax-offline'].parallel_read_safe = True

@@ -42,7 +42,9 @@ def main(out: Path) -> None:
     for mode, marker in enumerate('os^'):
         axes.semilogy(1e3 * masses, [item[mode] for item in found], marker=marker,
                       label=f'mode {mode + 1}')
-    axes.legend(frameon=False)
+    figure.legend(loc='outside upper right', frameon=False, ncols=3)
+    axes.set_yticks([2, 3, 5, 10], ['2', '3', '5', '10'])
+    axes.set_yticks([], minor=True)
     axes.set(xlabel='payload [g]', ylabel='frequency [Hz]', title='Lowest modes, joints held')
     axes.grid(alpha=0.3, which='both')
     figure.savefig(out / 'sweep_of_modes.png', dpi=110)

@@ -55,7 +55,8 @@ def main(out: Path) -> None:
             axes.plot(t, side, '--', color='#c8502d', linewidth=0.8, label=label)
         axes.set(ylabel=f'{name} [um/m]')
     axes.set(xlabel='time [s]')
-    axes.legend(loc='upper right', frameon=False, ncols=2)
+    figure.legend(*axes.get_legend_handles_labels(), loc='outside upper right', frameon=False,
+                  ncols=2)
     figure.savefig(out / 'watch_a_bag.png', dpi=110)
 
 

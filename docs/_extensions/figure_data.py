@@ -38,8 +38,9 @@ from sphinx.util import logging
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / 'docs' / 'figures'
 LOGGER = logging.getLogger(__name__)
-UNIT = re.compile(r'(?<=\d) (?=(?:%|[µmk]?s|min|h|k?Hz|[µmc]?m|m?N|k?g|deg|rad|[KMG]i?B)\b|%)')
-"""Blank between a number and its unit, which stay in one line."""
+UNIT = re.compile(r'(?<=\d) (?=(?:%|[µmk]?s|min|h|k?Hz|[µmc]?m|m?N|k?g|deg|rad|[KMG]i?B)\b|%)'
+                  r'|(?<=[≥≤±]) (?=\d)')
+"""Blank between a number and its unit or its bound, which stay in one line."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class FiguresDirective(Directive):
         figures = read(name)
         changes = figures.changes()
         age = ('' if changes == 0 else ', age unknown' if changes is None else
-               f'; {changes} commits to its code since')
+               f'; {changes} commit{"s" * (changes > 1)} to its code since')
         if changes:
             LOGGER.info('old: figures %s are of %s, %d commits to their code since; %s',
                         name, figures.commit, changes, figures.command)

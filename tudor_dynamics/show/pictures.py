@@ -127,8 +127,8 @@ def draw_schedule(schedule: Schedule, fixed: FloatArray) -> Figure:
     panels = (
         ('frequency of the links [Hz]', [(f'mode {m}', schedule.column(f'frequency({m})'))
                                          for m in range(1, schedule.modes + 1)]),
-        ('gain of the damper [rad/s per m/m]', [(joint, schedule.column(f'gain({joint})'))
-                                                for joint in schedule.content.damped]),
+        ('damper gain [rad/s per m/m]', [(joint, schedule.column(f'gain({joint})'))
+                                         for joint in schedule.content.damped]),
         ('damping ratio, first mode', [('scheduled gains', schedule.column('reached')),
                                        ('fixed gains', fixed)]),
         ('position gain [1/s]', [('position loop', schedule.column('position_gain'))]))
