@@ -19,6 +19,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from functools import partial
 import json
+import os
 import sys
 from typing import Any
 
@@ -69,10 +70,18 @@ class WatchNode(TudorNode):
     def _on_event(self, message: String) -> None:
         try:
             record = json.loads(message.data)
-            self.view.event(int(record['onset']), str(record['method']), str(record['link']),
-                            {str(name): float(value) for name, value in record['ratio'].items()})
+            line = self.view.event(
+                int(record['onset']), str(record['method']), str(record['link']),
+                {str(name): float(value) for name, value in record['ratio'].items()})
         except (AttributeError, KeyError, TypeError, ValueError):
             self.drops['unknown_record'] += 1
+            return
+        try:
+            if not sys.stdout.isatty():
+                print(line, flush=True)
+        except BrokenPipeError:  # who read it has gone
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            self.exit_code = 0
 
     def _on_load(self, message: InertiaStamped) -> None:
         self.view.load = f'load {message.inertia.m:.3f} kg'

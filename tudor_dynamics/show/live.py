@@ -31,7 +31,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from tudor_dynamics.errors import UsageError
+from tudor_dynamics.errors import printable, UsageError
 from tudor_dynamics.online.detector import time_of_day
 from tudor_dynamics.typing import FloatArray
 
@@ -109,8 +109,8 @@ class LiveView:
     def event(self, onset: int, method: str, link: str, ratios: dict[str, float]) -> str:
         """Take an event: its onset [ns], and its ratios by channel; gives it as a line."""
         channel = max(ratios, key=lambda name: ratios[name])
-        self.events.append(f'{time_of_day(onset)}  {link} by {method}: {channel} '
-                           f'{ratios[channel]:.2f} times its threshold')
+        self.events.append(printable(f'{time_of_day(onset)}  {link} by {method}: {channel} '
+                                     f'{ratios[channel]:.2f} times its threshold'))
         return self.events[-1]
 
     def __rich__(self) -> Group:
