@@ -48,18 +48,19 @@ class Replay:
     excesses: dict[str, list[Excess]] = field(default_factory=dict)  # by method
     loads: list[LoadFound] = field(default_factory=list)
     contacts: list[ContactEstimate] = field(default_factory=list)
-    unlike: list[str] = field(default_factory=list)  # at each event, why motion is unlike training
+    # when the message that made each event certain came [ns], why motion was unlike training then
+    certain: list[tuple[int, str]] = field(default_factory=list)
 
 
 def replay(messages: list[Heard], monitor: Monitor) -> Replay:
     """Let a monitor take messages, and keep what it found."""
     seen, watch = Replay(EventLog(messages[0].stamp, FREE)), monitor.watch
-    for _, found in replayed(messages, watch.bundle.arm, monitor):
+    for message, found in replayed(messages, watch.bundle.arm, monitor):
         for method, excess in found.excesses:
             seen.excesses.setdefault(method, []).append(excess)
         seen.loads += found.loads
         seen.contacts += found.contacts
-        seen.unlike += [watch.outside_training] * len(found.events)
+        seen.certain += [(message.time, watch.outside_training)] * len(found.events)
         seen.log.add(found, watch)
     return seen
 
@@ -77,6 +78,7 @@ class Scene:
     unlike: str  # why the motion is unlike that of the training; empty where it is not
     stage: ExcessStage  # thresholds of the method, and how many false alarms they allow
     topics: dict[str, dict[str, list[str]]]  # of each output, with their channels
+    arrived: int  # when the message came that made the event certain [ns]
 
     def excesses(self, begin: float, end: float, method: str = '') -> list[Excess]:
         """Give the samples of a method between two times since the onset [s]."""
@@ -101,13 +103,19 @@ class Scene:
     def steps(self, before: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         """Give steps of stamps and of arrivals in a time before the event [s], in usual ones."""
         event = self.seen.event
+        since = before * 1e9 + event.stamp - event.onset
         for topic in dict.fromkeys(message.topic for message in self.messages):
             own = np.array([(item.stamp, item.time) for item in self.messages
                             if item.topic == topic])
             if len(own) > 2:
-                steps = np.diff(own, axis=0) / np.median(np.diff(own[:, 0]))
-                near = (own[1:, 1] >= event.onset - before * 1e9) & (own[1:, 1] <= event.stamp)
-                yield topic, *steps[near].T
+                # arrivals have another epoch where stamps do not count from 1970, and another
+                # pace in a bag that is played faster
+                part = (len(own) + 3) // 4
+                spans = own[part:] - own[:-part]
+                pace = np.median(spans[:, 1] / np.maximum(spans[:, 0], 1)) or 1.0
+                steps = np.diff(own, axis=0) / np.median(np.diff(own[:, 0])) / (1.0, pace)
+                ago = self.arrived - own[1:, 1]
+                yield topic, *steps[(0 <= ago) & (ago <= since * pace)].T
 
 
 def _clock(scene: Scene) -> str:
@@ -297,8 +305,9 @@ def explain(
             continue
         load = next((one for one in loads if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9),
                     None)
-        scene = Scene(item, messages, seen, load, seen.unlike[place],
-                      own.watch.stages[event.method], bundle.arm.topics)
+        arrived, unlike = seen.certain[place]
+        scene = Scene(item, messages, seen, load, unlike, own.watch.stages[event.method],
+                      bundle.arm.topics, arrived)
         name, text, remedy = next(((name, text, remedy) for look, name, remedy in CAUSES
                                    if (text := look(scene))), (UNEXPLAINED, '', ''))
         found.append(Cause(item, name, text, remedy, None if record is None else
