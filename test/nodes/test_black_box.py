@@ -57,15 +57,31 @@ def without_some(k: int, messages: dict[str, Any]) -> None:
         messages.pop('link_strains')
 
 
-def late(k: int, messages: dict[str, Any]) -> None:
-    """Play faster than recorded, in even steps; let the stamps of strains leap by 0.25 s."""
+def in_even_steps(k: int, messages: dict[str, Any]) -> None:
+    """Play faster than recorded, but at one speed as a player of bags does, and end early."""
     if k > K + 300:
         messages.clear()
-        return
-    time.sleep(0.003)
-    if k >= K:
+    else:
+        time.sleep(0.003)
+
+
+def late(k: int, messages: dict[str, Any]) -> None:
+    """Let the stamps of strains leap by 0.25 s."""
+    in_even_steps(k, messages)
+    if k >= K and messages:
         stamp = messages['link_strains'].header.stamp
         stamp.sec, stamp.nanosec = divmod(stamp.sec * 10**9 + stamp.nanosec + 250_000_000, 10**9)
+
+
+THINNED = np.random.default_rng(3).uniform(size=END - K) <= 0.8
+"""Which positions are lost: enough of them for an event of the momentum observer."""
+
+
+def thinned(k: int, messages: dict[str, Any]) -> None:
+    """Lose four of five positions."""
+    in_even_steps(k, messages)
+    if K <= k < END and THINNED[k - K]:
+        messages.pop('joint_states', None)
 
 
 def complete(k: int, messages: dict[str, Any]) -> None:
@@ -95,6 +111,14 @@ def breaking_away(recording: Recording) -> Recording:
             span = effort[start:start + 30, 0]
             span += 2.5 * effort[:, 0].std() * np.sign(speed[start + 5]) * np.exp(
                 -np.arange(len(span)) / 12.0)
+    return replace(recording, effort=effort)
+
+
+def drifting(recording: Recording) -> Recording:
+    """Let a drive need more current while it moves, for no reason that anything shows."""
+    effort = recording.effort.copy()
+    ramp = np.clip((np.arange(len(effort)) - K) / 30.0, 0.0, 1.0)
+    effort[:, 0] += 2.4 * effort[:, 0].std() * ramp
     return replace(recording, effort=effort)
 
 
@@ -183,6 +207,7 @@ def test_replayed_to_the_last_bit(
 
 @pytest.mark.parametrize(('cause', 'make', 'change', 'params'), [
     ('clock', as_it_is, late, {}),
+    ('gap', as_it_is, thinned, {}), ('unexplained', drifting, complete, {}),
     ('gauge', leaping, complete, {}), ('gauge', stuck, complete, {}),
     ('friction after standstill', breaking_away, complete, {}),
     ('motion outside training', hurried, complete, {}),
