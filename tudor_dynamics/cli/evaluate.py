@@ -101,6 +101,9 @@ def run_collisions(args: argparse.Namespace) -> int:
     else:
         print_collisions(results, args.false_alarms)
         _print_kept(results, args, bundle)
+        say(*[f'{item.method} in {bag.bag}: up to {bag.ratio.max(initial=0.0):.2f} times its '
+              f'threshold; pushes are known from {bag.truth.source or "nothing"}'
+              for item in results for bag in item.watched] * args.verbose)
         if args.report:
             say(f'report: {args.report}')
     return 0
@@ -244,6 +247,8 @@ standard errors (of mean squares over 5 s, then and now). exit codes: 0 as it wa
 to compare with (another --rate, an older model); 1 no longer what it was; 2 wrong input. An ELM
 beside other models does not count.
 """
+DETAILS = ('print samples, and all channels compared, too; with --collisions the largest ratio in '
+           'each bag, and what pushes are known from')
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -338,6 +343,9 @@ def run(args: argparse.Namespace) -> int:
         say('the model is what it was in its validation: no channel is worse by more than chance')
     print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}, ' + (
         'as the monitor filters' if args.causal else 'offline: filters without delay'), rows))
+    if args.verbose:
+        say(*(f'{bag.choice}: {bag.samples} samples' for bag in data),
+            *(str(change) for change in compared if change not in worse))
     print_findings(findings)
     for bag, carried in evaluated.loads.items():
         say(f'load in {bag}: {carried.sentence}')

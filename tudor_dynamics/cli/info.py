@@ -27,7 +27,7 @@ from rich.text import Text
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
-from tudor_dynamics.cli.console import new_table, print_findings, print_json, print_table
+from tudor_dynamics.cli.console import new_table, print_findings, print_json, print_table, say
 from tudor_dynamics.errors import BagError, printable
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
@@ -43,7 +43,7 @@ examples:
 Without --arm, joints, efforts and strains are guessed from the topics. The exit code is 0 for a
 bag that can be read, even if nothing can be learned from it, and 2 for one that cannot.
 """
-
+DETAILS = 'print files with their checksum, aligned samples and messages left out, too'
 REAL_TIME = 1e8  # stamps before this are no dates, but times since some start [s]
 
 
@@ -74,6 +74,10 @@ def run(args: argparse.Namespace) -> int:
         reports.append(report.as_dict() | {'findings': [one.as_dict() for one in findings]})
         if not args.json:
             show(report, console, findings)
+        if args.verbose and not args.json:
+            left = ', '.join(f'{count} {cause}' for cause, count in report.dropped.items())
+            say(f'{report.samples} aligned samples; messages left out: {left or "none"}',
+                f'{", ".join(report.files)}: SHA-256 {report.checksum}')
     if args.json:
         print_json({'bags': reports})
     return code

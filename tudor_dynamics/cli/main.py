@@ -16,8 +16,8 @@
 Entry point of ``tudor``: parse, run the subcommand, turn errors into exit codes.
 
 A subcommand is a module or package of this one with ``EXAMPLES``, ``configure(parser)`` and
-``run(args) -> int``. It is imported only when it is called, so that ``tudor --help``
-answers at once.
+``run(args) -> int``; with ``DETAILS``, what ``-v`` prints, where there is more to say. It is
+imported only when it is called, so that ``tudor --help`` answers at once.
 """
 
 from __future__ import annotations
@@ -154,8 +154,11 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             module = _subcommand(name)
             sub.epilog = module.EXAMPLES
             module.configure(sub)
-            sub.add_argument('-q', '--quiet', action='store_true',
-                             help='print errors alone, and with --json the object')
+            loud = sub.add_mutually_exclusive_group()
+            if hasattr(module, 'DETAILS'):
+                loud.add_argument('-v', '--verbose', action='store_true', help=module.DETAILS)
+            loud.add_argument('-q', '--quiet', action='store_true',
+                              help='print errors alone, and with --json the object')
             sub.add_argument('--debug', metavar='FILE', help='write what a bug report needs: '
                              'versions, call, output, traceback, descriptions')
     return parser
