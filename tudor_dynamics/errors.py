@@ -22,10 +22,12 @@ on one line and exits with code 2.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import difflib
 import errno
 from pathlib import Path
+import sys
+import textwrap
 import warnings
 
 MAX_MESSAGE = 1500  # characters of a message; names and values that it repeats may have any number
@@ -34,6 +36,23 @@ MAX_MESSAGE = 1500  # characters of a message; names and values that it repeats 
 def printable(text: str) -> str:
     """Replace characters that would steer the terminal, as names in a file may hold them."""
     return ''.join(char if char.isprintable() else '?' for char in text)
+
+
+def wrapped(text: str, width: int) -> str:
+    """Break a text into lines, no word, path or number in two; those after the first indented."""
+    text = printable(text)
+    return textwrap.fill(text, width, subsequent_indent=' ' * (len(text) - len(text.lstrip()) + 2),
+                         break_long_words=False, break_on_hyphens=False)
+
+
+def complain(text: str) -> None:
+    """Print on standard error: one line, but on a terminal as many as its width needs."""
+    with suppress(OSError):  # standard error may lead to a full disk
+        if sys.stderr.isatty():
+            from rich.console import Console  # slow to import
+            print(wrapped(text, Console(stderr=True).width), file=sys.stderr)
+        else:
+            print(printable(text), file=sys.stderr)
 
 
 def meant(word: str, known: Iterable[str]) -> str:

@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from datetime import datetime, timezone
-import sys
 
 from rich.console import Console
 from rich.table import Table
@@ -28,7 +27,7 @@ from rich.text import Text
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
 from tudor_dynamics.cli.console import new_table, print_findings, print_json, print_table, say
-from tudor_dynamics.errors import BagError, printable
+from tudor_dynamics.errors import BagError, complain, printable
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.doctor.samples import look_at_samples
@@ -67,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         except BagError as err:
             if len(args.bags) == 1:
                 raise
-            print(f'tudor info: {err}', file=sys.stderr)
+            complain(f'tudor info: {err}')
             code = 2
             continue
         findings = look_at(report, arm)

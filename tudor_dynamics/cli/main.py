@@ -25,7 +25,7 @@ from __future__ import annotations
 import _thread
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, ExitStack, redirect_stderr, redirect_stdout, suppress
+from contextlib import contextmanager, ExitStack, redirect_stderr, redirect_stdout
 import gc
 from importlib import import_module
 from itertools import groupby
@@ -47,7 +47,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 from tudor_dynamics._version import __version__  # noqa: E402
 from tudor_dynamics.errors import (  # noqa: E402
-    meant, printable, remedy_of, TudorError, TudorWarning)
+    complain, meant, remedy_of, TudorError, TudorWarning)
 
 GROUPS = {
     'begin': {
@@ -114,7 +114,8 @@ class Parser(argparse.ArgumentParser):
         found = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if found:
             message += meant(found[1], found[2].replace("'", '').split(', '))
-        self.exit(WRONG_INPUT, f'{self.prog}: {printable(message)}; see {self.prog} --help\n')
+        complain(f'{self.prog}: {message}; see {self.prog} --help')
+        self.exit(WRONG_INPUT)
 
 
 class Help(argparse.RawDescriptionHelpFormatter):
@@ -179,7 +180,7 @@ def _subcommand(name: str) -> ModuleType:
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: object) -> None:
     label = 'warning' if issubclass(category, TudorWarning) else category.__name__
-    print(f'{label}: {message}', file=sys.stderr)
+    complain(f'{label}: {message}')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -202,22 +203,22 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
             return code
         except TudorError as err:
-            _complain(name, str(err))
+            complain(f'{name}: {err}')
             return WRONG_INPUT
         except BrokenPipeError:
             _forget_output()
             return OK
         except OSError as err:
             place = f'{err.filename}: ' if err.filename else ''
-            _complain(name, f'{place}{err.strerror or err}; {remedy_of(err)}')
+            complain(f'{name}: {place}{err.strerror or err}; {remedy_of(err)}')
             try:
                 sys.stdout.flush()
             except OSError:
                 _forget_output()
             return WRONG_INPUT
         except MemoryError as err:
-            _complain(name, f'not enough memory{f" ({err})" * bool(str(err))}; give fewer or '
-                      'shorter bags, a lower rate, or use a machine with more')
+            complain(f'{name}: not enough memory{f" ({err})" * bool(str(err))}; give fewer or '
+                     'shorter bags, a lower rate, or use a machine with more')
             return WRONG_INPUT
         except KeyboardInterrupt:
             return _interrupted(name)
@@ -225,8 +226,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             if interrupted.is_set():  # a library has made another error of it
                 return _interrupted(name)
             what = f'{type(err).__name__}: {" ".join(str(err).split())[:300]}'
-            _complain(name, f'{what}; this is a defect of tudor: {_traceback_file(arguments)}; '
-                      'docs/howto/report_a_bug.md says where')
+            complain(f'{name}: {what}; this is a defect of tudor: {_traceback_file(arguments)}; '
+                     'docs/howto/report_a_bug.md says where')
             return DEFECT
 
 
@@ -276,7 +277,7 @@ def _interrupts_kept() -> Iterator[threading.Event]:
 
 
 def _interrupted(name: str) -> int:
-    _complain(name, 'interrupted')
+    complain(f'{name}: interrupted')
     if any(not item.daemon for item in threading.enumerate()[1:]):
         os._exit(130)  # nobody waits for what threads compute
     return 130
@@ -293,11 +294,6 @@ def _traceback_file(arguments: Sequence[str]) -> str:
         return (f'run the command again with --debug FILE and report the defect with FILE (the '
                 f'report cannot be written to {tempfile.gettempdir()}: {err.strerror})')
     return f'please report it with {path}'
-
-
-def _complain(name: str, text: str) -> None:
-    with suppress(OSError):  # standard error may lead to a full disk
-        print(f'{name}: {printable(text)}', file=sys.stderr)
 
 
 def _open_standard_streams() -> None:
