@@ -46,6 +46,7 @@ from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.detector import DetectorSettings, Rates, time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
+from tudor_dynamics.provenance import provenance
 
 
 LONGEST_DEBOUNCE = 60.0  # a push that lasts longer is none [s]
@@ -91,7 +92,8 @@ def run_collisions(args: argparse.Namespace) -> int:
     if args.report:
         from tudor_dynamics.show.page import collision_page  # slow to import
         write(args.report, '--report', collision_page(
-            bundle, [str(c) for c in choices], results, args.false_alarms).encode())
+            bundle, [str(c) for c in choices], results, args.false_alarms,
+            _made(args, bundle)).encode())
     if args.json:
         print_json({'model': args.model, 'bags': [str(c) for c in choices],
                     **({'trained_on': seen} if seen else {}),
@@ -317,7 +319,8 @@ def run(args: argparse.Namespace) -> int:
     if args.report:
         from tudor_dynamics.show.page import evaluation_page  # slow to import
         write(args.report, '--report', evaluation_page(
-            bundle, [str(c) for c in choices], found, evaluated, worse).encode())
+            bundle, [str(c) for c in choices], found, evaluated, worse,
+            _made(args, bundle)).encode())
     if args.json:
         content: dict[str, Any] = {'model': args.model, 'bags': [str(c) for c in choices],
                                    'samples': sum(bag.samples for bag in data),
@@ -354,6 +357,11 @@ def run(args: argparse.Namespace) -> int:
         _print_cause(args, data, [touched(change, found[change.output][change.kind])
                                   for change in worse])
     return 1 if worse else 0
+
+
+def _made(args: argparse.Namespace, bundle: ModelBundle) -> dict[str, str]:
+    """Say where a page comes from."""
+    return {**provenance(), 'command': args.call, 'model': f'{args.model}, digest {bundle.digest}'}
 
 
 def _print_cause(args: argparse.Namespace, data: Sequence[BagData], short: Sequence[str]) -> None:

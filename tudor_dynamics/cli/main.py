@@ -32,6 +32,7 @@ from itertools import groupby
 import os
 from pathlib import Path
 import re
+import shlex
 import signal
 import sys
 import tempfile
@@ -233,6 +234,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace, arguments: Sequence[str]) -> int:
     """Run a subcommand, as loud as it was asked for, and recorded for a bug report."""
+    args.call = shlex.join(('tudor', *arguments))
     with ExitStack() as muted:
         if args.quiet:
             nowhere = muted.enter_context(open(os.devnull, 'w'))

@@ -12,16 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What ``-v`` adds, in the commands that have more to say, and in no other."""
+"""What ``-v`` adds in the commands that have more to say, and what pages say of their making."""
 
 from __future__ import annotations
 
+from html import unescape
 import importlib
 from pathlib import Path
+import re
 
 import pytest
 import tudor_dynamics as td
 from tudor_dynamics.cli.main import main, SUBCOMMANDS
+from tudor_dynamics.provenance import provenance
 
 BAGS = 'bags/two_blade_'
 LOUD = {'doctor', 'evaluate', 'fit', 'info', 'payload', 'why'}
@@ -65,6 +68,25 @@ def test_more_is_said(
     rest = iter(said.splitlines())
     assert all(line in rest for line in plain.splitlines())
     assert max(map(len, said.splitlines())) <= max(80, len(str(model)) + 60)
+
+
+@pytest.mark.parametrize('words', [
+    f'evaluate {BAGS}test --model MODEL', f'evaluate {BAGS}pushes --model MODEL --collisions'])
+def test_a_page_says_what_made_it(
+    words: str, root: Path, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Version, date, commit and libraries, the call, and the model with its digest."""
+    monkeypatch.chdir(root)
+    monkeypatch.setenv('SOURCE_DATE_EPOCH', '1700000000')
+    call = [*words.replace('MODEL', str(model)).split(), '--report', str(tmp_path / 'r.html')]
+    assert main(call) == 0
+    said = unescape((tmp_path / 'r.html').read_text().partition('<h2>Provenance</h2>')[2])
+    rows = dict(re.findall(r'row">(\w+)</th><td><code>(.*?)</code>', said))
+    made = provenance()
+    assert {what.lower(): text for what, text in rows.items()} == {
+        **made, 'command': f'tudor {" ".join(call)}',
+        'model': f'{model}, digest {td.load_bundle(model).digest}'}
+    assert made['date'] == '2023-11-14 22:13 UTC' in said.partition('<footer>')[2]
 
 
 def test_only_where_there_is_more(capsys: pytest.CaptureFixture[str]) -> None:
