@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -43,8 +44,8 @@ def scene(leap: int, back: int, lost: int, speed: float, epoch: int, burst: int)
     certain = next(item for item in found if item.topic == '/joint_states'
                    and item.stamp == 10**18 + (AT + 10) * PERIOD)
     event = SimpleNamespace(onset=certain.stamp - 2 * PERIOD, stamp=certain.stamp)
-    return Scene(SimpleNamespace(event=event, seconds=0.02), found, None, None, '', None, {},
-                 certain.time)
+    return Scene(SimpleNamespace(event=event, seconds=0.02), found, None, None, certain.time,
+                 '', None, {})
 
 
 @pytest.mark.parametrize('epoch', [10**18, 5 * 10**17, 0])
@@ -63,6 +64,15 @@ def test_stamps_and_arrivals(
     shown = scene(leap, back, lost, speed, epoch, burst)
     assert clock in _clock(shown) and bool(clock) == bool(_clock(shown))
     assert gap in _gap(shown) and bool(gap) == bool(_gap(shown))
+
+
+@pytest.mark.parametrize('speed', [1.0, 20.0])
+def test_one_topic(speed: float) -> None:
+    """Where nothing else says how time goes, a gap in a bag that is played is no clock."""
+    shown = scene(0, 0, 4, speed, 10**18, 1)
+    alone = [item for item in shown.messages if item.topic == '/link_strains']
+    shown = replace(shown, messages=alone)
+    assert not _clock(shown) and '4 samples' in _gap(shown)
 
 
 def test_a_clock_that_is_hours_wrong() -> None:

@@ -20,7 +20,6 @@ from collections.abc import Callable
 from dataclasses import replace
 import json
 from pathlib import Path
-import time
 from typing import Any
 
 import numpy as np
@@ -57,18 +56,9 @@ def without_some(k: int, messages: dict[str, Any]) -> None:
         messages.pop('link_strains')
 
 
-def in_even_steps(k: int, messages: dict[str, Any]) -> None:
-    """Play faster than recorded, but at one speed as a player of bags does, and end early."""
-    if k > K + 300:
-        messages.clear()
-    else:
-        time.sleep(0.003)
-
-
 def late(k: int, messages: dict[str, Any]) -> None:
     """Let the stamps of strains leap by 0.25 s."""
-    in_even_steps(k, messages)
-    if k >= K and messages:
+    if k >= K:
         stamp = messages['link_strains'].header.stamp
         stamp.sec, stamp.nanosec = divmod(stamp.sec * 10**9 + stamp.nanosec + 250_000_000, 10**9)
 
@@ -79,9 +69,8 @@ THINNED = np.random.default_rng(3).uniform(size=END - K) <= 0.8
 
 def thinned(k: int, messages: dict[str, Any]) -> None:
     """Lose four of five positions."""
-    in_even_steps(k, messages)
     if K <= k < END and THINNED[k - K]:
-        messages.pop('joint_states', None)
+        messages.pop('joint_states')
 
 
 def complete(k: int, messages: dict[str, Any]) -> None:

@@ -28,8 +28,8 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FREE
 from tudor_dynamics.identification.settings import (
     BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_BEFORE, LATE_LOAD, LEAP, LEAST_TOUCH,
-    LONG_BEFORE, LOST_BEFORE, QUIET_CHANNEL, SAME_ONSET, SHARED_TOUCH, STARTED, STOOD_BEFORE,
-    UNLIKE, USUAL)
+    LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, SAME_ONSET, SHARED_TOUCH, STARTED,
+    STOOD_BEFORE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.black_box import Heard, messages_of, replayed
@@ -75,10 +75,10 @@ class Scene:
     messages: list[Heard]
     replay: Replay
     load: LoadFound | None  # what turned out to be carried
+    arrived: int  # when the message came that made the event certain [ns]
     unlike: str  # why the motion is unlike that of the training; empty where it is not
     stage: ExcessStage  # thresholds of the method, and how many false alarms they allow
     topics: dict[str, dict[str, list[str]]]  # of each output, with their channels
-    arrived: int  # when the message came that made the event certain [ns]
 
     def excesses(self, begin: float, end: float, method: str = '') -> list[Excess]:
         """Give the samples of a method between two times since the onset [s]."""
@@ -108,14 +108,18 @@ class Scene:
             own = np.array([(item.stamp, item.time) for item in self.messages
                             if item.topic == topic])
             if len(own) > 2:
-                # arrivals have another epoch where stamps do not count from 1970, and another
-                # pace in a bag that is played faster
+                # the epoch of stamps may be another, and the pace where a bag is played
                 part = (len(own) + 3) // 4
-                spans = own[part:] - own[:-part]
-                pace = np.median(spans[:, 1] / np.maximum(spans[:, 0], 1)) or 1.0
-                steps = np.diff(own, axis=0) / np.median(np.diff(own[:, 0])) / (1.0, pace)
-                ago = self.arrived - own[1:, 1]
-                yield topic, *steps[(0 <= ago) & (ago <= since * pace)].T
+                spans, ago = own[part:] - own[:-part], self.arrived - own[1:, 1]
+                pace = np.median(spans[:, 1] / np.maximum(spans[:, 0], 1))
+                near = (ago >= 0) & (ago <= since * pace)
+                others = np.array([(item.stamp, item.time) for item in self.messages
+                                   if item.topic != topic])
+                if abs(pace - 1.0) > PLAYED:  # the newest stamp of the others is the clock
+                    own[:, 1] = own[:, 0] if not len(others) else others[
+                        np.maximum(np.searchsorted(others[:, 1], own[:, 1]) - 1, 0), 0]
+                steps = np.diff(own, axis=0) / np.median(np.diff(own[:, 0]))
+                yield topic, *steps[near].T
 
 
 def _clock(scene: Scene) -> str:
@@ -305,9 +309,8 @@ def explain(
             continue
         load = next((one for one in loads if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9),
                     None)
-        arrived, unlike = seen.certain[place]
-        scene = Scene(item, messages, seen, load, unlike, own.watch.stages[event.method],
-                      bundle.arm.topics, arrived)
+        scene = Scene(item, messages, seen, load, *seen.certain[place],
+                      own.watch.stages[event.method], bundle.arm.topics)
         name, text, remedy = next(((name, text, remedy) for look, name, remedy in CAUSES
                                    if (text := look(scene))), (UNEXPLAINED, '', ''))
         found.append(Cause(item, name, text, remedy, None if record is None else
