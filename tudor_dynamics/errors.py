@@ -25,6 +25,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 import difflib
 import errno
+import os
 from pathlib import Path
 import sys
 import textwrap
@@ -48,11 +49,8 @@ def wrapped(text: str, width: int) -> str:
 def complain(text: str) -> None:
     """Print on standard error: one line, but on a terminal as many as its width needs."""
     with suppress(OSError):  # standard error may lead to a full disk
-        if sys.stderr.isatty():
-            from rich.console import Console  # slow to import
-            print(wrapped(text, Console(stderr=True).width), file=sys.stderr)
-        else:
-            print(printable(text), file=sys.stderr)
+        width = os.get_terminal_size(sys.stderr.fileno()).columns if sys.stderr.isatty() else 0
+        print(wrapped(text, width or sys.maxsize), file=sys.stderr)
 
 
 def meant(word: str, known: Iterable[str]) -> str:

@@ -27,7 +27,7 @@ from tudor_dynamics.cli.main import main, SUBCOMMANDS
 from tudor_dynamics.provenance import provenance
 
 BAGS = 'bags/two_blade_'
-LOUD = {'doctor', 'evaluate', 'fit', 'info', 'payload', 'why'}
+LOUD = {'doctor', 'evaluate', 'fit', 'info', 'why'}
 
 
 @pytest.fixture(scope='module')
@@ -48,9 +48,7 @@ def model(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         'strain analytical, link3_hub: the RMS error']),
     (f'evaluate {BAGS}pushes --model MODEL --collisions', [
         'strain in ', 'times its threshold; pushes are known from ']),
-    (f'why {BAGS}pushes --model MODEL', ['when it became certain, in thresholds: link2_hub ']),
-    (f'payload {BAGS}test --model MODEL', [
-        f'{BAGS}test, link2_hub: ', ' um/m without the load, '])])
+    (f'why {BAGS}pushes --model MODEL', ['when it became certain, in thresholds: link2_hub '])])
 def test_more_is_said(
     words: str, more: list[str], root: Path, model: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -27,7 +27,6 @@ from tudor_dynamics.identification.dataset import BagData, load, parse_choice, p
 from tudor_dynamics.identification.loads import payload_of, telling
 from tudor_dynamics.load.offline import PayloadEstimate, Presence
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.models.regressor import output_units
 
 EXAMPLES = """\
 examples:
@@ -43,7 +42,6 @@ the masses of the URDF; without any of them the load is a part of the arm's own 
 exit codes: 0 each bag shows whether there is a load; 1 a bag has no information, or the truth is
 more than three standard deviations away; 2 wrong input.
 """
-DETAILS = 'print the residual of each channel without the load and with it, too'
 FAR = 3.0  # standard deviations from which on an estimate is wrong
 
 
@@ -76,12 +74,6 @@ def run(args: argparse.Namespace) -> int:
             for bag, item, mass in zip(bags, found, known, strict=True)}})
     else:
         _print(bags, found, known)
-        for bag, item in zip(bags, found, strict=True):
-            for one in item.outputs * args.verbose:
-                units = output_units(bundle.arm, one.output)
-                say(*(f'{bag.choice}, {name}: {before:.3g} {units[name]} without the load, '
-                      f'{after:.3g} with it' for name, before, after in zip(
-                          one.leftover.channels, *one.leftover.sizes(), strict=True)))
     bad = [item for item, mass in zip(found, known, strict=True)
            if item.verdict is Presence.UNKNOWN or (
                mass is not None and not abs(item.mass - mass) <= FAR * item.mass_std)]

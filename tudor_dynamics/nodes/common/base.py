@@ -237,6 +237,12 @@ class TudorNode(Node):
     exit_code: int | None = None  # of the process, once a node ends by itself; set by any thread
     FIGURES: tuple[Figure, ...] = ()
 
+    @classmethod
+    def main(cls) -> int:
+        """Run the node as a process until it is asked to stop; gives the exit code."""
+        from tudor_dynamics.nodes.common.runner import run  # which imports this module
+        return run(cls)  # type: ignore[arg-type]
+
     def __init__(
         self, name: str, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any,
     ) -> None:
