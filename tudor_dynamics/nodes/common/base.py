@@ -42,6 +42,7 @@ from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.errors import ArmError, meant, TudorError
 from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param
 from tudor_dynamics.nodes.common.messages import JointStateDecoder
+from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import (
     AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, STANDS, TOO_MANY)
 from tudor_dynamics.online.coverage import MEANING
@@ -240,8 +241,7 @@ class TudorNode(Node):
     @classmethod
     def main(cls) -> int:
         """Run the node as a process until it is asked to stop; gives the exit code."""
-        from tudor_dynamics.nodes.common.runner import run  # which imports this module
-        return run(cls)  # type: ignore[arg-type]
+        return run(cls)
 
     def __init__(
         self, name: str, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any,
