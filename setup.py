@@ -29,7 +29,8 @@ setup(
     # Not in setup.cfg: setuptools makes an object of it there, which colcon cannot read.
     python_requires='>=3.10,<3.14',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed', '*.pyi', '**/*.j2', '**/*.css', '**/*.js', '**/*.yaml']},
+    package_data={PACKAGE: [
+        'py.typed', '*.pyi', '**/*.html', '**/*.j2', '**/*.css', '**/*.js', '**/*.yaml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -38,7 +39,8 @@ setup(
     entry_points={
         'console_scripts': [
             'tudor = tudor_dynamics.cli.main:main',
-            *(f'{node} = tudor_dynamics.nodes.{node}:main' for node in NODES),
+            *(f'{node} = tudor_dynamics.nodes.{node}:{node.title().replace("_", "")}Node.main'
+              for node in NODES),
             *(f'{test} = tudor_dynamics.nodes.{test}:main'
               for test in ('damper_sign_test', 'joint_test')),
         ],

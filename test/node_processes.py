@@ -40,7 +40,8 @@ LOADED.set_forkserver_preload([f'tudor_dynamics.nodes.{node}' for node in NODES]
 
 def launch(node: str, *args: str, executor: str = 'events', **how: Any) -> subprocess.Popen:
     """Start a node as its executable does; ``**how`` goes to Popen."""
-    code = f'import sys; from tudor_dynamics.nodes.{node} import main; sys.exit(main())'
+    name = f'{node.title().replace("_", "")}Node'
+    code = f'import sys; from tudor_dynamics.nodes.{node} import {name}; sys.exit({name}.main())'
     return subprocess.Popen(
         [sys.executable, '-c', code, '--ros-args', *args],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -62,7 +63,8 @@ def finish(process: subprocess.Popen, number: int) -> str:
 
 def _run(node: str, args: tuple[str, ...]) -> None:
     sys.argv = [node, *args]
-    sys.exit(import_module(f'tudor_dynamics.nodes.{node}').main())
+    module = import_module(f'tudor_dynamics.nodes.{node}')
+    sys.exit(getattr(module, f'{node.title().replace("_", "")}Node', module).main())
 
 
 def fork(node: str, *args: str) -> BaseProcess:

@@ -46,6 +46,7 @@ TEXT: tuple[tuple[str, str, str], ...] = (
     (r'tudor_dynamics \d+\.\d+\.\d+\w*', 'tudor_dynamics #', 'version'),
     (r'\d{4}-\d\d-\d\d \d\d:\d\d UTC', 'DATE', 'when a model was fitted'),
     (r'(?<=\bCommit)((?:\s|<[^>]*>)+)[0-9a-f]{12}(, changed)?', r'\1#', 'commit that fitted it'),
+    (r'(?<=, digest )[0-9a-f]{64}', '#', 'model of a page, with the commit that fitted it'),
     (r'(?<=\] \[)\d+\.\d+(?=\])', '#', 'time of a line in the log of a node'),
     (r'<(style|script)\b.*?</\1>', '', 'how a page looks'),
 )

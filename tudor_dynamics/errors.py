@@ -22,10 +22,13 @@ on one line and exits with code 2.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import difflib
 import errno
+import os
 from pathlib import Path
+import sys
+import textwrap
 import warnings
 
 MAX_MESSAGE = 1500  # characters of a message; names and values that it repeats may have any number
@@ -34,6 +37,20 @@ MAX_MESSAGE = 1500  # characters of a message; names and values that it repeats 
 def printable(text: str) -> str:
     """Replace characters that would steer the terminal, as names in a file may hold them."""
     return ''.join(char if char.isprintable() else '?' for char in text)
+
+
+def wrapped(text: str, width: int) -> str:
+    """Break a text into lines, no word, path or number in two; those after the first indented."""
+    text = printable(text)
+    return textwrap.fill(text, width, subsequent_indent=' ' * (len(text) - len(text.lstrip()) + 2),
+                         break_long_words=False, break_on_hyphens=False)
+
+
+def complain(text: str) -> None:
+    """Print on standard error: one line, but on a terminal as many as its width needs."""
+    with suppress(OSError):  # standard error may lead to a full disk
+        width = os.get_terminal_size(sys.stderr.fileno()).columns if sys.stderr.isatty() else 0
+        print(wrapped(text, width or sys.maxsize), file=sys.stderr)
 
 
 def meant(word: str, known: Iterable[str]) -> str:

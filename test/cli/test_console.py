@@ -16,9 +16,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import json
+import os
+import pty
 import shlex
+import struct
+import subprocess
+import sys
+import termios
 
 from hypothesis import given, HealthCheck, settings, strategies as st
 import pytest
@@ -145,3 +152,29 @@ def test_steps(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPat
         step('read run4')
         step('compare')
     assert 'compare' in screen.getvalue()
+
+
+PLACE = '/no/such/folder/with/a/long/name/and/more/of/it/recording_1.25e+300'
+
+
+@pytest.mark.parametrize(('words', 'text'), [
+    (['info', PLACE], f'tudor info: {PLACE}: '), (['fit', '--frobnicate=1'], 'there is no --frob'),
+    (['evaluate', 'run', '--model', PLACE], f'tudor evaluate: {PLACE}/model.yaml: '),
+    (['simulate', PLACE, '--plot', '--out', 'x'], '--plot is now --pictures')])
+def test_errors_on_a_terminal(words: list[str], text: str) -> None:
+    """Wrapped at its width, no word, path or number in two; elsewhere they are lines."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('4H', 30, 50, 0, 0))
+    command = [sys.executable, '-m', 'tudor_dynamics', *words]
+    env = {key: value for key, value in os.environ.items() if key != 'COLUMNS'}
+    plain = subprocess.run(command, capture_output=True, text=True, env=env,
+                           stdin=subprocess.DEVNULL)
+    shown = subprocess.run(command, stdout=subprocess.PIPE, stderr=theirs, env=env,
+                           stdin=subprocess.DEVNULL)
+    os.close(theirs)
+    said = os.read(ours, 10_000).decode().replace('\r', '')
+    os.close(ours)
+    assert shown.returncode == plain.returncode == 2
+    assert said.split() == plain.stderr.split() and text in plain.stderr
+    assert plain.stderr.count('\n') == 1 + text.startswith('--plot') < said.count('\n')
+    assert all(len(line) <= 50 or len(line.split()) == 1 for line in said.splitlines())

@@ -52,6 +52,8 @@ def test_a_sound_machine(sound: Path, capsys: pytest.CaptureFixture[str]) -> Non
     said = capsys.readouterr().out
     assert said.startswith('nothing to do\n') and 'synchronised' in said
     assert max(map(len, said.splitlines())) <= 80 and not (sound / 'new').exists()
+    assert main(['doctor', '-v']) == 0
+    assert 'ROS_HOME' in capsys.readouterr().out and 'ROS_HOME' not in said
     assert main(['doctor', '--json']) == 0
     content = json.loads(capsys.readouterr().out)
     assert content['made']['version'] and all(not item['remedy'] for item in content['checks'])

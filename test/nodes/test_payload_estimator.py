@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -33,6 +34,8 @@ from std_srvs.srv import Trigger
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.cli.main import build_parser
+from tudor_dynamics.cli.why import causes
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
@@ -173,6 +176,21 @@ def test_taken_back(world: World, bundle: Path, seen: Recording) -> None:
         'monitor', lambda item: values_of(item).get('collisions that were loads') == '1'))
     assert status['level'] == 'free' and status['loads announced'] == '0'
     assert node._reset() == 'armed' and node.port.load.mass == 0.0
+
+
+def test_why_it_alarmed(world: World, bundle: Path, seen: Recording, tmp_path: Path) -> None:
+    """Where nobody follows the load, the bag of its event says how heavy it is."""
+    node = world.add(MonitorNode, model=str(bundle), event_bags=str(tmp_path))
+    world.listen('collision', Bool, latched())
+    world.meet('joint_states', 'link_strains')
+    feed(world, seen, lambda: node.meter.count // 2, change=named, batch=1, gauges=['g1', 'g2'])
+    assert world.spin(lambda: [item.data for item in world.heard['collision']] == [False, True])
+    world.end(node)
+    (bag,) = tmp_path.iterdir()
+    (found,) = causes(build_parser('why').parse_args(['why', str(bag)]))
+    assert (found.name, found.same) == ('load', True)
+    kilograms = re.search(r'(\S+) kg at the tip', found.evidence)
+    assert kilograms is not None and float(kilograms[1]) == pytest.approx(LOAD, abs=0.03)
 
 
 def test_touched(world: World, bundle: Path) -> None:

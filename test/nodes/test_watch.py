@@ -16,7 +16,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+import subprocess
+import sys
+import threading
 
 import pytest
 from ros_world import feed, World
@@ -26,12 +30,13 @@ from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.watch import WatchNode
+from tudor_dynamics.online.detector import time_of_day
 
 
 def test_a_monitor_is_watched(
-    world: World, model: Path, root: Path, monkeypatch: pytest.MonkeyPatch,
+    world: World, model: Path, root: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Ratios, level, event and state; a record that is none is counted."""
+    """Ratios, level, event and state; where no terminal watches, each event is a line."""
     pushes = read_recording(root / 'bags/two_blade_pushes',
                             load_arm(root / 'config/two_blade_arm.yaml'))
     node = world.add(MonitorNode, model=str(model), event_bags='off')
@@ -44,6 +49,32 @@ def test_a_monitor_is_watched(
     assert max(peak for trace in view.traces.values() for _, peak in trace.peaks) > 1.0
     assert world.spin(lambda: view.level == node.watch.level.name.lower())
     assert 'times its threshold' in view.events[0]
+    assert capsys.readouterr().out.splitlines() == list(view.events)
+
+
+def test_a_pipe_gets_events_as_they_come(world: World) -> None:
+    """A reader has the line while the command goes on; the command ends after its reader."""
+    sender = world.probe.create_publisher(String, 'collision_record', latched())
+    watch = subprocess.Popen([sys.executable, '-m', 'tudor_dynamics', 'watch'], text=True,
+                             stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert watch.stdout and watch.stderr
+    lines: list[str] = []
+    reader = threading.Thread(target=lambda: lines.append(watch.stdout.readline()))
+    reader.start()
+    record = String(data=json.dumps({
+        'onset': 10**18, 'method': 'strain', 'link': 'link3', 'ratio': {'hub\x1b[2J': 1.5}}))
+    try:
+        sender.publish(record)
+        assert world.spin(lambda: bool(lines))
+        assert watch.poll() is None
+        watch.stdout.close()
+        sender.publish(record)
+        assert world.spin(lambda: watch.poll() is not None)
+    finally:
+        watch.kill()
+        watch.wait()
+    assert (watch.returncode, watch.stderr.read()) == (0, '')
+    assert lines == [f'{time_of_day(10**18)}  link3 by strain: hub?[2J 1.50 times its threshold\n']
 
 
 @pytest.mark.parametrize('text', ['', '[]', '{"onset": 1}', '{"onset": "x", "ratio": 3}'])

@@ -27,7 +27,6 @@ import os
 from pathlib import Path
 import re
 import sys
-import textwrap
 import time
 from typing import Any
 
@@ -39,7 +38,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, Trajectory
-from tudor_dynamics.errors import printable, remedy_of, TudorError, UsageError
+from tudor_dynamics.errors import printable, remedy_of, TudorError, UsageError, wrapped
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.uses import Use
@@ -86,10 +85,7 @@ def say(*lines: str) -> None:
     """Print lines on standard output, each wrapped at the width of the terminal."""
     width = Console().width
     for line in lines:
-        text = printable(line)
-        print(textwrap.fill(
-            text, width, subsequent_indent=' ' * (len(text) - len(text.lstrip()) + 2),
-            break_long_words=False, break_on_hyphens=False))
+        print(wrapped(line, width))
 
 
 def say_command(command: str) -> None:

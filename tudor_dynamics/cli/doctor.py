@@ -35,6 +35,7 @@ from typing import Any, TextIO
 
 from tudor_dynamics.cli.console import new_table, print_json, print_table, say, steps
 from tudor_dynamics.compiled import DIRECTORY
+from tudor_dynamics.errors import printable
 from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES
 from tudor_dynamics.provenance import installed, provenance
@@ -46,6 +47,8 @@ examples:
 It looks at versions, ROS 2, clock, processor, rights and space, listens for 5 s to live topics of
 joint states, and says what to do. exit codes: 0 nothing to do; 1 something to do.
 """
+DETAILS = 'print the variables of the environment that change what runs, too'
+VARIABLES = 'AMENT_', 'CYCLONEDDS_', 'FASTDDS_', 'NUMBA_', 'PYTHON', 'RMW_', 'ROS_', 'TUDOR_'
 LAST_DOMAIN = 101  # the ports of larger ones are among those that Linux gives to any program
 FIRST_YEAR = 2024  # a clock that is set is not before it
 OLDEST, YOUNGEST = 0.1, -0.01  # ages of stamps that clocks in step give [s]
@@ -82,8 +85,10 @@ def run(args: argparse.Namespace) -> int:
         say('to do:' if remedies else 'nothing to do',
             *(f'  {check.name}: {check.remedy}' for check in remedies))
         table = new_table('', ('check', 'found'), ())
-        for name, text in (*provenance().items(), *((check.name, check.found) for check in found)):
-            table.add_row(name, text)
+        variables = [item for item in sorted(os.environ.items()) if item[0].startswith(VARIABLES)]
+        for name, text in (*provenance().items(), *((check.name, check.found) for check in found),
+                           *variables * args.verbose):
+            table.add_row(name, printable(text))
         print_table(table)
     return 1 if remedies else 0
 

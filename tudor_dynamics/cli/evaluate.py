@@ -46,6 +46,7 @@ from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.detector import DetectorSettings, Rates, time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
+from tudor_dynamics.provenance import provenance
 
 
 LONGEST_DEBOUNCE = 60.0  # a push that lasts longer is none [s]
@@ -91,7 +92,8 @@ def run_collisions(args: argparse.Namespace) -> int:
     if args.report:
         from tudor_dynamics.show.page import collision_page  # slow to import
         write(args.report, '--report', collision_page(
-            bundle, [str(c) for c in choices], results, args.false_alarms).encode())
+            bundle, [str(c) for c in choices], results, args.false_alarms,
+            _made(args, bundle)).encode())
     if args.json:
         print_json({'model': args.model, 'bags': [str(c) for c in choices],
                     **({'trained_on': seen} if seen else {}),
@@ -101,6 +103,9 @@ def run_collisions(args: argparse.Namespace) -> int:
     else:
         print_collisions(results, args.false_alarms)
         _print_kept(results, args, bundle)
+        say(*[f'{item.method} in {bag.bag}: up to {bag.ratio.max(initial=0.0):.2f} times its '
+              f'threshold; pushes are known from {bag.truth.source or "nothing"}'
+              for item in results for bag in item.watched] * args.verbose)
         if args.report:
             say(f'report: {args.report}')
     return 0
@@ -244,6 +249,8 @@ standard errors (of mean squares over 5 s, then and now). exit codes: 0 as it wa
 to compare with (another --rate, an older model); 1 no longer what it was; 2 wrong input. An ELM
 beside other models does not count.
 """
+DETAILS = ('print samples, and all channels compared, too; with --collisions the largest ratio in '
+           'each bag, and what pushes are known from')
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -312,7 +319,8 @@ def run(args: argparse.Namespace) -> int:
     if args.report:
         from tudor_dynamics.show.page import evaluation_page  # slow to import
         write(args.report, '--report', evaluation_page(
-            bundle, [str(c) for c in choices], found, evaluated, worse).encode())
+            bundle, [str(c) for c in choices], found, evaluated, worse,
+            _made(args, bundle)).encode())
     if args.json:
         content: dict[str, Any] = {'model': args.model, 'bags': [str(c) for c in choices],
                                    'samples': sum(bag.samples for bag in data),
@@ -338,6 +346,9 @@ def run(args: argparse.Namespace) -> int:
         say('the model is what it was in its validation: no channel is worse by more than chance')
     print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}, ' + (
         'as the monitor filters' if args.causal else 'offline: filters without delay'), rows))
+    if args.verbose:
+        say(*(f'{bag.choice}: {bag.samples} samples' for bag in data),
+            *(str(change) for change in compared if change not in worse))
     print_findings(findings)
     for bag, carried in evaluated.loads.items():
         say(f'load in {bag}: {carried.sentence}')
@@ -346,6 +357,11 @@ def run(args: argparse.Namespace) -> int:
         _print_cause(args, data, [touched(change, found[change.output][change.kind])
                                   for change in worse])
     return 1 if worse else 0
+
+
+def _made(args: argparse.Namespace, bundle: ModelBundle) -> dict[str, str]:
+    """Say where a page comes from."""
+    return {**provenance(), 'command': args.call, 'model': f'{args.model}, digest {bundle.digest}'}
 
 
 def _print_cause(args: argparse.Namespace, data: Sequence[BagData], short: Sequence[str]) -> None:

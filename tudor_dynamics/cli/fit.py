@@ -61,7 +61,7 @@ examples:
 MODEL/report.html shows what was found. exit codes: 0 done, 1 no model is good enough, 2 wrong
 input.
 """
-
+DETAILS = 'print offline figures, all verdicts and what was chosen, too'
 
 VIBRATION = 'vibration'  # stands beside the kinds of models, for `ModelBundle.tool`
 CURRENTS = {'shared': True, 'separate': False}
@@ -97,8 +97,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='earlier bundle to compare this fit with')
     parser.add_argument('--exit-zero', action='store_true',
                         help='exit with 0 even if no model is good enough')
-    parser.add_argument('-v', '--verbose', action='store_true',
-                        help='print offline figures, all verdicts and what was chosen, too')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     many = parser.add_argument_group('many bags')
     many.add_argument('--stream', action='store_true',

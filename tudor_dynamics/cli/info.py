@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from datetime import datetime, timezone
-import sys
 
 from rich.console import Console
 from rich.table import Table
@@ -27,8 +26,8 @@ from rich.text import Text
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
-from tudor_dynamics.cli.console import new_table, print_findings, print_json, print_table
-from tudor_dynamics.errors import BagError, printable
+from tudor_dynamics.cli.console import new_table, print_findings, print_json, print_table, say
+from tudor_dynamics.errors import BagError, complain, printable
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.doctor.samples import look_at_samples
@@ -43,7 +42,7 @@ examples:
 Without --arm, joints, efforts and strains are guessed from the topics. The exit code is 0 for a
 bag that can be read, even if nothing can be learned from it, and 2 for one that cannot.
 """
-
+DETAILS = 'print files with their checksum, aligned samples and messages left out, too'
 REAL_TIME = 1e8  # stamps before this are no dates, but times since some start [s]
 
 
@@ -67,13 +66,17 @@ def run(args: argparse.Namespace) -> int:
         except BagError as err:
             if len(args.bags) == 1:
                 raise
-            print(f'tudor info: {err}', file=sys.stderr)
+            complain(f'tudor info: {err}')
             code = 2
             continue
         findings = look_at(report, arm)
         reports.append(report.as_dict() | {'findings': [one.as_dict() for one in findings]})
         if not args.json:
             show(report, console, findings)
+        if args.verbose and not args.json:
+            left = ', '.join(f'{count} {cause}' for cause, count in report.dropped.items())
+            say(f'{report.samples} aligned samples; messages left out: {left or "none"}',
+                f'{", ".join(report.files)}: SHA-256 {report.checksum}')
     if args.json:
         print_json({'bags': reports})
     return code

@@ -16,8 +16,8 @@
 Entry point of ``tudor``: parse, run the subcommand, turn errors into exit codes.
 
 A subcommand is a module or package of this one with ``EXAMPLES``, ``configure(parser)`` and
-``run(args) -> int``. It is imported only when it is called, so that ``tudor --help``
-answers at once.
+``run(args) -> int``; with ``DETAILS``, what ``-v`` prints, where there is more to say. It is
+imported only when it is called, so that ``tudor --help`` answers at once.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ from __future__ import annotations
 import _thread
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, ExitStack, redirect_stderr, redirect_stdout, suppress
+from contextlib import contextmanager, ExitStack, redirect_stderr, redirect_stdout
 import gc
 from importlib import import_module
 from itertools import groupby
 import os
 from pathlib import Path
 import re
+import shlex
 import signal
 import sys
 import tempfile
@@ -47,7 +48,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 from tudor_dynamics._version import __version__  # noqa: E402
 from tudor_dynamics.errors import (  # noqa: E402
-    meant, printable, remedy_of, TudorError, TudorWarning)
+    complain, meant, remedy_of, TudorError, TudorWarning)
 
 GROUPS = {
     'begin': {
@@ -114,7 +115,8 @@ class Parser(argparse.ArgumentParser):
         found = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if found:
             message += meant(found[1], found[2].replace("'", '').split(', '))
-        self.exit(WRONG_INPUT, f'{self.prog}: {printable(message)}; see {self.prog} --help\n')
+        complain(f'{self.prog}: {message}; see {self.prog} --help')
+        self.exit(WRONG_INPUT)
 
 
 class Help(argparse.RawDescriptionHelpFormatter):
@@ -154,8 +156,11 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             module = _subcommand(name)
             sub.epilog = module.EXAMPLES
             module.configure(sub)
-            sub.add_argument('-q', '--quiet', action='store_true',
-                             help='print errors alone, and with --json the object')
+            loud = sub.add_mutually_exclusive_group()
+            if hasattr(module, 'DETAILS'):
+                loud.add_argument('-v', '--verbose', action='store_true', help=module.DETAILS)
+            loud.add_argument('-q', '--quiet', action='store_true',
+                              help='print errors alone, and with --json the object')
             sub.add_argument('--debug', metavar='FILE', help='write what a bug report needs: '
                              'versions, call, output, traceback, descriptions')
     return parser
@@ -176,7 +181,7 @@ def _subcommand(name: str) -> ModuleType:
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: object) -> None:
     label = 'warning' if issubclass(category, TudorWarning) else category.__name__
-    print(f'{label}: {message}', file=sys.stderr)
+    complain(f'{label}: {message}')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -199,22 +204,22 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
             return code
         except TudorError as err:
-            _complain(name, str(err))
+            complain(f'{name}: {err}')
             return WRONG_INPUT
         except BrokenPipeError:
             _forget_output()
             return OK
         except OSError as err:
             place = f'{err.filename}: ' if err.filename else ''
-            _complain(name, f'{place}{err.strerror or err}; {remedy_of(err)}')
+            complain(f'{name}: {place}{err.strerror or err}; {remedy_of(err)}')
             try:
                 sys.stdout.flush()
             except OSError:
                 _forget_output()
             return WRONG_INPUT
         except MemoryError as err:
-            _complain(name, f'not enough memory{f" ({err})" * bool(str(err))}; give fewer or '
-                      'shorter bags, a lower rate, or use a machine with more')
+            complain(f'{name}: not enough memory{f" ({err})" * bool(str(err))}; give fewer or '
+                     'shorter bags, a lower rate, or use a machine with more')
             return WRONG_INPUT
         except KeyboardInterrupt:
             return _interrupted(name)
@@ -222,13 +227,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             if interrupted.is_set():  # a library has made another error of it
                 return _interrupted(name)
             what = f'{type(err).__name__}: {" ".join(str(err).split())[:300]}'
-            _complain(name, f'{what}; this is a defect of tudor: {_traceback_file(arguments)}; '
-                      'docs/howto/report_a_bug.md says where')
+            complain(f'{name}: {what}; this is a defect of tudor: {_traceback_file(arguments)}; '
+                     'docs/howto/report_a_bug.md says where')
             return DEFECT
 
 
 def _run(args: argparse.Namespace, arguments: Sequence[str]) -> int:
     """Run a subcommand, as loud as it was asked for, and recorded for a bug report."""
+    args.call = shlex.join(('tudor', *arguments))
     with ExitStack() as muted:
         if args.quiet:
             nowhere = muted.enter_context(open(os.devnull, 'w'))
@@ -273,7 +279,7 @@ def _interrupts_kept() -> Iterator[threading.Event]:
 
 
 def _interrupted(name: str) -> int:
-    _complain(name, 'interrupted')
+    complain(f'{name}: interrupted')
     if any(not item.daemon for item in threading.enumerate()[1:]):
         os._exit(130)  # nobody waits for what threads compute
     return 130
@@ -290,11 +296,6 @@ def _traceback_file(arguments: Sequence[str]) -> str:
         return (f'run the command again with --debug FILE and report the defect with FILE (the '
                 f'report cannot be written to {tempfile.gettempdir()}: {err.strerror})')
     return f'please report it with {path}'
-
-
-def _complain(name: str, text: str) -> None:
-    with suppress(OSError):  # standard error may lead to a full disk
-        print(f'{name}: {printable(text)}', file=sys.stderr)
 
 
 def _open_standard_streams() -> None:

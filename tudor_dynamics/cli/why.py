@@ -40,6 +40,7 @@ that were recorded, all that come are explained. Causes: clock, gauge, gap, load
 standstill, touch, motion outside training, threshold too low; otherwise the event is unexplained.
 exit codes: 0 each event has a cause; 1 one has none, or none came; 2 wrong input.
 """
+DETAILS = 'print the ratio of each channel at which an event became certain, too'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
             'evidence': cause.evidence, 'remedy': cause.remedy, 'same': cause.same}
             for cause in found])
     else:
-        _print(found)
+        _print(found, verbose=args.verbose)
     return 0 if found and all(cause.evidence for cause in found) else 1
 
 
@@ -96,7 +97,7 @@ def causes(args: argparse.Namespace) -> list[Cause]:
     return [cause for cause in found if args.at in time_of_day(cause.event.event.onset)]
 
 
-def _print(found: Sequence[Cause]) -> None:
+def _print(found: Sequence[Cause], *, verbose: bool) -> None:
     """Print a paragraph for each event."""
     if not found:
         say('no such event comes when the messages pass the monitor again')
@@ -106,6 +107,9 @@ def _print(found: Sequence[Cause]) -> None:
             f'  {seen.channel} of {seen.event.link}, by {seen.event.method}: '
             f'{seen.ratio:.2f} times its threshold, for {1e3 * seen.seconds:.0f} ms',
             *(f'  {text}' for text in (cause.evidence, cause.remedy) if text))
+        if verbose:
+            say('  when it became certain, in thresholds: ' + ', '.join(
+                f'{name} {ratio:.2f}' for name, ratio in seen.event.ratios.items()))
         if cause.same is not None:
             say('  the replay gives the event of the node to the last bit' if cause.same else
                 '  the replay comes near to the event of the node, not to the last bit: the node '

@@ -28,8 +28,8 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FREE
 from tudor_dynamics.identification.settings import (
     BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_BEFORE, LATE_LOAD, LEAP, LEAST_TOUCH,
-    LONG_BEFORE, LOST_BEFORE, QUIET_CHANNEL, SAME_ONSET, SHARED_TOUCH, STARTED, STOOD_BEFORE,
-    UNLIKE, USUAL)
+    LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, SAME_ONSET, SHARED_TOUCH, STARTED,
+    STOOD_BEFORE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.black_box import Heard, messages_of, replayed
@@ -48,18 +48,19 @@ class Replay:
     excesses: dict[str, list[Excess]] = field(default_factory=dict)  # by method
     loads: list[LoadFound] = field(default_factory=list)
     contacts: list[ContactEstimate] = field(default_factory=list)
-    unlike: list[str] = field(default_factory=list)  # at each event, why motion is unlike training
+    # when the message that made each event certain came [ns], why motion was unlike training then
+    certain: list[tuple[int, str]] = field(default_factory=list)
 
 
 def replay(messages: list[Heard], monitor: Monitor) -> Replay:
     """Let a monitor take messages, and keep what it found."""
     seen, watch = Replay(EventLog(messages[0].stamp, FREE)), monitor.watch
-    for _, found in replayed(messages, watch.bundle.arm, monitor):
+    for message, found in replayed(messages, watch.bundle.arm, monitor):
         for method, excess in found.excesses:
             seen.excesses.setdefault(method, []).append(excess)
         seen.loads += found.loads
         seen.contacts += found.contacts
-        seen.unlike += [watch.outside_training] * len(found.events)
+        seen.certain += [(message.time, watch.outside_training)] * len(found.events)
         seen.log.add(found, watch)
     return seen
 
@@ -74,6 +75,7 @@ class Scene:
     messages: list[Heard]
     replay: Replay
     load: LoadFound | None  # what turned out to be carried
+    arrived: int  # when the message came that made the event certain [ns]
     unlike: str  # why the motion is unlike that of the training; empty where it is not
     stage: ExcessStage  # thresholds of the method, and how many false alarms they allow
     topics: dict[str, dict[str, list[str]]]  # of each output, with their channels
@@ -101,12 +103,22 @@ class Scene:
     def steps(self, before: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         """Give steps of stamps and of arrivals in a time before the event [s], in usual ones."""
         event = self.seen.event
+        since = before * 1e9 + event.stamp - event.onset
         for topic in dict.fromkeys(message.topic for message in self.messages):
             own = np.array([(item.stamp, item.time) for item in self.messages
                             if item.topic == topic])
             if len(own) > 2:
+                # the epoch of stamps may be another, and the pace where a bag is played
+                part = (len(own) + 3) // 4
+                spans, ago = own[part:] - own[:-part], self.arrived - own[1:, 1]
+                pace = np.median(spans[:, 1] / np.maximum(spans[:, 0], 1))
+                near = (ago >= 0) & (ago <= since * pace)
+                others = np.array([(item.stamp, item.time) for item in self.messages
+                                   if item.topic != topic])
+                if abs(pace - 1.0) > PLAYED:  # the newest stamp of the others is the clock
+                    own[:, 1] = own[:, 0] if not len(others) else others[
+                        np.maximum(np.searchsorted(others[:, 1], own[:, 1]) - 1, 0), 0]
                 steps = np.diff(own, axis=0) / np.median(np.diff(own[:, 0]))
-                near = (own[1:, 1] >= event.onset - before * 1e9) & (own[1:, 1] <= event.stamp)
                 yield topic, *steps[near].T
 
 
@@ -297,7 +309,7 @@ def explain(
             continue
         load = next((one for one in loads if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9),
                     None)
-        scene = Scene(item, messages, seen, load, seen.unlike[place],
+        scene = Scene(item, messages, seen, load, *seen.certain[place],
                       own.watch.stages[event.method], bundle.arm.topics)
         name, text, remedy = next(((name, text, remedy) for look, name, remedy in CAUSES
                                    if (text := look(scene))), (UNEXPLAINED, '', ''))

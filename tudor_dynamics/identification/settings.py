@@ -331,6 +331,7 @@ TOOL_LEAST = 3  # rests that a fit needs
 # links (bench/causes.py --stiff)
 JUST_BEFORE, LONG_BEFORE = 0.1, 10.0  # times before an onset that are looked at [s]
 BRIEF = 0.15  # shorter events come by chance, or after a loss [s]
+PLAYED = 0.1  # arrivals whose pace is further from that of stamps are those of a player of bags
 CLOCK_STEP = 1.5  # stamps that leap by more while messages come as always [periods]
 LOST_BEFORE = 0.5  # time before an event within which losses may be its cause [s]
 LEAP, QUIET_CHANNEL = 0.7, 0.5  # part of a change in one sample; other channels in thresholds

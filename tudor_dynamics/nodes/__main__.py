@@ -22,4 +22,6 @@ if __name__ == '__main__':
     name = sys.argv.pop(1) if len(sys.argv) > 1 else ''
     if not name.isidentifier() or find_spec(f'{__package__}.{name}') is None:
         sys.exit(f'no node {name!r}; `ros2 pkg executables tudor_dynamics` lists them')
-    sys.exit(import_module(f'{__package__}.{name}').main())
+    module = import_module(f'{__package__}.{name}')
+    own = getattr(module, f'{name.title().replace("_", "")}Node', module)  # some are no nodes
+    sys.exit(own.main())

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 import math
 from threading import Event, Lock
 import time
@@ -37,7 +36,6 @@ from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import joint_state, time_message, wrench_stamped
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import ANSWERED, LATE, LISTENS
 
 
@@ -210,6 +208,3 @@ class ArmSimulatorNode(TudorNode):
             return WARN, (f'no commands arrive on {VELOCITY_COMMANDS}, so the joints stand still: '
                           'start oscillation_damper')
         return level, message
-
-
-main = partial(run, ArmSimulatorNode)

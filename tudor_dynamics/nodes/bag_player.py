@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from importlib import import_module
 import time
 from typing import Any
@@ -31,7 +30,6 @@ from tudor_dynamics.errors import BagError, TudorError
 from tudor_dynamics.nodes.common.base import Figure, OK, TudorNode
 from tudor_dynamics.nodes.common.interfaces import CLOCK
 from tudor_dynamics.nodes.common.messages import time_message
-from tudor_dynamics.nodes.common.runner import run
 
 
 DELIVERY = Duration(seconds=2)  # longest time that readers get for what was published last
@@ -138,6 +136,3 @@ class BagPlayerNode(TudorNode):
         if self.finished:
             return OK, 'the bag has been played to its end'
         return OK, 'waits for subscribers' if self.meter.count == 0 else 'plays the bag'
-
-
-main = partial(run, BagPlayerNode)

@@ -27,7 +27,6 @@ from tudor_dynamics.bags.writer import LiveWriter
 from tudor_dynamics.errors import BagError, TudorError
 from tudor_dynamics.nodes.bag_player import message_class
 from tudor_dynamics.nodes.common.base import Figure, TudorNode
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import RECORDER_DEPTH, SAVE, TOPICS_LOOK
 
 DELIVERY = Duration(seconds=1)  # longest time that readers get for the last diagnosis
@@ -122,6 +121,3 @@ class BagRecorderNode(TudorNode):
         writer, self.writer = self.writer, None
         if writer is not None:
             self._to_bag(writer.close)
-
-
-main = partial(run, BagRecorderNode)

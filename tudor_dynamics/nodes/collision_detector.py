@@ -27,7 +27,6 @@ from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, MotionDecoder, MotionReader, NamedReader, PointSample)
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import WAITING
 from tudor_dynamics.online.monitor import FIELD, warm_up, Watch
 from tudor_dynamics.online.streams import Motion
@@ -129,6 +128,3 @@ class CollisionDetectorNode(DetectNode):
 
     def counters(self) -> list[Counter[str]]:
         return [*super().counters(), self._motion_drops]
-
-
-main = partial(run, CollisionDetectorNode)

@@ -29,7 +29,6 @@ from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublisher, MotionDecoder, MotionReader, NamedReader,
     PointSample)
 from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.monitor import FIELD, MonitorSettings, warm_up
 from tudor_dynamics.online.streams import Gathering, Predictor
 
@@ -102,6 +101,3 @@ class DynamicsPredictorNode(ModelNode):
         for output, values in predicted.items():
             self._predicted[output].publish(motion.stamp, values)
         self.meter.end(begun)
-
-
-main = partial(run, DynamicsPredictorNode)

@@ -34,7 +34,6 @@ from tudor_dynamics.nodes.common.interfaces import (
 from tudor_dynamics.nodes.common.messages import (
     floats, joint_state, JointSample, NamedReader, time_message, trajectory_of)
 from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import DEPTH
 from tudor_dynamics.online.feedforward import Feedforward
 
@@ -151,6 +150,3 @@ class FeedforwardNode(ModelNode):
         if self._refused and level == OK:
             return WARN, f'motion refused: {self._refused}'
         return level, message
-
-
-main = partial(run, FeedforwardNode)

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -35,7 +34,6 @@ from tudor_dynamics.nodes.common.interfaces import (
     JOINT_REFERENCE, RESET, RETREAT, TIP_FORCE, WANTED_FORCE)
 from tudor_dynamics.nodes.common.messages import joint_state, nanoseconds, wrench_stamped
 from tudor_dynamics.nodes.common.moving import MovingNode
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import SILENT
 from tudor_dynamics.online.tip_force import StaticStrain
 from tudor_dynamics.typing import FloatArray
@@ -138,6 +136,3 @@ class ForceControllerNode(MovingNode):
             return WARN, ('the weight of the arm in the gauge readings is unknown: set the '
                           'parameter model, or add the key links to the arm description')
         return OK, controller.cause
-
-
-main = partial(run, ForceControllerNode)

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from functools import partial
 from typing import Any
 
 from sensor_msgs.msg import JointState
@@ -31,7 +30,6 @@ from tudor_dynamics.nodes.common.interfaces import (
     FILTERED_JOINT_STATES, JOINT_MOTION, JOINT_STATES, RESET)
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublisher, MotionEncoder, NamedReader)
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import DEEP
 from tudor_dynamics.online.monitor import warm_up_filter
 from tudor_dynamics.online.streams import LowPass, StateFilter
@@ -102,6 +100,3 @@ class JointStateFilterNode(TudorNode):
 
     def counters(self) -> list[Counter[str]]:
         return [self.drops, self.filter.drops]
-
-
-main = partial(run, JointStateFilterNode)

@@ -36,7 +36,6 @@ from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublisher, MotionEncoder, NamedReader)
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.black_box import Message, MessageRing, write_events
 from tudor_dynamics.online.monitor import FIELD, Monitor, warm_up
 from tudor_dynamics.online.settings import RECORDED_AFTER
@@ -204,6 +203,3 @@ class MonitorNode(DetectNode):
     def counters(self) -> list[Counter[str]]:
         more = [] if self.monitor is None else [self.monitor.filter.drops]
         return [*super().counters(), self._joint_drops, *more]
-
-
-main = partial(run, MonitorNode)

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from threading import Thread
 import time
 import traceback
@@ -32,7 +31,6 @@ from rclpy.validate_namespace import validate_namespace
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.settings import ARMS_LOOK
 
@@ -202,6 +200,3 @@ class MonitorsNode(TudorNode):
     def close(self) -> None:
         for arm in self.arms:
             arm.end(self)
-
-
-main = partial(run, MonitorsNode)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection
-from functools import partial
 import time
 from typing import Any
 
@@ -40,7 +39,6 @@ from tudor_dynamics.nodes.common.interfaces import (
     JOINT_REFERENCE, JOINTS_TESTED, PAYLOAD_TOPIC, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import floats, NamedReader
 from tudor_dynamics.nodes.common.moving import MovingNode
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import BRAKING, LONGEST_GAP, PUBLISHERS_LOOK
 from tudor_dynamics.typing import FloatArray
 
@@ -266,6 +264,3 @@ class OscillationDamperNode(MovingNode):
         """Leave the joints at standstill."""
         self.active = False
         self._brake_down()
-
-
-main = partial(run, OscillationDamperNode)

@@ -16,14 +16,12 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 from rclpy.publisher import Publisher
 
 from tudor_dynamics.nodes.common.base import OK
 from tudor_dynamics.nodes.common.interfaces import PAYLOAD_TOPIC
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.online.coverage import CoverageLevel
 
@@ -46,6 +44,3 @@ class PayloadEstimatorNode(MonitorNode):
         level, message = super().verdict()
         blind = level != OK and self.coverage.verdict.level is not CoverageLevel.ENOUGH
         return level, f'a touch may be taken for a load: {message}' if blind else message
-
-
-main = partial(run, PayloadEstimatorNode)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -47,7 +46,6 @@ from tudor_dynamics.nodes.common.interfaces import (
     STATE)
 from tudor_dynamics.nodes.common.messages import floats, joint_state, NamedReader, trajectory_of
 from tudor_dynamics.nodes.common.moving import MovingNode
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import ALIVE, LONGEST_GAP, MONITORS_LOOK, STATE_PERIOD
 from tudor_dynamics.typing import FloatArray
 
@@ -334,6 +332,3 @@ def _off(source: ReferenceSource) -> dict[str, str] | None:
         return None
     return {name: f'{off:.4f}' for name, off in zip(
         source.names, np.abs(source.motion.q - source.actual), strict=True)}
-
-
-main = partial(run, ReferenceGeneratorNode)

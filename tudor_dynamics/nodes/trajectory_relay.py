@@ -38,7 +38,6 @@ from tudor_dynamics.nodes.common.base import Figure, latched, OK, strong, TudorN
 from tudor_dynamics.nodes.common.following import FollowServer, since_start
 from tudor_dynamics.nodes.common.interfaces import COLLISION, JOINT_TRAJECTORY, RESET
 from tudor_dynamics.nodes.common.messages import NamedReader, put_trajectory, trajectory_of
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import PUBLISHERS_LOOK, SHORTEST_STOP, STATE_PERIOD
 from tudor_dynamics.online.feedforward import Feedforward
 from tudor_dynamics.signals.filters import MotionState
@@ -322,6 +321,3 @@ class TrajectoryRelayNode(TudorNode):
             self.server.destroy()
         if self._client is not None:
             self._client.destroy()
-
-
-main = partial(run, TrajectoryRelayNode)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from functools import partial
 import json
+import os
 import sys
 from typing import Any
 
@@ -31,7 +32,6 @@ from tudor_dynamics.nodes.common.base import latched, TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, COLLISION_RECORD, CONTACT, DIAGNOSTICS, PAYLOAD_TOPIC, RATIOS)
 from tudor_dynamics.nodes.common.messages import JointSample
-from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.detector import Level
 from tudor_dynamics.online.monitor import FIELD
 from tudor_dynamics.show.live import DRAWN, LiveView, shown
@@ -69,10 +69,16 @@ class WatchNode(TudorNode):
     def _on_event(self, message: String) -> None:
         try:
             record = json.loads(message.data)
-            self.view.event(int(record['onset']), str(record['method']), str(record['link']),
-                            {str(name): float(value) for name, value in record['ratio'].items()})
+            line = self.view.event(
+                int(record['onset']), str(record['method']), str(record['link']),
+                {str(name): float(value) for name, value in record['ratio'].items()})
+            if not sys.stdout.isatty():
+                print(line, flush=True)
         except (AttributeError, KeyError, TypeError, ValueError):
             self.drops['unknown_record'] += 1
+        except BrokenPipeError:  # who read it has gone
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            self.exit_code = 0
 
     def _on_load(self, message: InertiaStamped) -> None:
         self.view.load = f'load {message.inertia.m:.3f} kg'
@@ -87,6 +93,3 @@ class WatchNode(TudorNode):
         """Leave the terminal as it was."""
         super().close()
         self._open.close()
-
-
-main = partial(run, WatchNode)

@@ -22,6 +22,7 @@ from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import io
+from pathlib import Path
 import re
 from threading import Event, Thread
 
@@ -31,7 +32,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from tudor_dynamics.errors import UsageError
+from tudor_dynamics.errors import printable, UsageError
 from tudor_dynamics.online.detector import time_of_day
 from tudor_dynamics.typing import FloatArray
 
@@ -42,14 +43,7 @@ STEPS = '\u2581\u2582\u2583\u2584\u2585\u2586\u2587'
 ABOVE = '\u2588'
 COLOURS = {'free': 'green', 'contact': 'yellow', 'collision': 'bold red'}
 WIDTH = 80
-PAGE = """<!DOCTYPE html>
-<html><head><meta charset="UTF-8"><meta http-equiv="refresh" content="1"><title>tudor watch</title>
-<meta name="viewport" content="width=device-width">
-<style>:root {{ color-scheme: light dark }} {stylesheet}
-@media (prefers-color-scheme: dark) {{ span {{ filter: brightness(2) }} }}
-pre {{ font: min(14px, 1.9vw)/1.4 monospace }}</style></head>
-<body><pre>{code}</pre></body></html>
-"""
+PAGE = Path(__file__).parent / 'templates' / 'live.html'
 
 
 @dataclass(slots=True)
@@ -109,8 +103,8 @@ class LiveView:
     def event(self, onset: int, method: str, link: str, ratios: dict[str, float]) -> str:
         """Take an event: its onset [ns], and its ratios by channel; gives it as a line."""
         channel = max(ratios, key=lambda name: ratios[name])
-        self.events.append(f'{time_of_day(onset)}  {link} by {method}: {channel} '
-                           f'{ratios[channel]:.2f} times its threshold')
+        self.events.append(printable(f'{time_of_day(onset)}  {link} by {method}: {channel} '
+                                     f'{ratios[channel]:.2f} times its threshold'))
         return self.events[-1]
 
     def __rich__(self) -> Group:
@@ -142,7 +136,7 @@ def drawn(view: LiveView) -> Console:
 
 def page_of(view: LiveView) -> str:
     """Give a page that asks for the next one after a second."""
-    return drawn(view).export_html(code_format=PAGE, inline_styles=True)
+    return drawn(view).export_html(code_format=PAGE.read_text(), inline_styles=True)
 
 
 def picture_of(view: LiveView) -> str:

@@ -403,9 +403,9 @@ def load_figure(arm: Arm, load: PayloadEstimate) -> Plot:
 
 def evaluation_page(
     bundle: ModelBundle, bags: Sequence[str], outputs: dict[str, dict[str, Validation]],
-    evaluated: Evaluated, worse: Sequence[ErrorChange],
+    evaluated: Evaluated, worse: Sequence[ErrorChange], made: dict[str, str],
 ) -> str:
-    """Render the page."""
+    """Render the page; made: provenance."""
     rows = [{'kind': kind, 'channel': name, 'score': score,
              'unit': output_units(bundle.arm, output)[name]}
             for output, kinds in outputs.items() for kind, item in kinds.items()
@@ -420,7 +420,7 @@ def evaluation_page(
               'figure': load_figure(bundle.arm, load)}
              for bag, load in evaluated.loads.items()]
     return rendered('evaluation', arm=bundle.arm.name, bags=bags, rows=rows, worse=worse,
-                    findings=evaluated.findings, loads=loads)
+                    findings=evaluated.findings, loads=loads, made=made)
 
 
 MOST = 6  # bags whose ratios a page draws
@@ -428,12 +428,13 @@ MOST = 6  # bags whose ratios a page draws
 
 def collision_page(
     bundle: ModelBundle, bags: Sequence[str], results: Sequence[MethodResult], allowed: float,
+    made: dict[str, str],
 ) -> str:
-    """Render the page of what a detector found; allowed: false alarms per hour."""
+    """Render the page of what a detector found; allowed: false alarms per hour; made: as above."""
     curves = {item.method: item.roc for item in results if item.roc.pushes}
     pictures = [(f'{item.method}: {item.watched[bag].bag}', event_figure(item, bag))
                 for bag in range(min(len(bags), MOST)) for item in results]
     return rendered(
         'collisions', arm=bundle.arm.name, bags=bags, results=results, per_hour=allowed,
         best=max(results, key=lambda item: (item.score.found, -(item.score.false_alarms or 0))),
-        roc=roc_figure(curves) if curves else None, pictures=pictures)
+        roc=roc_figure(curves) if curves else None, pictures=pictures, made=made)

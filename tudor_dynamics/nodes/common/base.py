@@ -42,6 +42,7 @@ from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.errors import ArmError, meant, TudorError
 from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param
 from tudor_dynamics.nodes.common.messages import JointStateDecoder
+from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import (
     AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, STANDS, TOO_MANY)
 from tudor_dynamics.online.coverage import MEANING
@@ -236,6 +237,11 @@ class TudorNode(Node):
     crowded: tuple[bytes, str] | None = None  # see `crowd`
     exit_code: int | None = None  # of the process, once a node ends by itself; set by any thread
     FIGURES: tuple[Figure, ...] = ()
+
+    @classmethod
+    def main(cls) -> int:
+        """Run the node as a process until it is asked to stop; gives the exit code."""
+        return run(cls)
 
     def __init__(
         self, name: str, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any,

@@ -27,8 +27,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from tudor_dynamics.errors import TudorError
-from tudor_dynamics.nodes.common.base import TudorNode
+from tudor_dynamics.errors import complain, TudorError
 from tudor_dynamics.nodes.settings import SIGNAL_LOOK
 
 EXECUTORS = ('events', 'single')
@@ -86,9 +85,9 @@ def spin_for(executor: Any, seconds: float, halt: Halt | None = None) -> None:
         executor.spin_until_future_complete(Halt() if halt is None else halt, timeout_sec=seconds)
 
 
-def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> int:
-    """Run a node until it is asked to stop; args: those of the process by default."""
-    node: TudorNode | None = None
+def run(factory: Callable[[], Any], args: Sequence[str] | None = None) -> int:
+    """Run a node until it is asked to stop; factory: of a TudorNode; args: of the process."""
+    node: Any = None
     halt = Halt()
 
     try:
@@ -111,13 +110,13 @@ def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> 
     except ExternalShutdownException:
         pass
     except TudorError as err:
-        print(' '.join(str(err).split()), file=sys.stderr)
+        complain(str(err))
         return 2
     except Exception as err:
         # rclpy's own errors of arguments, parameter files and values are not one family
         if node is not None:
             raise
-        print(f'{type(err).__name__}: {" ".join(str(err).split())}', file=sys.stderr)
+        complain(f'{type(err).__name__}: {" ".join(str(err).split())}')
         return 2
     finally:
         if node is not None:

@@ -1,0 +1,82 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which clock is wrong, and what is lost, by stamps and arrivals alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from tudor_dynamics.identification.causes import _clock, _gap, Scene
+from tudor_dynamics.online.black_box import Heard
+
+PERIOD, COUNT, AT = 10_000_000, 1500, 900
+"""Of the messages [ns], how many, and of which something is wrong."""
+
+
+def scene(leap: int, back: int, lost: int, speed: float, epoch: int, burst: int) -> Scene:
+    """Let strains leap by periods from a message to another, or be lost, before an event."""
+    found = []
+    for place, topic in enumerate(('/joint_states', '/link_strains')):
+        for k in range(COUNT):
+            strains = topic == '/link_strains'
+            if strains and AT <= k < AT + lost:
+                continue
+            arrival = burst * (k // burst) + 0.01 * (k % burst) + 0.001 * place
+            stamp = k + leap * (strains and AT <= k < back)
+            found.append(Heard(epoch + round(arrival * PERIOD / speed), 10**18 + stamp * PERIOD,
+                               topic, {}))
+    found.sort(key=lambda message: message.time)
+    certain = next(item for item in found if item.topic == '/joint_states'
+                   and item.stamp == 10**18 + (AT + 10) * PERIOD)
+    event = SimpleNamespace(onset=certain.stamp - 2 * PERIOD, stamp=certain.stamp)
+    return Scene(SimpleNamespace(event=event, seconds=0.02), found, None, None, certain.time,
+                 '', None, {})
+
+
+@pytest.mark.parametrize('epoch', [10**18, 5 * 10**17, 0])
+@pytest.mark.parametrize('speed', [1.0, 0.5, 20.0])
+@pytest.mark.parametrize(('leap', 'back', 'lost', 'burst', 'clock', 'gap'), [
+    (0, 0, 0, 1, '', ''), (0, 0, 0, 4, '', ''),
+    (25, COUNT, 0, 1, 'stamps of /link_strains leap by +25.0 periods', '/link_strains'),
+    (-25, COUNT, 0, 1, 'stamps of /link_strains leap by -25.0 periods', ''),
+    (25, AT + 2, 0, 1, '', '/link_strains'),  # back before the event
+    (0, 0, 3, 1, '', '3 samples of /link_strains are missing'),
+    (0, 0, 4, 4, '', '4 samples of /link_strains are missing')])
+def test_stamps_and_arrivals(
+    leap: int, back: int, lost: int, speed: float, epoch: int, burst: int, clock: str, gap: str,
+) -> None:
+    """Played at another speed or with stamps of another epoch, the same is said."""
+    shown = scene(leap, back, lost, speed, epoch, burst)
+    assert clock in _clock(shown) and bool(clock) == bool(_clock(shown))
+    assert gap in _gap(shown) and bool(gap) == bool(_gap(shown))
+
+
+@pytest.mark.parametrize('speed', [1.0, 20.0])
+def test_one_topic(speed: float) -> None:
+    """Where nothing else says how time goes, a gap in a bag that is played is no clock."""
+    shown = scene(0, 0, 4, speed, 10**18, 1)
+    alone = [item for item in shown.messages if item.topic == '/link_strains']
+    shown = replace(shown, messages=alone)
+    assert not _clock(shown) and '4 samples' in _gap(shown)
+
+
+def test_a_clock_that_is_hours_wrong() -> None:
+    """A leap longer than all that is kept changes nothing of the usual steps."""
+    shown = scene(10**6, COUNT, 0, 1.0, 10**18, 1)
+    assert 'leap by +1000000.0 periods' in _clock(shown)
+    assert np.isfinite([steps for _, *steps in shown.steps(10.0)][0]).all()
