@@ -342,13 +342,16 @@ def identify(
     which = chosen([end.fit for end in done])
     known, end = finalists[which][0], done[which]
     runs += sum(item.runs for item in done)
-    simple, from_there = simple_gears(arm, known, end.x)
-    if simple.held != known.held:
+    for _ in range(2):  # a gear without play may turn out to be rigid
+        simple, from_there = simple_gears(arm, known, end.x)
+        if simple.held == known.held:
+            break
         ends = _with_simple(arm, records, (known, end.x), (simple, from_there), progress)
         runs += sum(item.runs for item in ends)
-        if len(ends) > 2:
-            known, end = simple, ends[-1]
-            untold = tuple(name for name in untold if name not in simple.held)
+        if len(ends) < 3:
+            break
+        known, end = simple, ends[-1]
+        untold = tuple(name for name in untold if name not in simple.held)
     return result_of(_problem(arm, records, known), end.x, starts, runs, untold)
 
 
@@ -358,9 +361,10 @@ def simple_gears(arm: Arm, known: Knowledge, x: FloatArray) -> tuple[Knowledge, 
     held: dict[str, float] = {}
     for joint in mechanism.beams:
         gear, play, edge, tight, loose = (f'{kind}({joint})' for kind in GEAR_KINDS)
-        if not {gear, play, f'bending({joint})'} <= {*values}:
+        if not {gear, f'bending({joint})'} <= {*values}:
             continue
-        doubt = float(np.log(values[play] / known.start[play])) / known.width[play]
+        doubt = (float(np.log(values[play] / known.start[play])) / known.width[play]
+                 if play in values else 0.0)
         if doubt > FAR_PLAY:  # what yields within it is a spring, softer by the edge
             values[gear] *= 1.0 - 1.0 / np.hypot(1.0, values[edge])
         length = float(mechanism.body_float[mechanism.body_of[joint], at.LENGTH])
