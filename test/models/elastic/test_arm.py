@@ -31,7 +31,7 @@ from tudor_dynamics.mechanics.mechanism import build_mechanism
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import Probe
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.kernel import gear
+from tudor_dynamics.models.elastic.kernel import BLUR, gear
 from tudor_dynamics.models.settings import EDGE
 
 G = 9.81
@@ -262,7 +262,7 @@ def test_uneven_samples() -> None:
 @settings(max_examples=100, deadline=None)
 def test_gear_and_its_derivatives(twist: float, rate: float, play: float, stiff: float) -> None:
     """Stiffness is the slope of the torque, damping that by the rate; the torque is odd."""
-    row = np.array([stiff, play, max(EDGE * play, 1e-4), 0.5, 0.1])
+    row = np.array([stiff, play, max(EDGE * play, 1e-4), 0.5, 0.1, 0.0])
     torque, slope, damping = gear(row, twist, 0.0)
     h = 1e-7
     by_difference = (gear(row, twist + h, 0.0)[0] - gear(row, twist - h, 0.0)[0]) / (2 * h)
@@ -275,15 +275,34 @@ def test_gear_and_its_derivatives(twist: float, rate: float, play: float, stiff:
 
 def test_no_torque_in_the_play() -> None:
     """Midway the gear is free; well outside it is a spring shifted by the play."""
-    row = np.array([200.0, 0.01, 0.001, 0.5, 0.1])
+    row = np.array([200.0, 0.01, 0.001, 0.5, 0.1, 0.0])
     assert gear(row, 0.0, 0.0)[0] == 0.0
     assert abs(gear(row, 0.005, 0.0)[0]) < 0.02 * 200.0 * 0.005
     assert gear(row, 0.005, 0.0)[1] < 0.02 * 200.0
     assert gear(row, 0.005, 1.0)[2] == pytest.approx(0.1, abs=0.01)
     assert gear(row, 0.05, 0.0)[0] == pytest.approx(200.0 * 0.04, rel=1e-3)
     assert gear(row, 0.05, 1.0)[2] == pytest.approx(0.5, abs=1e-3)
-    sharp = np.array([200.0, 0.0, 1e-9, 0.5, 0.1])
+    sharp = np.array([200.0, 0.0, 1e-9, 0.5, 0.1, 0.0])
     assert gear(sharp, 0.003, 0.0)[0] == pytest.approx(0.6, rel=1e-9)
+
+
+def test_edges_act_alike_wherever_steps_meet_them() -> None:
+    """The impulse of a crossing scatters by the phase of the steps, less where edges are blurred."""
+    step, rate, play = 2e-3, 0.2, 0.007
+
+    def scatter(blur: float) -> float:
+        row = np.array([200.0, play, 5e-5, 0.0, 0.0, blur])
+        impulses = []
+        for phase in np.linspace(0.0, 1.0, 40, endpoint=False):
+            twists = play + rate * step * (np.arange(-15, 30) + phase)
+            exact = 100.0 * (twists[-1] + 0.5 * rate * step - play)**2 / rate
+            impulses.append(step * sum(gear(row, twist, rate)[0] for twist in twists) - exact)
+        return float(np.std(impulses))
+
+    assert scatter(0.25 * step) < 0.6 * scatter(0.0)
+    driven = mast()
+    driven.follow(np.linspace(0.5, 0.6, 40)[:, None], even(40, 1000.0))
+    assert driven.tables.gears.springs[:, BLUR] == pytest.approx(0.25 * 1e-3)
 
 
 def test_parameters_scale_what_they_say() -> None:

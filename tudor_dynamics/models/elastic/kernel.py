@@ -38,7 +38,8 @@ PLAY = 1  # half of the backlash [rad]
 ROUND = 2  # over which the edge of the play is rounded [rad]
 TIGHT = 3  # damping where the teeth touch [N m s/rad]
 LOOSE = 4  # damping inside the play [N m s/rad]
-SPRING_FLOATS = 5
+BLUR = 5  # of an edge by the speed of the twist: a quarter of the inner step [s]
+SPRING_FLOATS = 6
 
 
 class Gears(NamedTuple):
@@ -54,9 +55,12 @@ class Gears(NamedTuple):
 @compiled
 def gear(row: NDArray, twist: float, rate: float) -> tuple[float, float, float]:
     """Give torque, stiffness and damping of a gear with play at a twist [N m, per rad(/s)]."""
-    below, above = twist - row[PLAY], twist + row[PLAY]
-    low = math.sqrt(below * below + row[ROUND] * row[ROUND])
-    high = math.sqrt(above * above + row[ROUND] * row[ROUND])
+    # An edge between two steps acts by its mean over a step, which rounds it by the way of the
+    # twist in a quarter of it; sharp, each crossing would give or take energy.
+    below, above, passed = twist - row[PLAY], twist + row[PLAY], row[BLUR] * rate
+    rounded = row[ROUND] * row[ROUND] + passed * passed
+    low = math.sqrt(below * below + rounded)
+    high = math.sqrt(above * above + rounded)
     share = 1.0 + 0.5 * (below / low - above / high)
     damping = row[LOOSE] + (row[TIGHT] - row[LOOSE]) * share
     torque = row[STIFF] * (twist + 0.5 * (low - high)) + damping * rate
@@ -189,7 +193,9 @@ def factorise(equations: Equations, gears: Gears, speed_gain: float, place_gain:
                 factor[a, c] += mass[i, j]
     for s in range(gears.place.shape[0]):
         i = gears.place[s]
-        _, slope, rate_slope = gear(gears.springs[s], equations.vectors[Z, i] - gears.aim[s], 0.0)
+        _, slope, rate_slope = gear(
+            gears.springs[s], equations.vectors[Z, i] - gears.aim[s],
+            equations.vectors[DZ, i] - gears.aim_rate[s])
         for a in range(free.shape[0]):
             if free[a] == i:
                 factor[a, a] += speed_gain * rate_slope + place_gain * slope
@@ -348,6 +354,8 @@ def advance(driven: Driven, dt: float, steps: int, loaded: bool) -> bool:
     gain, speed_gain, place_gain = alpha.gain, alpha.speed_gain, alpha.place_gain
     z, dz, ddz, acc = vectors[Z], vectors[DZ], vectors[DDZ], vectors[ACC]
     old_ddz, old_acc, force = vectors[OLD_DDZ], vectors[OLD_ACC], vectors[FORCE]
+    for s in range(aim.shape[0]):
+        gears.springs[s, BLUR] = 0.25 * h
     for step in range(steps):
         tau = (step + 1) * h
         for s in range(aim.shape[0]):
