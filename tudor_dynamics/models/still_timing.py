@@ -114,7 +114,7 @@ class _Timing:
         q, dq, ddq = (np.asarray(curve(t, order)) for order in range(3))
         own = [given.joints.index(name) for name in given.of(arm.active_joints).joints]
         states = MotionState(q[:, own], dq[:, own], ddq[:, own])
-        flange = flange_motion(arm, t, states)
+        flange = flange_motion(arm, t[::2], MotionState(q[::2, own], dq[::2, own], ddq[::2, own]))
         gravity = flange.motion[-1, 9:]
         expected = tool.frequency(gravity)
         self.frequency = expected[0].value
@@ -128,7 +128,7 @@ class _Timing:
         drive = np.linalg.norm((flange.motion[:, :3] + np.cross(flange.motion[:, 3:6], tool.place))
                                @ self.rows[0, 3:9].reshape(2, 3).T, axis=1)
         gross = float(drive.mean()) * self.seconds / (2.0 * math.pi * self.frequency)
-        swings = np.array([from_rest(row, self.step, flange.motion) for row in self.rows])
+        swings = np.array([from_rest(row, 2.0 * self.step, flange.motion) for row in self.rows])
         self.size = 1.0
         rings = self.rings_of(swings[:, -1])
         if not np.isfinite(rings).all():
@@ -137,9 +137,9 @@ class _Timing:
         self.size = max(float(np.abs(rings[0]).max()), TIMING_LEAST * gross, 1e-12)
 
         self.first = max(count - 1 - 2 * round(0.5 * min(window, self.seconds) / self.step), 0)
-        self.begin = swings[:, self.first]
+        self.begin = swings[:, self.first // 2]
         self.flange = np.hstack([flange.motion[:, :6], flange.velocity,
-                                 flange.motion[:, 6:]])[self.first::2]
+                                 flange.motion[:, 6:]])[self.first // 2:]
         most = np.abs(ddq).max(axis=0)
         loads = [np.stack([ddq, 0.0 * q, 0.5 * dq, 0.0 * q])[:, :, most > 1e-9]
                  / most[most > 1e-9]]
