@@ -431,7 +431,7 @@ def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
         raise BagError(msg) from None
     if not exists:
         left = ', '.join(map(str, abandoned(path)))
-        found = f'{left}, which a killed recorder left there, or ' if left else ''
+        found = f'{left}, which a killed recorder left, or ' if left else ''
         msg = (f'{path}: no such file or directory; give {found}a rosbag2 directory, .mcap or '
                '.db3 file')
     elif path.suffix == '.bag':

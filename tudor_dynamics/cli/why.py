@@ -88,10 +88,10 @@ def causes(args: argparse.Namespace) -> list[Cause]:
     bundle = load_bundle(model)
     digest = records[0].get('digest', bundle.digest) if records else bundle.digest
     if digest != bundle.digest:
-        warnings.warn(f'{model} (digest {bundle.digest[:12]}) is not the model that the monitor '
-                      f'used for this event (digest {str(digest)[:12]}), so results may differ '
-                      'from those of the monitor; give its model with --model', TudorWarning,
-                      stacklevel=2)
+        warnings.warn(f'the model {model} (digest {bundle.digest[:12]}) is not the one that the '
+                      f'monitor used for this event (digest {str(digest)[:12]}), so results may '
+                      "differ from the monitor's; give the monitor's model with --model",
+                      TudorWarning, stacklevel=2)
     found = explain(bag, bundle, settings, str(params.get('payload_source', 'parameter')), payload,
                     records)
     return [cause for cause in found if args.at in time_of_day(cause.event.event.onset)]

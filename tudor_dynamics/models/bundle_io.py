@@ -153,8 +153,8 @@ def _read_head(path: Path) -> HeadPart:
         raise ModelError('not UTF-8 text; give a model bundle of tudor fit', place=file) from None
     body, mark, checksum = text.rpartition(MARK)
     if not mark or checksum != f'{_sha256(body.encode())}\n':
-        raise ModelError('the file was edited or is incomplete (wrong checksum)', place=file,
-                         remedy=f'restore it, or {AGAIN}')
+        raise ModelError('this file of the model was edited or is incomplete (wrong checksum)',
+                         place=file, remedy=f'restore it, or {AGAIN}')
     head = load_yaml(body, file)
     if not isinstance(head, dict) or head.get('format') != FORMAT:
         raise ModelError(f'not a model bundle: its format is not {FORMAT!r}', place=file,
@@ -361,7 +361,7 @@ def load_bundle(
         if name not in content:
             raise ModelError(f'model.yaml lists an unknown file {name!r}; {AGAIN}', place=path)
         if _sha256(content[name]) != checksum:
-            raise ModelError('the file was edited or is incomplete (wrong checksum)',
+            raise ModelError('this file of the model was edited or is incomplete (wrong checksum)',
                              place=path / name, remedy=f'restore it, or {AGAIN}')
     try:
         own = _arm(load_yaml(content['arm.yaml'], path / 'arm.yaml'), content, path)

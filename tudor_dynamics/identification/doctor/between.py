@@ -223,7 +223,8 @@ def _heavier(
         if differs and differ[j, i] and change[i, j] * change[j, i] < 0.0:
             heavy, light = (j, i) if change[i, j] > 0.0 else (i, j)
             return [found(
-                'load_unknown', f'the arm carries more in {names[heavy]} than in {names[light]}',
+                'load_unknown', f'the arm carries more in bag {names[heavy]} than in bag '
+                f'{names[light]}',
                 names[heavy], remedy='state the payload of each bag with tudor fit --payload-of '
                 'BAG=KG, or fit each bag separately')]
     return []
