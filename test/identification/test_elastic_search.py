@@ -146,8 +146,9 @@ def test_how_a_mass_is_spread_is_found() -> None:
         records.append(Record(q, even(len(q), RATE), strain, payload=0.25))
     values = {p.name: p for p in identify(ARM, records, warm=TRUTH).physical}
     for name in ('gyration(j1,1)', 'gear(j1)', 'gear(j2)', 'bending(j1)', 'bending(j2)'):
-        error = abs(values[name].value - truth[name])
-        assert error < 3.0 * values[name].standard_error and error < 0.1 * truth[name], values[name]
+        found, wanted = values[name], truth[name]
+        error = abs(found.value - wanted)
+        assert error < 3.0 * found.standard_error and error < 0.1 * wanted, found
 
 
 def test_which_gears_may_be_simple() -> None:

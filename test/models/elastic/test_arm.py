@@ -288,7 +288,7 @@ def test_no_torque_in_the_play() -> None:
 
 
 def test_edges_act_alike_wherever_steps_meet_them() -> None:
-    """The impulse of a crossing scatters by the phase of the steps, less where edges are blurred."""
+    """What a crossing gives scatters by the phase of the steps, less where edges are blurred."""
     step, rate, play = 2e-3, 0.2, 0.007
 
     def scatter(blur: float) -> float:
@@ -329,15 +329,15 @@ def test_parameters_scale_what_they_say() -> None:
 def test_a_part_resists_being_turned() -> None:
     """By its mass and radius of gyration, as described or alike about all axes; weight stays."""
     lumped = {'mass': 0.8, 'inertia': [4e-4, 2e-4, 6e-4, 0, 0, 0]}
-    for parts, shape in (([{'mass': 0.8}], [1, 1, 1, 0, 0, 0]), ([lumped], [1, 0.5, 1.5, 0, 0, 0])):
-        driven = DrivenArm(blade_arm(links=[
-            {'joint': 'j1', 'flexible': blade(lumped=parts)}, {'joint': 'j2', 'flexible': blade()}]))
+    for part, shape in (({'mass': 0.8}, [1, 1, 1, 0, 0, 0]), (lumped, [1, 0.5, 1.5, 0, 0, 0])):
+        driven = DrivenArm(blade_arm(links=[{'joint': 'j1', 'flexible': blade(lumped=[part])},
+                                            {'joint': 'j2', 'flexible': blade()}]))
         described = driven.parameters['gyration(j1,1)']
-        assert described == pytest.approx(sqrt(4e-4 / 0.8) if 'inertia' in parts[0] else 0.0)
+        assert described == pytest.approx(sqrt(4e-4 / 0.8) if 'inertia' in part else 0.0)
         still, slow = at_rest(driven, 0.5, 0.3).moment, driven.linearised([0.5, 0.3]).mass
         driven.set_parameters({'lumped(j1,1)': 0.9, 'gyration(j1,1)': 0.05})
-        part = driven.mechanism.body_float[driven._physics.parts['j1,1'].body]
-        assert part[at.INERTIA:at.INERTIA + 6] == pytest.approx(0.9 * 0.05**2 * np.array(shape))
+        row = driven.mechanism.body_float[driven._physics.parts['j1,1'].body]
+        assert row[at.INERTIA:at.INERTIA + 6] == pytest.approx(0.9 * 0.05**2 * np.array(shape))
         driven.set_parameters({'lumped(j1,1)': 0.8})
         assert at_rest(driven, 0.5, 0.3).moment == pytest.approx(still)
         assert np.trace(driven.linearised([0.5, 0.3]).mass) > np.trace(slow) + 1e-4
