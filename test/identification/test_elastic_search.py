@@ -136,6 +136,21 @@ def test_a_rigid_gear_is_found(seeds: tuple[int, int]) -> None:
     assert {p.name: p.value for p in again.physical}['play(j1)'] == 0.0
 
 
+def test_how_a_mass_is_spread_is_found() -> None:
+    """An elbow that is described as a point, and is none, leaves gears and links as they are."""
+    truth = {**TRUTH, 'gyration(j1,1)': 0.05}
+    records = []
+    for seed in (3, 4):
+        q = travel(SECONDS, RATE, seed)
+        strain, _ = recorded(ARM, truth, q, RATE, NOISE, seed)
+        records.append(Record(q, even(len(q), RATE), strain, payload=0.25))
+    values = {p.name: p for p in identify(ARM, records, warm=TRUTH).physical}
+    for name in ('gyration(j1,1)', 'gear(j1)', 'gear(j2)', 'bending(j1)', 'bending(j2)'):
+        found, wanted = values[name], truth[name]
+        error = abs(found.value - wanted)
+        assert error < 3.0 * found.standard_error and error < 0.1 * wanted, found
+
+
 def test_which_gears_may_be_simple() -> None:
     """By how much they give way, and by how far their play is from what was described."""
     arm = lone_arm()

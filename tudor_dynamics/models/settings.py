@@ -89,9 +89,9 @@ FROM_DATA, FROM_BOTH = 0.3, 0.8
 
 # -- Elastic models (elastic/)
 # Longest inner step [s].
-# 2.5e-3 costs 1 % of phase at 15 Hz, and crossings of a play shift shares of stiffness by twice
-# as much (bench/elastic_study.py --only fits).
-INNER_STEP = 1.7e-3
+# One at 500 Hz. Of 2.5e-3, crossings of a play move shares of stiffness by a tenth
+# (bench/elastic_study.py --only fits).
+INNER_STEP = 2e-3
 # Rate at which the observer forgets what it does not know the cause of [1/s].
 BANDWIDTH = 8.0
 # The edge of a play is rounded over this part of it, where nothing better is known.

@@ -27,6 +27,7 @@ from sample_arms import gauge, LENGTH_1, LENGTH_2, planar_arm
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.mechanism import build_mechanism
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import Probe
@@ -287,7 +288,7 @@ def test_no_torque_in_the_play() -> None:
 
 
 def test_edges_act_alike_wherever_steps_meet_them() -> None:
-    """The impulse of a crossing scatters by the phase of the steps, less where edges are blurred."""
+    """What a crossing gives scatters by the phase of the steps, less where edges are blurred."""
     step, rate, play = 2e-3, 0.2, 0.007
 
     def scatter(blur: float) -> float:
@@ -323,6 +324,23 @@ def test_parameters_scale_what_they_say() -> None:
     assert np.array_equal(at_rest(driven, 0.0, 0.0).moment[0], base)
     driven.set_parameters({'bending(j1)': 1e6})
     assert at_rest(driven, 0.0, 0.0).moment[0] == pytest.approx(base, abs=1e-5)
+
+
+def test_a_part_resists_being_turned() -> None:
+    """By its mass and radius of gyration, as described or alike about all axes; weight stays."""
+    lumped = {'mass': 0.8, 'inertia': [4e-4, 2e-4, 6e-4, 0, 0, 0]}
+    for part, shape in (({'mass': 0.8}, [1, 1, 1, 0, 0, 0]), (lumped, [1, 0.5, 1.5, 0, 0, 0])):
+        driven = DrivenArm(blade_arm(links=[{'joint': 'j1', 'flexible': blade(lumped=[part])},
+                                            {'joint': 'j2', 'flexible': blade()}]))
+        described = driven.parameters['gyration(j1,1)']
+        assert described == pytest.approx(sqrt(4e-4 / 0.8) if 'inertia' in part else 0.0)
+        still, slow = at_rest(driven, 0.5, 0.3).moment, driven.linearised([0.5, 0.3]).mass
+        driven.set_parameters({'lumped(j1,1)': 0.9, 'gyration(j1,1)': 0.05})
+        row = driven.mechanism.body_float[driven._physics.parts['j1,1'].body]
+        assert row[at.INERTIA:at.INERTIA + 6] == pytest.approx(0.9 * 0.05**2 * np.array(shape))
+        driven.set_parameters({'lumped(j1,1)': 0.8})
+        assert at_rest(driven, 0.5, 0.3).moment == pytest.approx(still)
+        assert np.trace(driven.linearised([0.5, 0.3]).mass) > np.trace(slow) + 1e-4
 
 
 def test_parameters_of_the_description(root: Any) -> None:

@@ -86,7 +86,7 @@ def test_units() -> None:
     """Every parameter of an arm has a unit; gears of prismatic joints count in N and m."""
     names = DrivenArm(ARM).parameters
     assert {physical_unit(ARM, name) for name in names} == {
-        'N m^2', 'kg/m', 'kg', 'N m/rad', 'rad', 'N m s/rad', '1', '1/s', 's'}
+        'N m^2', 'kg/m', 'kg', 'm', 'N m/rad', 'rad', 'N m s/rad', '1', '1/s', 's'}
     slider = blade_arm(gauges=[], joints=[
         {'name': 'j1', 'type': 'prismatic', 'effort': {'unit': 'N'}}, {'name': 'j2'}])
     assert physical_unit(slider, 'gear(j1)') == 'N/m'

@@ -21,6 +21,8 @@ from dataclasses import dataclass
 import math
 from typing import Literal
 
+import numpy as np
+
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics import chain as at
@@ -32,6 +34,8 @@ from tudor_dynamics.typing import FloatArray
 
 # -- Where the physical parameters of a driven arm are read from, and the tables they act in
 
+ROUND = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+"""Inertia of a body that is alike about all axes, (6,)."""
 Owner = Literal['link', 'part', 'tip', 'joint', 'arm']
 """What has parameters: each flexible link, lumped part and gear, the tip, the whole arm."""
 
@@ -95,6 +99,18 @@ class Physics:
         floats[at.MASS] = mass
         if part.mass > 0.0:
             floats[at.INERTIA:at.INERTIA + 6] = part.inertia * (mass / part.mass)
+
+    def gyration(self, name: str) -> float:
+        """Give the radius of gyration of a part as it was described [m]."""
+        part = self.parts[name]
+        return math.sqrt(float(part.inertia[:3].mean()) / part.mass) if part.mass > 0.0 else 0.0
+
+    def spread(self, name: str, radius: float) -> None:
+        """Set the radius of gyration of a part, its axes as described: radius [m]."""
+        part = self.parts[name]
+        floats = self.mechanism.body_float[part.body]
+        shape = part.inertia / part.inertia[:3].mean() if part.inertia[:3].any() else ROUND
+        floats[at.INERTIA:at.INERTIA + 6] = floats[at.MASS] * radius**2 * shape
 
     def spring(self, joint: str) -> FloatArray:
         """Give the row of the gear of a joint in the table of gears; a view."""
@@ -192,6 +208,9 @@ PHYSICAL: dict[str, ParameterKind] = {
         'part', 'kg', 'mass on the link after {}',
         lambda physics, part: physics.parts[part].mass, Physics.weigh,
         width=0.5, adds=1),
+    'gyration': ParameterKind(
+        'part', 'm', 'radius of gyration of the mass on the link after {}',
+        Physics.gyration, Physics.spread, width=0.5, least=0.02),
     'payload': ParameterKind(
         'tip', 'kg', 'payload at the tip',
         lambda physics, tip: physics.parts[tip].mass, Physics.weigh,
