@@ -151,9 +151,10 @@ class _Writer:
     def physical(self) -> None:
         """Write the physical parameters."""
         writers: dict[str, Callable[[str, float], None]] = {
-            'bending': self._bending, 'density': self._density, 'lumped': self._lumped,
-            'payload': self._payload, 'gear': partial(self._gear, 'stiffness'),
-            'play': self._play, 'tight': partial(self._gear, 'damping'),
+            'bending': self._bending, 'density': self._density,
+            'lumped': lambda owner, mass: _weigh(self._part(owner), mass),
+            'gyration': self._gyration, 'payload': self._payload, 'play': self._play,
+            'gear': partial(self._gear, 'stiffness'), 'tight': partial(self._gear, 'damping'),
             'alpha': partial(self._rayleigh, 'alpha'), 'beta': partial(self._rayleigh, 'beta')}
         values = {**self.described, **self.model.values}
         for parameter in self.model.physical:
@@ -184,10 +185,15 @@ class _Writer:
     def _density(self, joint: str, value: float) -> None:
         self._beam(joint)['material']['rho'] *= value / self.described[f'density({joint})']
 
-    def _lumped(self, owner: str, value: float) -> None:
+    def _part(self, owner: str) -> dict[str, Any]:
         joint, _, number = owner.partition(',')
         parts = [part for part in self._beam(joint)['lumped'] if part['mass'] > 0.0]
-        _weigh(parts[int(number) - 1], value)
+        return parts[int(number) - 1]
+
+    def _gyration(self, owner: str, value: float) -> None:
+        part, radius = self._part(owner), self.described[f'gyration({owner})']
+        part['inertia'] = [(value / radius)**2 * item for item in part['inertia']] if isinstance(
+            part.get('inertia'), list) else part['mass'] * value**2
 
     def _payload(self, _: str, value: float) -> None:
         self.content['payload'] = self.content.get('payload') or {'mass': 0.0}
