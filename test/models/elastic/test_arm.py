@@ -287,7 +287,7 @@ def test_no_torque_in_the_play() -> None:
 
 
 def test_edges_act_alike_wherever_steps_meet_them() -> None:
-    """The impulse of a crossing scatters by the phase of the steps, less where edges are blurred."""
+    """The impulse of a crossing scatters by the phase of the steps, less with blurred edges."""
     step, rate, play = 2e-3, 0.2, 0.007
 
     def scatter(blur: float) -> float:
