@@ -30,6 +30,9 @@ import stat
 import tempfile
 from typing import Any, BinaryIO
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tudor_dynamics._version import __version__
 from tudor_dynamics.errors import TudorError
 import yaml
@@ -78,6 +81,13 @@ def read_text(path: Path, limit: int, what: str, kind: type[TudorError],
     except (OSError, ValueError) as err:  # ValueError: no UTF-8, or a NUL in the path
         cause = getattr(err, 'strerror', None) or err
         raise kind(f'{what} cannot be read ({cause})', place=path, remedy=remedy) from None
+
+
+def dump_npz(arrays: Mapping[str, NDArray], *, small: bool = False) -> bytes:
+    """Write arrays as an npz archive, compressed where it is to be small."""
+    buffer = io.BytesIO()
+    (np.savez_compressed if small else np.savez)(buffer, **arrays)  # type: ignore[arg-type]
+    return buffer.getvalue()
 
 
 def scratch_folder(path: Path) -> Path:

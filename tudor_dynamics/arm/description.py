@@ -40,6 +40,7 @@ from tudor_dynamics.shown import Shown
 from tudor_dynamics.typing import FloatArray
 
 
+OUTPUTS = ('effort', 'strain')
 OPEN = '?'
 """Stands in a description for what nobody has said yet; nothing is read from such a file."""
 SHOWN = 8  # open values that one message names

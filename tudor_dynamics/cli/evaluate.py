@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-import io
 import math
 from pathlib import Path
 import shlex
@@ -33,6 +32,7 @@ from tudor_dynamics.cli.console import (
     add_bags_and_model, new_table, print_findings, print_json, print_table, say, say_command,
     score_table, steps, write)
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.files import dump_npz
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
     evaluate_collisions, find_truth, FREE, MethodResult, Truth, truth_of_file,
@@ -403,6 +403,4 @@ def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
             for field in ('stamp', 'measured', 'predicted', 'residual'):
                 arrays[f'{name}_{field}'] = np.concatenate(
                     [getattr(trace, field) for trace in item.traces])
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    write(path, '--save', buffer.getvalue())
+    write(path, '--save', dump_npz(arrays, small=True))

@@ -27,7 +27,7 @@ import warnings
 
 import numpy as np
 
-from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.description import Arm, OUTPUTS
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.info import recorded_names
 from tudor_dynamics.bags.reader import read_recording
@@ -198,7 +198,6 @@ def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
 
 # -- Recordings made ready for models: which bags, which part of them, filtered how
 
-OUTPUTS = ('effort', 'strain')
 SAMPLE = 8
 """Of many bags those that stay in memory, for choices, thresholds and figures; what they take is
 in bench/many_bags.py."""

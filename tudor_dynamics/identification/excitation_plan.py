@@ -27,13 +27,12 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.description import Arm, OUTPUTS
 from tudor_dynamics.arm.limits import Limits, SelfCollision
 from tudor_dynamics.arm.schema import PreprocessingSpec, validation_message
 from tudor_dynamics.bags.trajectory import read_trajectory, Sent, Trajectory, write_trajectories
 from tudor_dynamics.errors import SignalError, UsageError
 from tudor_dynamics.files import read_text, write_whole
-from tudor_dynamics.identification.dataset import OUTPUTS
 from tudor_dynamics.identification.excitation import (
     Beyond, Bounds, CLEARANCE, Criterion, expected_errors, ExpectedError, Information,
     known_efforts, mean_error, Noise, Series, series)

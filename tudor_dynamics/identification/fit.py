@@ -25,12 +25,12 @@ import warnings
 
 import numpy as np
 
-from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.description import Arm, OUTPUTS
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import (
     check_type, FitError, SignalError, TudorError, TudorWarning, UsageError)
 from tudor_dynamics.identification.dataset import (
-    BagData, BagFacts, common_outputs, facts_of, model_for, OUTPUTS, part, training_blocks, Unused)
+    BagData, BagFacts, common_outputs, facts_of, model_for, part, training_blocks, Unused)
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.elastic_problem import Identified, Record, record_of, records_of
 from tudor_dynamics.identification.elastic_search import identify, taken_over

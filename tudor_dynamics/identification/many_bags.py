@@ -24,12 +24,12 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 import warnings
 
-from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.description import Arm, OUTPUTS
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError, TudorWarning, UsageError
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, BagFacts, filtered, load, model_for, OUTPUTS, spread_sample, SurveyedBag,
+    BagChoice, BagData, BagFacts, filtered, load, model_for, spread_sample, SurveyedBag,
     Unused, with_recorded_gauges)
 from tudor_dynamics.identification.fit import (
     enough, FitResult, FitSettings, FittedOutput, result_of)

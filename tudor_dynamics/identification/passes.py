@@ -33,18 +33,18 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.description import Arm, OUTPUTS
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, FitError, quiet, TudorError
-from tudor_dynamics.files import read_bounded, source_digest, write_whole
+from tudor_dynamics.files import dump_npz, read_bounded, source_digest, write_whole
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, BagFacts, facts_of, filtered, load, model_for, OUTPUTS, SurveyedBag,
+    BagChoice, BagData, BagFacts, facts_of, filtered, load, model_for, SurveyedBag,
     training_blocks, Unused)
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.validation import Tally, trace
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import dump_npz, load_npz
+from tudor_dynamics.models.bundle_io import load_npz
 from tudor_dynamics.models.estimation import Products
 from tudor_dynamics.parallel import Count, in_processes, in_threads, width
 

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-import io
 import math
 from pathlib import Path
 from typing import Any
@@ -31,7 +30,7 @@ from scipy.spatial.transform import Rotation
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import check_budget, check_type, SimulationError, UsageError
-from tudor_dynamics.files import write_whole
+from tudor_dynamics.files import dump_npz, write_whole
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import (
     add, Chain, exponential, forward, left_jacobian, product, put_rotation, put_vector,
@@ -348,9 +347,7 @@ class PlantRecord(Shown):
     def save(self, path: Path, **more: NDArray) -> None:
         """Write all arrays to one ``.npz``, whole or not at all."""
         arrays = {f.name: getattr(self, f.name) for f in fields(self)} | more
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, **arrays)
-        write_whole(path, buffer.getvalue())
+        write_whole(path, dump_npz(arrays, small=True))
 
 
 def largest_rotation(plant: Plant) -> float:

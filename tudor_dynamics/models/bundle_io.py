@@ -80,13 +80,6 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def dump_npz(arrays: dict[str, FloatArray]) -> bytes:
-    """Write arrays as an npz archive."""
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]
-    return buffer.getvalue()
-
-
 def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
     """Read arrays from an npz archive of numbers that unpacks to no more than it may."""
     try:
@@ -270,10 +263,10 @@ def save_bundle(
     if bundle.tool is not None:
         parts['tool'] = bundle.tool.model_dump()
     if arrays:
-        content['elm.npz'] = dump_npz(arrays)
+        content['elm.npz'] = files.dump_npz(arrays)
     kept = {name: model for name, model in _analytical(bundle).items() if model.data_}
     if kept:
-        content[FILE] = dump_npz(pack(kept))
+        content[FILE] = files.dump_npz(pack(kept))
         parts['data'] = {name: [SUM] for name in kept}
     body = dump_yaml({
         'format': FORMAT, 'version': VERSION, 'written_by': f'tudor_dynamics {__version__}',

@@ -28,12 +28,14 @@ from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, MotionDecoder, MotionReader, NamedReader, PointSample)
 from tudor_dynamics.nodes.settings import WAITING
-from tudor_dynamics.online.monitor import FIELD, warm_up, Watch
+from tudor_dynamics.online.monitor import FIELD, Watch
 from tudor_dynamics.online.streams import Motion
 
 
 class CollisionDetectorNode(DetectNode):
     """Detector node; ``**kwargs`` go to rclpy's Node."""
+
+    CHAIN = Watch
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('collision_detector', **kwargs)
@@ -42,13 +44,8 @@ class CollisionDetectorNode(DetectNode):
         self.start()
         self._motion_input = self.hear(JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
 
-    def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Watch:
-        warm_up(bundle, self.settings())
-        return Watch(bundle, self.settings(), payload=self.port.prepare(whole, self.payload))
-
     def use(self, bundle: ModelBundle, prepared: Watch) -> None:
         topics = bundle.arm.topics
-        self.port.use(prepared.payload)
         self.adopt(bundle, prepared, JOINT_MOTION, (self._motion_drops,), PREDICTED)
         self._motion_reader = MotionReader(bundle.arm.active_joints, self._motion_drops)
         self._motions: dict[str, OrderedDict[int, Motion]] = {

@@ -37,7 +37,7 @@ from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublisher, MotionEncoder, NamedReader)
 from tudor_dynamics.online.black_box import Message, MessageRing, write_events
-from tudor_dynamics.online.monitor import FIELD, Monitor, warm_up
+from tudor_dynamics.online.monitor import FIELD, Monitor
 from tudor_dynamics.online.settings import RECORDED_AFTER
 from tudor_dynamics.provenance import provenance
 
@@ -121,6 +121,8 @@ class BlackBox:
 class MonitorNode(DetectNode):
     """Monitor node; ``**kwargs`` go to rclpy's Node."""
 
+    CHAIN = Monitor
+
     def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self._box = BlackBox(self)
@@ -132,10 +134,6 @@ class MonitorNode(DetectNode):
         self._inputs: dict[str, Any] = {}
         self.start()
 
-    def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Monitor:
-        warm_up(bundle, self.settings())
-        return Monitor(bundle, self.settings(), payload=self.port.prepare(whole, self.payload))
-
     def use(self, bundle: ModelBundle, prepared: Monitor) -> None:
         if self.monitor is not None and self.bundle is not None and (
                 bundle.preprocessing == self.bundle.preprocessing):
@@ -143,7 +141,6 @@ class MonitorNode(DetectNode):
         own = self._own = bundle.arm.spec.joint_topic
         self.adopt(bundle, prepared, own, (self._joint_drops, prepared.filter.drops), {})
         self.monitor = prepared
-        self.port.use(prepared.payload)
         self._motion.encoder = MotionEncoder(bundle.arm.active_joints)
         for output, publisher in self._predicted.items():
             publisher.encoder = JointStateEncoder(bundle.arm.channels[output], (FIELD[output],))

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.arm.description import OUTPUTS
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import check_type, ModelError, SignalError
 from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage
@@ -37,7 +38,7 @@ from tudor_dynamics.online.detector import (
 from tudor_dynamics.online.settings import (
     LAGS, MOMENTUM_LAGS, MOMENTUM_STEP, OBSERVER_GAIN, STEP, WIDENING_WARNING, WINDOW)
 from tudor_dynamics.online.streams import (
-    Motion, OUTPUTS, PairedSample, Pairing, Predictor, Residual, ResidualStage, StateFilter)
+    Motion, PairedSample, Pairing, Predictor, Residual, ResidualStage, StateFilter)
 from tudor_dynamics.online.threshold_learning import stored_thresholds
 from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.typing import FloatArray

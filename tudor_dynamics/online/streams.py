@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
+from tudor_dynamics.arm.description import OUTPUTS
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.settings import GAP_FLOOR, GAP_PERIODS
 from tudor_dynamics.compiled import all_finite
@@ -325,9 +326,6 @@ class Gathering:
                     for when, row in done
                     for pair in stage.add_motion(Motion(when, 0.0, 0.0, row), None)]
         return [(when, row[self._order]) for when, row in done]
-
-
-OUTPUTS = ('effort', 'strain')
 
 
 class Predictor:

@@ -23,7 +23,7 @@ import math
 
 import numpy as np
 
-from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.description import Arm, OUTPUTS
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.choice import Choices
@@ -61,7 +61,7 @@ Pairs = dict[tuple[int, int], Pair]
 def compare(bags: Sequence[tuple[Case, float | None]]) -> list[Finding]:
     """Find the bag that differs from the others: each with the mass at its tip as stated [kg]."""
     findings: list[Finding] = []
-    for output in ('effort', 'strain'):
+    for output in OUTPUTS:
         some = [(case, payload) for case, payload in bags if output in case.outputs]
         if len(some) < 2:
             continue

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.description import Arm, OUTPUTS
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
 from tudor_dynamics.load.rows import friction_terms
@@ -273,7 +273,7 @@ class Case:
     @cached_property
     def bodies(self) -> dict[str, BodyRows]:
         """Give the rows of each output that was recorded."""
-        return {name: BodyRows(self.arm, name) for name in ('effort', 'strain')
+        return {name: BodyRows(self.arm, name) for name in OUTPUTS
                 if self.decimated.has(name)}
 
     @cached_property

@@ -44,7 +44,7 @@ from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.coverage import Coverage, CoverageLevel, MEANING, SensorHealth
 from tudor_dynamics.online.detector import CollisionEvent, Level
 from tudor_dynamics.online.monitor import (
-    FIELD, Found, METHODS, Monitor, MonitorSettings, SOURCE, Watch)
+    FIELD, Found, METHODS, Monitor, MonitorSettings, SOURCE, warm_up, Watch)
 from tudor_dynamics.online.settings import SENSOR_SPEED
 from tudor_dynamics.online.streams import Gathering, Residual
 from tudor_dynamics.online.threshold_learning import Calibration
@@ -155,6 +155,7 @@ class ContactOutput:
 class DetectNode(ModelNode):
     """Base of the nodes that find collisions and know of a load."""
 
+    CHAIN: type[Monitor | Watch]  # what takes measurements
     FIGURES: tuple[Figure, ...] = (
         Figure('level', lambda watch: watch.level.name.lower(), 'watch'),
         Figure('methods', lambda watch: ', '.join(watch.stages) or 'none', 'watch'),
@@ -194,12 +195,17 @@ class DetectNode(ModelNode):
         """Give the settings that the parameters stand for."""
         return MonitorSettings.of({name: self.value(name) for name in self.params})
 
+    def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Any:
+        warm_up(bundle, self.settings())
+        return self.CHAIN(bundle, self.settings(), payload=self.port.prepare(whole, self.payload))
+
     def adopt(
         self, bundle: ModelBundle, chain: Monitor | Watch, motion: str,
         drops: Sequence[Counter[str]], predictions: dict[str, str],
     ) -> None:
-        """Put another model into use; chain: what takes measurements."""
+        """Put another model into use."""
         watch = chain.watch if isinstance(chain, Monitor) else chain
+        self.port.use(watch.payload)
         self.bundle, self.watch, self._chain = bundle, watch, chain
         names = bundle.arm.channels
         topics = {output: of for output, of in bundle.arm.topics.items()
