@@ -57,13 +57,13 @@ def main() -> int:
         arm = load_arm(options.arm)
         records = records_of([load(parse_choice(bag), arm, arm.spec.preprocessing, learn=True)])
         identify(arm, [record.head(3.0) for record in records])  # compiled now
-        print(f'{"":34}{"time":>8}{"CPU":>9}{"arms":>8}{"fit":>9}')
+        print(f'{"":34}{"time":>8}{"CPU":>9}{"fit":>9}')
         for lanes, name in ((elastic_problem.LANES, 'side by side'), (1, 'one after the other')):
             elastic_problem.LANES = lanes
             begin, cpu = perf_counter(), process_time()
             found = identify(arm, records)
             print(f'{name:34}{perf_counter() - begin:6.1f} s{process_time() - cpu:7.1f} s'
-                  f'{found.runs:8d}{found.fit:7.2f} %', flush=True)
+                  f'{found.fit:7.2f} %', flush=True)
         begin = perf_counter()
         subprocess.run([sys.executable, '-m', 'tudor_dynamics', 'fit', bag, '--arm', options.arm,
                         '--models', 'elastic', '--out', f'{place}/model'],

@@ -206,7 +206,7 @@ class Search:
         first, *others = self.found.physical
         value = 1e-3 * sum(sizes) + (1.0 if warm is None else 1.0 + 0.1 * warm[first.name])
         return replace(self.found, physical=(
-            replace(first, value=first.value * value), *others), runs=len(self.calls))
+            replace(first, value=first.value * value), *others), fit=float(len(self.calls)))
 
 
 @pytest.fixture
@@ -236,7 +236,7 @@ def test_both_outputs_share_a_search(search: Search) -> None:
     assert trainer.fit(bags, 'effort').values == first.values
     assert len(search.calls) == 1 and search.calls[0][1] is None
     found, = trainer.searches.values()
-    assert found.runs == 1
+    assert found.fit == 1.0
     known = dict(first.values)
     told = ElasticTrainer(lone_arm(), warm=known)
     told.fit(bags, 'strain')
@@ -291,7 +291,7 @@ def test_what_is_held_out_of_an_only_bag(search: Search) -> None:
         assert first is None
         assert second == {k: v for k, v in part_model.values.items() if k != 'payload'}
         known.append(part_model.values)
-        assert trainer.searches[str(whole_bag.choice),].runs == len(search.calls)
+        assert trainer.searches[str(whole_bag.choice),].fit == len(search.calls)
     assert known[0] == known[1]
 
 

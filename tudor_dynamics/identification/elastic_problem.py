@@ -187,7 +187,6 @@ class Simulations:
         fixed: dict[str, float], inner: float,
     ) -> None:
         self.inner = inner  # longest inner step, which may be changed [s]
-        self.runs = 0  # simulations done so far
         self._arm, self._records, self._names, self._fixed = arm, records, names, fixed
         self._threads = max(1, min(8, len(os.sched_getaffinity(0))))
         self._idle: list[list[DrivenArm]] = []
@@ -195,7 +194,6 @@ class Simulations:
 
     def several(self, vectors: Sequence[FloatArray]) -> list[FloatArray | None]:
         """Simulate moments at gauges (samples, gauges) [N m], or None, for vectors in lanes."""
-        self.runs += len(vectors)
         together = in_threads(self._together, [
             vectors[first:first + LANES] for first in range(0, len(vectors), LANES)],
             self._threads)
@@ -444,7 +442,6 @@ class Identified:
     noise: FloatArray  # deviation of the rest without outliers, (gauges,) [its unit]
     fit: float  # of the strain on the records themselves, all channels together [%]
     starts: tuple[Start, ...]  # starts compared, with the fit each came to
-    runs: int  # simulations done in all
     untold: tuple[str, ...] = ()  # stiffnesses that searches find different, as good
 
 
@@ -462,8 +459,7 @@ def reweight(problem: Problem, x: FloatArray) -> None:
 
 
 def result_of(
-    problem: Problem, x: FloatArray, starts: tuple[Start, ...], runs: int,
-    untold: tuple[str, ...] = (),
+    problem: Problem, x: FloatArray, starts: tuple[Start, ...], untold: tuple[str, ...] = (),
 ) -> Identified:
     """Collect what was found: x (names,)."""
     for _ in range(2):  # outliers that count less move gains, and these the errors
@@ -486,8 +482,7 @@ def result_of(
     n = len(problem.names)
     gauge_errors = np.sqrt(np.maximum(np.diag(covariance)[n:], 0.0)).reshape(-1, 2)
     return Identified(tuple(physical), gains, gauge_errors, robust_scale(errors, problem.strain),
-                      fit_percent(errors, problem.strain), starts,
-                      runs + problem.simulations.runs, untold)
+                      fit_percent(errors, problem.strain), starts, untold)
 
 
 def _covariance(problem: Problem, x: FloatArray) -> FloatArray:

@@ -194,22 +194,19 @@ def shared(arm: Arm, names: tuple[str, ...], x: FloatArray, share: float | None)
 def compare_starts(
     arm: Arm, records: Sequence[Record], names: tuple[str, ...], center: FloatArray,
     width: FloatArray, progress: Progress,
-) -> tuple[list[FloatArray], tuple[Start, ...], int]:  # and those tried, simulations done
+) -> tuple[list[FloatArray], tuple[Start, ...]]:  # and those tried
     """Find where to start: logarithms (names,), the best as described, then of other shares."""
     pieces = _pieces(records)
     scan = Problem(arm, pieces, names, {}, center, width, inner=COARSE)
     some = tuple(name for name in names if kind_of(name).early)
     index = np.array([names.index(name) for name in some], dtype=np.intp)
     starts: list[tuple[Start, FloatArray]] = []
-    runs = 0
 
     def better(x: FloatArray, steps: int) -> float:
-        nonlocal runs
         fixed = {name: float(np.exp(v)) for name, v in zip(names, x, strict=True)
                  if name not in some}
         part = Problem(arm, pieces, some, fixed, x[index], width[index], inner=COARSE)
         x[index] = improve(part, x[index], steps)
-        runs += part.simulations.runs
         return part.fits([x[index]])[0]
 
     for share, count in STARTS.items():
@@ -229,8 +226,7 @@ def compare_starts(
     order = sorted(first, key=lambda share: share is not None)
     for share in order[:CANDIDATES]:
         better(first[share], MORE)
-    return ([first[share] for share in order], tuple(start for start, _ in starts),
-            runs + scan.simulations.runs)
+    return [first[share] for share in order], tuple(start for start, _ in starts)
 
 
 def _peaks(
@@ -306,7 +302,6 @@ def identify(
         arm, payload=any(record.payload is None for record in records))
     starts: tuple[Start, ...] = ()
     untold: tuple[str, ...] = ()
-    runs = 0
     if warm is not None:
         known = known if warm.get('lag') else known.without('lag')
         gears = {name.partition('(')[2] for name, value in warm.items()
@@ -317,7 +312,7 @@ def identify(
                                      for name, value in known.start.items()]))]
     else:
         prompt = known.without('lag')
-        begun, starts, runs = compare_starts(
+        begun, starts = compare_starts(
             arm, records, prompt.names, prompt.center, prompt.width_of, progress)
         some = [record.decimated(2.0 * COARSE) for record in _some(records)]
         first = shared_out([
@@ -336,24 +331,21 @@ def identify(
             first.append(late)
             if chosen((fits[best], late.fit)):
                 finalists.append((known, late.x))
-        runs += sum(end.runs for end in first)
     done = shared_out([
         partial(_descended, 'all parameters', arm, records, known, x, LAST)
         for known, x in finalists], progress)
     which = chosen([end.fit for end in done])
     known, end = finalists[which][0], done[which]
-    runs += sum(item.runs for item in done)
     for _ in range(2):  # a gear without play may turn out to be rigid
         simple, from_there = simple_gears(arm, known, end.x)
         if simple.held == known.held:
             break
         ends = _with_simple(arm, records, (known, end.x), (simple, from_there), progress)
-        runs += sum(item.runs for item in ends)
         if len(ends) < 3:
             break
         known, end = simple, ends[-1]
         untold = tuple(name for name in untold if name not in simple.held)
-    return result_of(_problem(arm, records, known), end.x, starts, runs, untold)
+    return result_of(_problem(arm, records, known), end.x, starts, untold)
 
 
 def simple_gears(arm: Arm, known: Knowledge, x: FloatArray) -> tuple[Knowledge, FloatArray]:
@@ -404,7 +396,6 @@ def _with_simple(
 class _End(NamedTuple):
     x: FloatArray
     fit: float
-    runs: int
 
 
 def _problem(arm: Arm, records: Sequence[Record], known: Knowledge) -> Problem:
@@ -420,7 +411,7 @@ def _descended(
     x = descend(problem, start, stages, lambda k: progress(
         f'elastic model, {name}, stage {k + 1} of {len(stages)}'))
     fit, = problem.fits([x])
-    return _End(x, fit, problem.simulations.runs)
+    return _End(x, fit)
 
 
 def taken_over(arm: Arm, records: Sequence[Record], found: Identified) -> Identified:
@@ -430,7 +421,7 @@ def taken_over(arm: Arm, records: Sequence[Record], found: Identified) -> Identi
     known = known if 'lag' in values else known.without('lag')
     known = known.holding({p.name: p.value for p in found.physical if np.isnan(p.standard_error)})
     x = np.log([values[name] for name in known.names])
-    return result_of(_problem(arm, records, known), x, found.starts, found.runs, found.untold)
+    return result_of(_problem(arm, records, known), x, found.starts, found.untold)
 
 
 def chosen(fits: Sequence[float]) -> int:

@@ -319,7 +319,7 @@ def elastic_section(result: FitResult) -> dict[str, Any] | None:
         'ringdowns': len(ringdowns), 'strongest': strongest(ringdowns),
         'ringdown_figure': ringdown_figure(ringdowns) if ringdowns else None,
         'ringdown_summary': summary(ringdowns), 'shortest': LEAST_SECONDS,
-        'starts': start_rows(found.starts), 'fit': found.fit, 'runs': found.runs,
+        'starts': start_rows(found.starts), 'fit': found.fit,
         'settings': settings_text()}
 
 

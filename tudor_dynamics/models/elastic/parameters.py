@@ -34,8 +34,6 @@ from tudor_dynamics.typing import FloatArray
 
 # -- Where the physical parameters of a driven arm are read from, and the tables they act in
 
-ROUND = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-"""Inertia of a body that is alike about all axes, (6,)."""
 Owner = Literal['link', 'part', 'tip', 'joint', 'arm']
 """What has parameters: each flexible link, lumped part and gear, the tip, the whole arm."""
 
@@ -109,7 +107,8 @@ class Physics:
         """Set the radius of gyration of a part, its axes as described: radius [m]."""
         part = self.parts[name]
         floats = self.mechanism.body_float[part.body]
-        shape = part.inertia / part.inertia[:3].mean() if part.inertia[:3].any() else ROUND
+        mean = part.inertia[:3].mean()  # nothing described is alike about all axes
+        shape = part.inertia / mean if mean else np.repeat([1.0, 0.0], 3)
         floats[at.INERTIA:at.INERTIA + 6] = floats[at.MASS] * radius**2 * shape
 
     def spring(self, joint: str) -> FloatArray:
