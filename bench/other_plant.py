@@ -21,6 +21,8 @@ guesses elastic gears with play. One elastic model is identified from 80 s with 
 400 g, damped by strain; everything else is other motion with other loads:
 
 fit        strain explained on unseen loads, 150 g damped and 250 g not damped, and the gears found
+simple     error that gears with play, without, and rigid ones leave on the last third
+           (for SIMPLE of identification/elastic_search.py; not run unless asked for)
 payload    mass of 150 and 350 g, estimated from a recording each
 changes    loads picked up and dropped, unannounced: when they are told from touches, and mass
 rest       pushes beyond the second gauge while the arm stands: place and force
@@ -29,13 +31,15 @@ motion     pushes anywhere while it moves, 200 g, not damped: link, place, force
 A place counts as within its deviation where the error is at most twice it. Bags and the model are
 kept in --work.
 
-    python bench/other_plant.py --work DIR [--gears rigid] [--only fit payload changes rest motion]
+    python bench/other_plant.py --work DIR [--gears rigid] [--only fit payload changes ...]
+    python bench/other_plant.py --work DIR --only simple --gears play
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 import sys
@@ -45,9 +49,15 @@ import warnings
 
 import numpy as np
 from other_plant.plant import (
-    first_frequency, FloatArray, GAUGES, JOINTS, LENGTH, motion, Options, Push, record)
+    first_frequency, FloatArray, GAUGES, GEAR, JOINTS, LENGTH, motion, Options, PLAY, Push, record,
+    STIFFNESS)
 from tables import show
 import tudor_dynamics as td
+from tudor_dynamics.identification import dataset
+from tudor_dynamics.identification.elastic_problem import Problem, records_of
+from tudor_dynamics.identification.elastic_search import (
+    descend, GEAR_KINDS, JUDGED, knowledge_of, LEARNED)
+from tudor_dynamics.models.settings import RIGID_GEAR
 import yaml
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -164,6 +174,37 @@ def fit(bags: Bags, models: td.ModelBundle) -> None:
     model = models.models['strain']['elastic']
     assert isinstance(model, td.ElasticModel)
     print('found: ' + ', '.join(f'{item.name} {item.value:.4g}' for item in model.physical))
+
+
+def simple(bags: Bags) -> None:
+    """Print what gears of a kind leave on the last third, identified from the others."""
+    arm = description()
+    records = records_of([replace(
+        dataset.load(dataset.parse_choice(str(bags.free(mass, 0))), arm, arm.spec.preprocessing),
+        payload=mass) for mass in ENDS])
+    parts = [record.head(LEARNED * float(record.dt[1:].sum())) for record in records]
+    rest = [replace(record, skip=len(part.q)) for record, part in zip(records, parts, strict=True)]
+    known = knowledge_of(arm, payload=False).without('lag')
+    start = dict(known.start) | {f'play({joint})': PLAY if bags.gears == 'play' else 1e-4
+                                 for joint in JOINTS}
+    link = 3.0 * STIFFNESS / LENGTH
+    bent = {f'bending({joint})': STIFFNESS / (1.0 + link / gear)
+            for joint, gear in zip(JOINTS, GEAR, strict=True)}
+    rows, least = [], 0.0
+    for name, kinds, begun in (('with play', (), start), (
+            'without', ('play', 'edge', 'loose'), start), ('rigid', GEAR_KINDS, start | bent)):
+        held = {f'{kind}({joint})': {'play': 0.0, 'gear': RIGID_GEAR * link}.get(
+            kind, start[f'{kind}({joint})']) for kind in kinds for joint in JOINTS}
+        one = known.holding(held)
+
+        def problem(some: Any) -> Problem:
+            return Problem(arm, some, one.names, one.held, one.center, one.width_of)  # noqa: B023
+        x = descend(problem(parts), np.log([begun[name] for name in one.names]), JUDGED,
+                    lambda _: None)
+        error = 100.0 - problem(rest).fits([x])[0]
+        least = least or error
+        rows.append((bags.gears, name, f'{error:.2f} %', f'{error / least:.2f}'))
+    show(('gears', 'called', 'error on the last third', 'over that with play'), rows)
 
 
 def payload(bags: Bags, models: td.ModelBundle) -> None:
@@ -283,12 +324,17 @@ def main() -> None:
     parser.add_argument('--runs', type=int, default=2, help='recordings of pushes in motion')
     parser.add_argument('--pushes', type=int, default=30, help='in each of them')
     parser.add_argument('--only', nargs='+', default=(parts := (
-                        'fit', 'payload', 'changes', 'rest', 'motion')), choices=parts)
+                        'fit', 'payload', 'changes', 'rest', 'motion')),
+                        choices=(*parts, 'simple'))
     args = parser.parse_args()
     warnings.simplefilter('ignore', UserWarning)  # recordings are known to be the plant's
     bags = Bags(args.work, args.gears, args.seed)
     print(f'gears {args.gears}: first vibration with 200 g at '
           f'{first_frequency(Options(gears=args.gears)):.2f} Hz')
+    if 'simple' in args.only:
+        simple(bags)
+    if not {*args.only} - {'simple'}:
+        return
     models = identified(bags)
     if 'fit' in args.only:
         fit(bags, models)

@@ -17,11 +17,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from importlib import import_module
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 import os
 from pathlib import Path
+import runpy
 import subprocess
 import sys
 from typing import Any
@@ -39,11 +39,9 @@ LOADED.set_forkserver_preload([f'tudor_dynamics.nodes.{node}' for node in NODES]
 
 
 def launch(node: str, *args: str, executor: str = 'events', **how: Any) -> subprocess.Popen:
-    """Start a node as its executable does; ``**how`` goes to Popen."""
-    name = f'{node.title().replace("_", "")}Node'
-    code = f'import sys; from tudor_dynamics.nodes.{node} import {name}; sys.exit({name}.main())'
+    """Start a node; ``**how`` goes to Popen."""
     return subprocess.Popen(
-        [sys.executable, '-c', code, '--ros-args', *args],
+        [sys.executable, '-m', 'tudor_dynamics.nodes', node, '--ros-args', *args],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[1]),
              'TUDOR_EXECUTOR': executor}, **how)
@@ -62,9 +60,8 @@ def finish(process: subprocess.Popen, number: int) -> str:
 
 
 def _run(node: str, args: tuple[str, ...]) -> None:
-    sys.argv = [node, *args]
-    module = import_module(f'tudor_dynamics.nodes.{node}')
-    sys.exit(getattr(module, f'{node.title().replace("_", "")}Node', module).main())
+    sys.argv = ['', node, *args]
+    runpy.run_module('tudor_dynamics.nodes', run_name='__main__')
 
 
 def fork(node: str, *args: str) -> BaseProcess:

@@ -53,6 +53,11 @@ def complain(text: str) -> None:
         print(wrapped(text, width or sys.maxsize), file=sys.stderr)
 
 
+def forget_output() -> None:
+    """Send what could not be written nowhere; the interpreter would try again at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def meant(word: str, known: Iterable[str]) -> str:
     """Ask for the known word that is most like a wrong one; empty if none is."""
     close = difflib.get_close_matches(word, list(known), 1, 0.7)

@@ -17,8 +17,10 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
+import tudor_dynamics as td
 from tudor_dynamics.cli import console
 
 
@@ -26,3 +28,13 @@ from tudor_dynamics.cli import console
 def unwatched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no step be named on a slow machine, where a test counts the lines of an error."""
     monkeypatch.setattr(console, 'SILENCE', math.inf)
+
+
+@pytest.fixture(scope='session')
+def model(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Fit the sample bags."""
+    out = tmp_path_factory.mktemp('sample') / 'model'
+    td.fit([root / f'bags/two_blade_train_{k}' for k in (1, 2)],
+           td.load_arm(root / 'config/two_blade_arm.yaml'), out=out,
+           settings=td.FitSettings(kinds=('analytical',)))
+    return out

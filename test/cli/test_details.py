@@ -30,16 +30,6 @@ BAGS = 'bags/two_blade_'
 LOUD = {'doctor', 'evaluate', 'fit', 'info', 'why'}
 
 
-@pytest.fixture(scope='module')
-def model(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Fit the sample bags."""
-    out = tmp_path_factory.mktemp('verbose') / 'model'
-    td.fit([root / f'{BAGS}train_{k}' for k in (1, 2)],
-           td.load_arm(root / 'config/two_blade_arm.yaml'), out=out,
-           settings=td.FitSettings(kinds=('analytical',)))
-    return out
-
-
 @pytest.mark.parametrize(('words', 'more'), [
     (f'info {BAGS}test --arm config/two_blade_arm.yaml',
      ['2400 aligned samples; messages left out: none', 'two_blade_test.mcap: SHA-256']),

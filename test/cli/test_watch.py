@@ -22,7 +22,6 @@ from pathlib import Path
 import sys
 
 import pytest
-import tudor_dynamics as td
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli import watch
 from tudor_dynamics.cli.main import main
@@ -30,16 +29,6 @@ from tudor_dynamics.identification.causes import explain
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.online.detector import time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
-
-
-@pytest.fixture(scope='module')
-def model(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Fit the sample bags."""
-    out = tmp_path_factory.mktemp('watch') / 'model'
-    td.fit([root / f'bags/two_blade_train_{k}' for k in (1, 2)],
-           td.load_arm(root / 'config/two_blade_arm.yaml'), out=out,
-           settings=td.FitSettings(kinds=('analytical',)))
-    return out
 
 
 def test_a_bag(

@@ -44,7 +44,7 @@ def again(bundle):
     return arm_from_dict(load_yaml(text), base=Path('.'), source='again.yaml'), text, left_out
 
 
-@pytest.mark.parametrize('inertia', [0.0, 1e-3, [1e-3, 5e-4, 1.2e-3, 0.0, 0.0, 0.0]])
+@pytest.mark.parametrize('inertia', [0.0, 1e-3, [0.0] * 6, [1e-3, 5e-4, 1.2e-3, 0.0, 0.0, 0.0]])
 def test_the_description_is_that_of_the_identified_arm(inertia):
     arm = blade_arm(links=[
         {'joint': 'j1', 'flexible': blade(lumped=[

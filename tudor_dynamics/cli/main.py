@@ -48,7 +48,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 from tudor_dynamics._version import __version__  # noqa: E402
 from tudor_dynamics.errors import (  # noqa: E402
-    complain, meant, remedy_of, TudorError, TudorWarning)
+    complain, forget_output, meant, remedy_of, TudorError, TudorWarning)
 
 GROUPS = {
     'begin': {
@@ -207,7 +207,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             complain(f'{name}: {err}')
             return WRONG_INPUT
         except BrokenPipeError:
-            _forget_output()
+            forget_output()
             return OK
         except OSError as err:
             place = f'{err.filename}: ' if err.filename else ''
@@ -215,7 +215,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             try:
                 sys.stdout.flush()
             except OSError:
-                _forget_output()
+                forget_output()
             return WRONG_INPUT
         except MemoryError as err:
             complain(f'{name}: not enough memory{f" ({err})" * bool(str(err))}; give fewer or '
@@ -311,11 +311,6 @@ def _open_standard_streams() -> None:
         if getattr(sys, stream) is None:
             setattr(sys, stream, open(number, 'r' if number == 0 else 'w', encoding='utf-8',
                                       closefd=False))
-
-
-def _forget_output() -> None:
-    """Send what could not be written nowhere; the interpreter would try again at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == '__main__':

@@ -276,8 +276,8 @@ RIGID_SHARE = 0.1  # of a link's compliance: a gear that has less is tried as ri
 FAR_PLAY = 2.0  # from the described play, in deviations of the prior: such a play is tried as none
 LEARNED, SIMPLE = 2.0 / 3.0, 1.2
 """Part of the recordings that simple gears are identified from, and the others again, before both
-are judged by the rest, and how many times the error simple ones may leave there. Gears that are
-simple leave up to 1.08 times, those called so wrongly 4 or more (bench/other_plant.py --gears)."""
+are judged by the rest, and how many times the error simple ones may leave there. Simple gears
+leave up to 1.13 times, others called simple 1.69 or more (bench/other_plant.py --only simple)."""
 GEAR_KINDS = ('gear', 'play', 'edge', 'tight', 'loose')
 
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 from contextlib import ExitStack
 from functools import partial
 import json
-import os
 import sys
 from typing import Any
 
@@ -28,6 +27,7 @@ from geometry_msgs.msg import InertiaStamped
 import numpy as np
 from std_msgs.msg import Bool, String
 
+from tudor_dynamics.errors import forget_output
 from tudor_dynamics.nodes.common.base import latched, TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, COLLISION_RECORD, CONTACT, DIAGNOSTICS, PAYLOAD_TOPIC, RATIOS)
@@ -77,7 +77,7 @@ class WatchNode(TudorNode):
         except (AttributeError, KeyError, TypeError, ValueError):
             self.drops['unknown_record'] += 1
         except BrokenPipeError:  # who read it has gone
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            forget_output()
             self.exit_code = 0
 
     def _on_load(self, message: InertiaStamped) -> None:

@@ -192,8 +192,8 @@ class _Writer:
 
     def _gyration(self, owner: str, value: float) -> None:
         part, radius = self._part(owner), self.described[f'gyration({owner})']
-        part['inertia'] = [(value / radius)**2 * item for item in part['inertia']] if isinstance(
-            part.get('inertia'), list) else part['mass'] * value**2
+        part['inertia'] = ([(value / radius)**2 * item for item in part['inertia']] if radius
+                           and isinstance(part['inertia'], list) else part['mass'] * value**2)
 
     def _payload(self, _: str, value: float) -> None:
         self.content['payload'] = self.content.get('payload') or {'mass': 0.0}
