@@ -46,7 +46,7 @@ class Search:
         return Identified(
             tuple(PhysicalParameter(name, value, '') for name, value in values.items()),
             np.array([[gains[name], 0.0] for name in arm.gauge_names]),
-            np.ones((n, 2)), np.ones(n), 90.0, (), 0)
+            np.ones((n, 2)), np.ones(n), 90.0, ())
 
 
 @pytest.fixture(scope='module')
