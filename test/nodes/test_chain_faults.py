@@ -112,13 +112,13 @@ def test_model_of_another_arm(node: Any, world: World, model: Path, recording) -
         world.output('joint_states').publish(joint_message(
             int(recording.stamp[k]), ['shoulder', 'elbow'], position=recording.q[k]))
         world.rest(0.005)
-        if k > 60 and any('unknown_names' in status.message for status in told()):
+        if k > 60 and any('other_names' in status.message for status in told()):
             break
     assert not motions
-    status = next(status for status in told() if 'unknown_names' in status.message)
+    status = next(status for status in told() if 'other_names' in status.message)
     assert status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
-    assert 'lack joints or gauges that the model has' in status.message
-    assert re.search('messages on /?joint_(states|motion) ', status.message)
+    assert 'names a joint or gauge of the model' in status.message
+    assert re.search('message on /?joint_(states|motion) ', status.message)
 
 
 def told_by(world: World, node: str) -> Callable[[], list[DiagnosticStatus]]:
@@ -145,7 +145,7 @@ def test_predictor_and_detector_of_another_arm(world: World, model: Path) -> Non
         output.publish(message)
         sent += 1
         assert world.spin(lambda: all(
-            sum(drops['unknown_names'] for drops in node.counters()) == sent for node in nodes))
+            sum(drops['other_names'] for drops in node.counters()) == sent for node in nodes))
 
     def found_wrong(node: str) -> bool:
         send()  # what was told before the probe heard is told again
@@ -156,7 +156,7 @@ def test_predictor_and_detector_of_another_arm(world: World, model: Path) -> Non
     assert not heard
     for node in nodes:
         assert world.spin(lambda: found_wrong(node.get_name()))  # noqa: B023
-        assert int(values_of(world.status(node.get_name()))['dropped: unknown_names']) >= 40
+        assert int(values_of(world.status(node.get_name()))['dropped: other_names']) >= 40
 
 
 def test_simulator_takes_no_impossible_command(world: World, root: Path) -> None:

@@ -75,6 +75,20 @@ def test_order_and_names(world: World, model: Path, recording) -> None:
     assert int(values_of(world.status('monitor'))['dropped: unknown_names']) == 12
 
 
+def test_a_gripper_on_the_same_topic(world: World, model: Path, recording) -> None:
+    """Its messages change nothing, and are no fault."""
+    node = start(world, model)
+
+    def with_gripper(k: int, messages: dict) -> None:
+        world.output('joint_states').publish(joint_message(
+            int(recording.stamp[k]), ['left_finger', 'right_finger'], position=[0.01, 0.01]))
+    feed(world, recording, counter(node), last=120, change=with_gripper)
+    assert world.wait('strain_residuals', 70) == 70
+    status = world.status('monitor')
+    assert int(values_of(status)['dropped: other_names']) == 120
+    assert 'names' not in status.message and 'cannot be detected' not in status.message
+
+
 def test_a_parameter_that_no_node_has(world: World, model: Path, recording) -> None:
     """A typo is named, with what was meant; what a file holds for other nodes is not."""
     node = start(world, model, fasle_alarms_per_hour=2.0, damping=0.5)

@@ -94,6 +94,41 @@ def test_same_numbers(chain: str, world: World, several: Path, recording) -> Non
             assert np.abs(values - wanted).max() < 1e-9
 
 
+def test_a_topic_of_both_outputs_counts_once(
+    world: World, root: Path, recording, tmp_path: Path,
+) -> None:
+    """Efforts and strains in one message, in a bag and over topics."""
+    content = yaml.safe_load((root / 'config/two_blade_arm.yaml').read_text())
+    for joint in content['joints'][1:]:
+        joint['effort']['topic'] = 'sensors'
+    for gauge in content['gauges']:
+        gauge['topic'] = 'sensors'
+    (tmp_path / 'arm.yaml').write_text(yaml.safe_dump(content))
+    arm = load_arm(tmp_path / 'arm.yaml')
+    write_bag(tmp_path / 'bag', recording_series(recording, arm))
+    assert main(['fit', str(tmp_path / 'bag'), '--arm', str(tmp_path / 'arm.yaml'), '--models',
+                 'analytical', '--out', str(tmp_path / 'model'), '--exit-zero']) == 0
+    model = str(tmp_path / 'model')
+    first = world.add(JointStateFilterNode, model=model)
+    world.add(DynamicsPredictorNode, model=model)
+    node = world.add(CollisionDetectorNode, model=model, methods=['strain', 'effort'],
+                     timeout=5.0)
+    for topic in ('strain_residuals', 'effort_residuals'):
+        world.listen(topic)
+    world.meet('joint_states', 'sensors')
+
+    def change(k: int, messages: dict) -> None:
+        stamp, gap = int(recording.stamp[k]), [float('nan')] * 2
+        del messages['motor_currents'], messages['link_strains']
+        messages['sensors'] = joint_message(
+            stamp, ['joint2', 'joint3', 'link2_hub', 'link3_hub'],
+            effort=[*recording.effort[k], *gap], position=[*gap, *recording.strain[k]])
+    feed(world, recording, lambda: first.meter.count, last=SAMPLES, batch=2, change=change)
+    assert world.spin(lambda: all(len(world.heard[f'{output}_residuals']) >= SAMPLES - 50
+                                  for output in ('strain', 'effort')))
+    assert node.meter.count == SAMPLES
+
+
 def test_a_silent_topic_is_named(world: World, several: Path, recording) -> None:
     """Without the second topic there is no residual, and the diagnosis says which is missing."""
     hand = Hand()

@@ -97,6 +97,27 @@ def test_limits(n: int, level: CoverageLevel) -> None:
     assert robot.live(1.2, judged=50)[-1] is CoverageLevel.ENOUGH
 
 
+def test_another_device_on_the_same_topic_is_no_fault() -> None:
+    """Its messages count where nothing else comes, and hide no fault of the arm's."""
+    robot = Robot()
+    both = {'joints': 100, 'strains': 100, 'other_names': 50, 'strain_other_names': 50}
+    assert set(robot.live(3.0, judged=50, **both)) == {CoverageLevel.ENOUGH}
+    assert robot.verdict.share == 0.0
+    robot.live(3.0, judged=49, strain_not_finite=1, **both)
+    assert robot.verdict.causes == {'not_finite': pytest.approx(0.02)}
+    robot.live(3.0, strain_not_finite=50, no_measurement=50, **both)
+    assert '(not_finite)' in robot.verdict.text
+    alone = Robot()
+    assert alone.live(3.0, strains=0, other_names=50)[-1] is CoverageLevel.NONE
+    assert 'no message came on strains' in alone.verdict.text
+    alone = Robot()
+    alone.live(3.0, other_names=50)
+    assert alone.verdict.text.endswith('with its description (other_names)')
+    gauges = Robot()
+    gauges.live(3.0, no_measurement=50, strain_other_names=50)
+    assert 'no message on strains names' in gauges.verdict.text
+
+
 def test_settling_is_a_warning_for_its_time_only() -> None:
     """0.7 s after the start: WARN. A gap every second, with settling: ERROR in the end."""
     robot = Robot()

@@ -196,7 +196,7 @@ def write_bag(
         check_type(arm, Arm, 'arm', 'a recording knows no topics')
         series = recording_series(series, cast(Arm, arm))
     write_messages(path, _in_order(series), storage=storage, custom=custom,
-                   topics=[(item.topic, item.msgtype) for item in series])
+                   topics=[*dict.fromkeys((item.topic, item.msgtype) for item in series)])
 
 
 def _in_order(series: Sequence[Signals | RawMessages]) -> Iterator[tuple[int, str, str, bytes]]:

@@ -21,7 +21,6 @@ from functools import partial
 from typing import Any
 
 from tudor_dynamics.compiled import all_finite
-from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
@@ -40,12 +39,11 @@ class CollisionDetectorNode(DetectNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('collision_detector', **kwargs)
         self._motion_drops: Counter[str] = Counter()
-        self._inputs: dict[tuple[str, str], Any] = {}
+        self._inputs: dict[str, Any] = {}
         self.start()
         self._motion_input = self.hear(JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
 
     def use(self, bundle: ModelBundle, prepared: Watch) -> None:
-        topics = bundle.arm.topics
         self.adopt(bundle, prepared, JOINT_MOTION, (self._motion_drops,), PREDICTED)
         self._motion_reader = MotionReader(bundle.arm.active_joints, self._motion_drops)
         self._motions: dict[str, OrderedDict[int, Motion]] = {
@@ -55,13 +53,14 @@ class CollisionDetectorNode(DetectNode):
         self._prediction_readers = {output: NamedReader(bundle.arm.channels[output], self.drops)
                                     for output in prepared.outputs}
         for output in prepared.outputs:
-            key = (output, PREDICTED[output])
-            if key not in self._inputs:
-                self._inputs[key] = self.hear(key[1], partial(self._on_predicted, output))
-            for topic in topics[output]:
-                if (output, topic) not in self._inputs:
-                    self._inputs[output, topic] = self.hear_sensors(
-                        bundle.arm, topic, partial(self._on_measured, output, topic))
+            predicted = PREDICTED[output]
+            if predicted not in self._inputs:
+                self._inputs[predicted] = self.hear(
+                    predicted, partial(self._on_predicted, output))
+            for topic in bundle.arm.topics[output]:
+                if topic not in self._inputs:  # one each, whatever the topic carries
+                    self._inputs[topic] = self.hear_sensors(
+                        bundle.arm, topic, partial(self.on_measured, topic))
 
     def _on_motion(self, message: PointSample) -> None:
         self.meter.begin()
@@ -112,16 +111,6 @@ class CollisionDetectorNode(DetectNode):
                 break
             self._lack_prediction(self.watch, output)
         self.report(self.watch.add_output(output, motion, values))
-
-    def _on_measured(self, output: str, topic: str, message: JointSample) -> None:
-        begun = self.meter.begin()
-        self.came(topic, message.stamp)
-        try:
-            self.measured(output, topic, message)
-        except TudorError as err:
-            self.drops['error'] += 1
-            self.get_logger().error(str(err), throttle_duration_sec=5.0)
-        self.meter.end(begun)
 
     def counters(self) -> list[Counter[str]]:
         return [*super().counters(), self._motion_drops]

@@ -151,7 +151,7 @@ class MonitorNode(DetectNode):
             if topic not in self._inputs:  # one each, whatever the topic carries
                 self._inputs[topic] = self.hear_sensors(
                     bundle.arm, topic,
-                    self._on_joints if topic == own else partial(self._on_measured, topic))
+                    self._on_joints if topic == own else partial(self.on_measured, topic))
 
     def _on_joints(self, message: JointSample) -> None:
         begun = self.meter.begin()
@@ -173,15 +173,7 @@ class MonitorNode(DetectNode):
             for output, values in (monitor.predicted or {}).items():
                 self._predicted[output].publish(motion.stamp, values)
         self.report(found)
-        for output in monitor.watch.outputs:
-            self.measured(output, self._own, message)
-        self.meter.end(begun)
-
-    def _on_measured(self, topic: str, message: JointSample) -> None:
-        begun = self.meter.begin()
-        self.came(topic, message.stamp)
-        for output in () if self.watch is None else self.watch.outputs:
-            self.measured(output, topic, message)
+        self.measured(self._own, message)
         self.meter.end(begun)
 
     def subscribe(self, kind: Any, topic: str, callback: Any, **options: Any) -> Subscription:

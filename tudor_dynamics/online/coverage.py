@@ -60,8 +60,10 @@ MEANING = {
     'not_finite': 'messages on {on} have NaN or infinite values: check the driver',
     'duplicate_stamp': 'stamps on {on} repeat: check the driver, and look for a second publisher',
     'backward_stamp': 'stamps on {on} go back: check the driver, and look for a second publisher',
-    'unknown_names': 'messages on {on} lack joints or gauges that the model has: use the model of '
-                     'the connected arm, or publish all of them in one message',
+    'unknown_names': 'messages on {on} lack some joints or gauges of the model: publish all of '
+                     'them in one message, or use the model of the connected arm',
+    'other_names': 'no message on {on} names a joint or gauge of the model: use the model of the '
+                   'connected arm, or compare the names (ros2 topic echo) with its description',
     'short_array': 'messages on {on} have fewer values than names: correct the driver',
     'no_measurement': 'no measurements come on {on} during the motion: check topic and driver',
     'no_neighbour': 'no measurement on {on} is near a joint state in time: check its rate, and '
@@ -70,6 +72,7 @@ MEANING = {
     'no_thresholds': 'the model has no thresholds: fit it with more motion without contact, or '
                      'call ~/calibrate while the arm moves without contact'}
 """Causes for which a sample is not judged; ``on``: the topics that they are about."""
+OF_OTHERS = 'other_names'  # what another device sends on the same topic; counts where it is all
 OF_MOTIONS = ('no_measurement', 'no_neighbour')  # of a pairing; count motions, not measurements
 
 
@@ -213,18 +216,23 @@ class OutputCoverage:
         """Name the cause that explains most, what it means, and the topics it is about."""
         # where measurements are left out, motions lack them: the reason is what they were
         cause = max(causes, key=lambda name: (
-            causes[name] * (0.5 if name in OF_MOTIONS else 1.0), name not in OF_MOTIONS))
+            causes[name] * (0.5 if name in (*OF_MOTIONS, OF_OTHERS) else 1.0),
+            name not in OF_MOTIONS))
         of = self._sensors if cause in OF_MOTIONS or motions.get(cause) != causes[cause] else [0]
         on = ', '.join(self.streams[k].topic for k in of)
         return f'{MEANING[cause].format(on=on)} ({cause})'
 
     def _shares(self, new: _Counts, old: _Counts) -> tuple[dict[str, float], dict[str, float]]:
         """Give shares of the motions that were not judged, and of measurements left out."""
-        motion = new.motion - old.motion
+        motion, measured = new.motion - old.motion, new.measured - old.measured
+        came = sum(new.came[i] - old.came[i] for i in self._sensors) + (
+            measured['gap'] - measured[OF_OTHERS])
+        if motion.total() > motion[OF_OTHERS]:
+            del motion[OF_OTHERS]
+        if motion['judged']:
+            del measured[OF_OTHERS]
         total = motion.total()
         del motion['judged']
-        measured = new.measured - old.measured
-        came = sum(new.came[i] - old.came[i] for i in self._sensors) + measured['gap']
         came = max(came, measured.total())
         return ({cause: n / total for cause, n in motion.items()},
                 {cause: n / came for cause, n in measured.items() if n})

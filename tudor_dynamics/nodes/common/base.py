@@ -45,7 +45,7 @@ from tudor_dynamics.nodes.common.messages import JointStateDecoder
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import (
     AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, STANDS, TOO_MANY)
-from tudor_dynamics.online.coverage import MEANING
+from tudor_dynamics.online.coverage import MEANING, OF_OTHERS
 
 
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
@@ -139,7 +139,7 @@ class ClockWatch:
 
 
 UNUSABLE = {
-    **{cause: MEANING[cause] for cause in ('unknown_names', 'short_array', 'not_finite',
+    **{cause: MEANING[cause] for cause in ('unknown_names', OF_OTHERS, 'short_array', 'not_finite',
                                            'duplicate_stamp', 'backward_stamp')},
     'not_one_point': 'trajectories need one point each: correct the node that sends them',
     'impossible_command': 'commands need a finite value for each joint: correct the sender'}
@@ -435,6 +435,8 @@ class TudorNode(Node):
             now.update({cause: count for cause, count in item.items() if cause in UNUSABLE})
         since, self._before = now - self._before, now
         used = since.pop('used', 0)
+        if used:
+            del since[OF_OTHERS]
         if not since or since.total() < TOO_MANY * (used + since.total()):
             return ''
         cause, count = since.most_common(1)[0]

@@ -262,17 +262,23 @@ class DetectNode(ModelNode):
         self.watch.set_rates(settings.rates)
         self.watch.detector.settings = settings.detector
 
-    def measured(self, output: str, topic: str, message: JointSample) -> None:
-        """Hand a sensor message to the detector and report what it found."""
-        reader = self._readers.get((output, topic))
-        if reader is None:
-            return
-        values = reader.read(message, FIELD[output])
-        if values is None:
-            return
-        for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
-            self.health[output].step(stamp, whole, moving=self._moving)
-            self.report(self._chain.add_measured(output, stamp, whole))
+    def on_measured(self, topic: str, message: JointSample) -> None:
+        """Take a message that only sensors send."""
+        begun = self.meter.begin()
+        self.came(topic, message.stamp)
+        self.measured(topic, message)
+        self.meter.end(begun)
+
+    def measured(self, topic: str, message: JointSample) -> None:
+        """Hand readings of each output to the detector and report what it found."""
+        for output in () if self.watch is None else self.watch.outputs:
+            reader = self._readers.get((output, topic))
+            values = None if reader is None else reader.read(message, FIELD[output])
+            if values is None:
+                continue
+            for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
+                self.health[output].step(stamp, whole, moving=self._moving)
+                self.report(self._chain.add_measured(output, stamp, whole))
 
     def moving(self, row: Any) -> None:
         """Keep for the health of the sensors whether the arm moves."""
