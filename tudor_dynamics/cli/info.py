@@ -131,6 +131,12 @@ def show(report: BagReport, console: Console, findings: Sequence[Finding] = ()) 
     console.print(Text(printable(report.path), style='bold'))
     console.print(f'{report.storage}, {len(report.files)} file(s), {report.size / 1e6:.3g} MB, '
                   f'{report.duration:.4g} s{start}{payload}')
+    usable = report.effort_model or report.strain_model
+    console.print(Text(f'use: {printable(report.verdict)}', style='green' if usable else 'red'))
+    for text in report.odd:
+        console.print(Text(f'odd: {printable(text)}', style='yellow'))
+    print_findings(findings)
+    console.print()
     table = new_table('', names=('topic\n  type', 'clock'), figures=(
         'messages', 'rate\n[Hz]', 'jitter\n[ms]', 'gaps', 'double\n/ back'))
     for topic in report.topics:
@@ -140,10 +146,4 @@ def show(report: BagReport, console: Console, findings: Sequence[Finding] = ()) 
         if topic.names:
             console.print()
             print_table(_channel_table(topic))
-    console.print()
-    for text in report.odd:
-        console.print(Text(f'odd: {printable(text)}', style='yellow'))
-    print_findings(findings)
-    usable = report.effort_model or report.strain_model
-    console.print(Text(f'use: {printable(report.verdict)}', style='green' if usable else 'red'))
     console.print()
