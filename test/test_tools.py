@@ -16,9 +16,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+import subprocess
+import sys
 
-from tools import nodes_reference, returns, size
+from tools import nodes_reference, returns, said, size
 
 MODULE = '''# A comment.
 
@@ -99,3 +102,16 @@ def test_the_reference_has_all_of_a_node() -> None:
     assert [line for line in text.splitlines() if line.startswith('#')] == [
         '## Subscribed', '## Published', '## Services', '## Parameters', '## Diagnostics']
     assert "made by tudor fit | `''` |" in text and '| s | 0 .. 60 |' in text
+
+
+def test_what_is_said_is_collected(root: Path, tmp_path: Path) -> None:
+    """An error of a command in a test is kept, once for each kind of text."""
+    for name in (1, 2):
+        (tmp_path / f'test_{name}.py').write_text(
+            'from tudor_dynamics.cli.main import main\n\n\ndef test_error():\n'
+            f"    assert main(['info', '{tmp_path}/no_{name}']) == 2\n")
+    file = tmp_path / 'said.jsonl'
+    subprocess.run([sys.executable, '-m', 'pytest', '-q', '-p', 'tools.said', str(tmp_path)],
+                   check=True, cwd=root, env=os.environ | {said.FILE: str(file)})
+    [(kind, text)] = said.kinds_of(file)
+    assert kind == 'error' and text.startswith('tudor info: ') and 'no such file' in text

@@ -72,7 +72,7 @@ def pytest_configure(config: Any) -> None:
     original = console.print_findings
     for module in (evaluate, fit, info):
         _before(module, 'print_findings', findings)
-    _before(main, '_complain', lambda name, text: keep('error', f'{name}: {text}'))
+    _before(main, 'complain', lambda text: keep('error', text))
     _before(main, '_show_warning',
             lambda message, *_: keep('warning', f'warning: {message}'))
     _before(base.TudorNode, '_log', lambda node, level, message: level in LEVELS and keep(
