@@ -3,7 +3,7 @@
 const asked = new URLSearchParams(location.search).get("q") || "";
 const stems = (text) => {
   const stemmer = new Stemmer();
-  return new Set((text.toLowerCase().match(/[a-z]+/g) || [])
+  return new Set((text.toLowerCase().match(/[a-z]+|\d+/g) || [])
     .filter((word) => word.length > 1 && !stopwords.has(word))
     .map((word) => stemmer.stemWord(word)));
 };
@@ -29,31 +29,40 @@ var Scorer = {
 
 // A question in words that no page has together still has answers: pages with some of its words,
 // and the rarer these are the more they count. Words that are on no page count nothing. Headings
-// of guides that have most of the question in them are answers, too.
-const ENOUGH = 5, LEAST = 0.3, WEIGHT = 8, LEFT_OUT = 30, HEADING = 60, MOST = 0.6;
+// of guides that have most of the question in them are answers, too, and those of the pages of
+// questions with less of it. Numbers, which are no terms of the index, count where headings have them.
+const ENOUGH = 5, LEAST = 0.3, WEIGHT = 8, LEFT_OUT = 30, HEADING = 80;
+const MOST = 0.6, MOST_OF_QUESTIONS = 0.45;
 const BRITISH = {licens: "licenc", center: "centr", behavior: "behaviour"};  // stems
 {
   const strict = Search.performTermsSearch;
   const pages = (word) => new Set(
     [Search._index.terms, Search._index.titleterms].flatMap((terms) => Object.entries(terms))
       .filter(([term]) => term.includes(word)).flatMap(([, files]) => files)).size;
-  const headings = (rare, all) => Object.entries(Search._index.alltitles).flatMap(
-    ([title, places]) => {
-      const words = stems(title);
-      const share = [...rare].reduce((sum, [word, value]) => sum + words.has(word) * value, 0) / all;
+  const headings = (rare, most) => {
+    const known = Object.entries(Search._index.alltitles).map(
+      ([title, places]) => [title, places, stems(title)]);
+    const wanted = new Map(rare);
+    for (const number of asked.match(/\d+/g) || [])
+      if (known.some(([, , words]) => words.has(number))) wanted.set(number, Math.log(most));
+    const all = [...wanted.values()].reduce((sum, value) => sum + value, 0);
+    return wanted.size < 2 ? [] : known.flatMap(([title, places, words]) => {
+      const share = [...wanted].reduce((sum, [word, value]) => sum + words.has(word) * value, 0) / all;
       const {docnames, filenames, titles} = Search._index;
-      return share < MOST ? [] : places
-        .filter(([file, id]) => id && /^(howto|tutorials)/.test(docnames[file]))
+      return places
+        .filter(([file, id]) => id && /^(howto|tutorials)/.test(docnames[file]) && share >= (
+          docnames[file].startsWith("howto/questions") ? MOST_OF_QUESTIONS : MOST))
         .map(([file, id]) => [docnames[file], `${titles[file]} > ${title}`, `#${id}`, null,
                               HEADING * share, filenames[file], "title"]);
     });
+  };
   Search.performTermsSearch = (words, excluded) => {
     const terms = new Set([...words].map((word) => BRITISH[word] || word));
     const whole = strict(terms, excluded);
     const most = Search._index.docnames.length;
     const rare = new Map([...terms].filter(pages).map((word) => [word, Math.log(most / pages(word))]));
     const all = [...rare.values()].reduce((sum, value) => sum + value, 0);
-    const asHeadings = rare.size > 1 ? headings(rare, all) : [];
+    const asHeadings = headings(rare, most);
     if (whole.length >= ENOUGH) return [...asHeadings, ...whole];
     const found = new Map(whole.map((item) => [item[0], {item, sum: all + LEFT_OUT / WEIGHT}]));
     const some = new Map();

@@ -146,7 +146,7 @@ def test_walls_and_efforts(
     assert main(words) == 2
     assert 'nothing says where the arm may move; give --floor Z' in capsys.readouterr().err
     assert main([*words, '--box', '1', '0', '0', '1', '0', '1']) == 2
-    assert '--box 1 0 0 1 0 1: give MIN MAX of each axis' in capsys.readouterr().err
+    assert '--box 1 0 0 1 0 1: give a MIN below MAX for each axis' in capsys.readouterr().err
     assert main([*words, *walls]) == 0
     said = unwrapped(capsys.readouterr().out)
     assert 'by 0 shapes and 5 capsules of 0.05 m' in said and 'efforts are not looked' not in said

@@ -89,14 +89,14 @@ def test_mistakes_of_ours_are_one_line_and_a_file(
     assert out == '' and line.count('\n') == 1 and line[:-1].isprintable() and len(line) < 600
     assert line.startswith(f'tudor evaluate: {type(err).__name__}: ')
     file, = tmp_path.iterdir()
-    assert line.endswith(f'this is a defect of tudor: please report it with {file}; '
-                         'docs/howto/report_a_bug.md says where\n')
+    assert line.endswith(f'this is a defect of tudor: please send {file}, as '
+                         'docs/howto/report_a_bug.md says\n')
     text = file.read_text()
     assert 'call: tudor evaluate bag' in text and 'Traceback' in text and __version__ in text
     monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path / 'gone'))
     assert entry.main(['evaluate']) == 70
-    assert ('run the command again with --debug FILE and report the defect with FILE (the '
-            'report cannot be written to' in capsys.readouterr().err)
+    assert ('gone takes no report (No such file or directory), so run the command again with '
+            '--debug FILE, and send FILE, as docs/howto/' in capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(('err', 'code', 'ended'), [
@@ -194,7 +194,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(('arguments', 'command', 'meant'), [
     ([], '', 'required: COMMAND;'), (['dance'], '', "invalid choice: 'dance'"),
     (['evaluat', 'bag'], '', 'did you mean evaluate?'),
-    (['evaluate', '--jsn', 'bag'], ' evaluate', 'there is no --jsn; did you mean --json?'),
+    (['evaluate', '--jsn', 'bag'], ' evaluate', 'there is no option --jsn; did you mean --json?'),
     (['evaluate', 'bag'], ' evaluate', 'required: --model;'),
     (['fit', 'bag', '--arm', 'a', '--out', 'b', '--models', 'elastik'], ' fit', 'mean elastic?')])
 def test_wrong_arguments(
@@ -366,4 +366,4 @@ def test_old_names_of_options(
         entry.main([command, old, 'arm.yaml', '--out', 'm', '--bag'])
     err = capsys.readouterr().err
     assert f'warning: {old} is now {new}; version 1.2 removes the old name\n' in err
-    assert 'there is no --bag' in err
+    assert 'there is no option --bag' in err

@@ -107,7 +107,7 @@ def test_a_bundle_keeps_what_is_needed(torque_arm, torque_model, found, tmp_path
     assert np.array_equal(again.solution.bodies, found.solution.bodies)
     with pytest.raises(ModelError, match='lacks the sums over its training bags'):
         full_parameters(load_bundle(tmp_path / 'model'))
-    with pytest.raises(ModelError, match='no analytical model of efforts with one payload'):
+    with pytest.raises(ModelError, match='analytical model of efforts for one payload'):
         full_parameters(replace(bundle, models={}))
 
 

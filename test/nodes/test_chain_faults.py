@@ -117,7 +117,7 @@ def test_model_of_another_arm(node: Any, world: World, model: Path, recording) -
     assert not motions
     status = next(status for status in told() if 'other_names' in status.message)
     assert status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
-    assert 'names a joint or gauge of the model' in status.message
+    assert 'has the name of a joint or gauge of the model' in status.message
     assert re.search('message on /?joint_(states|motion) ', status.message)
 
 

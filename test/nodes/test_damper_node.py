@@ -251,7 +251,7 @@ def test_bad_input_moves_nothing(world: World, tudor: Path) -> None:
     assert values_of(status)['refused: reference outside limits'] == '1'
     assert not arm.run(5, names=(['tool', 'joint3', 'joint2'], GAUGES[::-1])).any()
     values = values_of(arm.told())
-    for cause, count in (('not_finite', 1), ('short_array', 2), ('unknown_names', 1),
+    for cause, count in (('not_finite', 1), ('short_array', 2), ('other_names', 1),
                          ('duplicate_stamp', 1)):
         assert int(values[f'dropped: {cause}']) == count, cause
 

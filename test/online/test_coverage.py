@@ -71,6 +71,7 @@ def test_all_judged() -> None:
 @pytest.mark.parametrize(('causes', 'said'), [
     ({'gap': 20}, 'on joints (gap)'), ({'strain_gap': 20}, 'on strains (gap)'),
     ({'gap': 1, 'strain_gap': 20}, 'on strains (gap)'),
+    ({'gap': 1, 'strain_not_finite': 20}, 'on strains (mainly not_finite)'),
     ({'strain_not_finite': 20}, 'on strains (not_finite)'),
     ({'no_neighbour': 20}, 'on strains (no_neighbour)'),
     ({'no_thresholds': 20}, '(no_thresholds)'),
@@ -81,8 +82,8 @@ def test_topics(causes: dict[str, int], said: str) -> None:
     robot.live(3.0, judged=30, **causes)
     topic, _, cause = said.rpartition('(')
     text = robot.verdict.text
-    assert text.endswith(f' ({cause}') and (f'{topic.strip()} ' in text if topic else
-                                            ' on ' not in text)
+    assert f'of strain ({cause}: ' in text
+    assert f'{topic.strip()} ' in text if topic else ' on ' not in text
 
 
 @pytest.mark.parametrize(('n', 'level'), [
@@ -106,16 +107,16 @@ def test_another_device_on_the_same_topic_is_no_fault() -> None:
     robot.live(3.0, judged=49, strain_not_finite=1, **both)
     assert robot.verdict.causes == {'not_finite': pytest.approx(0.02)}
     robot.live(3.0, strain_not_finite=50, no_measurement=50, **both)
-    assert '(not_finite)' in robot.verdict.text
+    assert '(mainly not_finite)' in robot.verdict.text
     alone = Robot()
     assert alone.live(3.0, strains=0, other_names=50)[-1] is CoverageLevel.NONE
     assert 'no message came on strains' in alone.verdict.text
     alone = Robot()
     alone.live(3.0, other_names=50)
-    assert alone.verdict.text.endswith('with its description (other_names)')
+    assert alone.verdict.text.endswith('compare the names (ros2 topic echo)')
     gauges = Robot()
     gauges.live(3.0, no_measurement=50, strain_other_names=50)
-    assert 'no message on strains names' in gauges.verdict.text
+    assert 'no message on strains has the name' in gauges.verdict.text
 
 
 def test_settling_is_a_warning_for_its_time_only() -> None:
@@ -220,19 +221,21 @@ def test_coverage_takes_the_worst_output() -> None:
 
 
 def test_what_is_the_same_for_several_outputs_is_said_once() -> None:
-    """With both outputs, where share and cause agree; apart where they do not."""
-    for lost, said in ((20, 'the samples of effort and strain, mainly because'),
-                       (10, 'the samples of effort, mainly because')):
+    """With both outputs and the larger share, where causes agree; apart where they do not."""
+    for cause, lost, said in (
+            ('gap', 20, '19.5 % of the samples of effort and strain (gap): '),
+            ('gap', 10, '19.5 % of the samples of effort and strain (gap): '),
+            ('no_prediction', 20, '19.5 % of the samples of effort (gap): ')):
         coverage, effort, strain = Coverage(), Counter[str](), Counter[str]()
         for output, counts in (('effort', effort), ('strain', strain)):
             coverage.add(output, 'joints', None, (output,), [counts], [Counter()], 0.5)
         for k in range(500):
             for topic in ('joints', 'effort', 'strain'):
                 coverage.came(topic, k * 5 * MS, k * 0.005)
-            for counts, share in ((effort, 20), (strain, lost)):
-                counts['gap' if k % 100 < share else 'judged'] += 1
+            effort['gap' if k % 100 < 20 else 'judged'] += 1
+            strain[cause if k % 100 < lost else 'judged'] += 1
         text = coverage.verdict.text
-        assert said in text and text.count('cannot be detected') == (1 if lost == 20 else 2), text
+        assert said in text and text.count('cannot be detected') == 1 + (cause != 'gap'), text
 
 
 def stream(gate: StampGate, stamps: np.ndarray) -> int:

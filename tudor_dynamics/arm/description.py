@@ -33,7 +33,7 @@ from pydantic import ValidationError
 from tudor_dynamics.arm.kinematics import (
     build_model, gauge_axis, gauge_point, is_prismatic, joint_axis, with_gauge_joints)
 from tudor_dynamics.arm.schema import (
-    ArmSpec, FRICTION_KEYS, GaugeSpec, JointSpec, SourceSpec, validation_message)
+    ArmSpec, DamperSpec, FRICTION_KEYS, GaugeSpec, JointSpec, SourceSpec, validation_message)
 from tudor_dynamics.errors import ArmError, check_type, TudorWarning
 from tudor_dynamics.files import load_yaml, read_text, YamlError
 from tudor_dynamics.shown import Shown
@@ -258,6 +258,14 @@ class Arm(Shown):
         motors = {motor.joint: motor.joint_torque_constant for motor in self.spec.motors}
         return np.array([joint.effort.torque_constant or motors.get(joint.name, np.nan)
                          for joint in self.joints])
+
+    @property
+    def damper(self) -> DamperSpec:
+        """Give the section of the damper; an ArmError where there is none."""
+        if self.spec.damper is None:
+            raise ArmError('there is no damper section', place=self.source, remedy='add the key '
+                           'damper with gauges and gains, as config/tudor.yaml has it')
+        return self.spec.damper
 
     def is_prismatic(self, joint: str) -> bool:
         """Say whether a joint moves along its axis instead of about it."""

@@ -65,7 +65,7 @@ class ExactAngles:
         """Give the exact angle: angle [rad]."""
         found = exact(angle)
         if abs(found - angle) > PRINTED:
-            self._changed.append(f'{where} {angle:.7g} as {found:.7g}')
+            self._changed.append(f'{where} {angle:.7g} to {found:.7g}')
         return found
 
     def note(self) -> str:
@@ -74,7 +74,7 @@ class ExactAngles:
             return ''
         more = len(self._changed) - SHOWN
         shown = ', '.join(self._changed[:SHOWN]) + (f' and {more} more' if more > 0 else '')
-        return (f'angles within {NEAR:g} rad of a multiple of 45 degrees are rounded to it: '
+        return (f'angles within {NEAR:g} rad of a multiple of 45 degrees are rounded: '
                 f'{shown} [rad]')
 
 

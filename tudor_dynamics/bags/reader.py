@@ -96,8 +96,8 @@ def choose_clock(
             map(len, delays)) else 0
         for name, states in topics.items():
             if not states.stamped and len(states.stamp):
-                notes.add(f'messages in {name} have no stamp: their log times minus '
-                          f'{delay * 1e-6:.3g} ms are used (the delay of stamped messages)')
+                notes.add(f'messages in {name} have no stamp; their log times are used, less the '
+                          f'delay of stamped messages, {delay * 1e-6:.3g} ms')
         return {name: states.stamp if states.stamped else states.log_time - delay
                 for name, states in topics.items()}
     for name, states in topics.items():
@@ -127,7 +127,7 @@ def check_finite(stream: Signals, field: str, notes: Notes, path: str) -> FloatA
     if counts.max() > FEW * len(bad):
         msg = f'{text}; repair the driver or leave this channel out, and record again'
         raise BagError(msg, place=path)
-    notes.add(f'{text}; left out')
+    notes.add(f'{text}; these samples are left out')
     return np.where(bad, np.nan, values)
 
 

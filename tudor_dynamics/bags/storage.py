@@ -383,9 +383,9 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
     with open_regular(journal) as stream:
         # written before SQLite changes the file itself, whose pages may now be of two times
         if stream.read(len(HOT_JOURNAL)) == HOT_JOURNAL:
-            raise BagError(f'{file}: the recorder was killed while it wrote; copy the directory, '
-                           f'and run `sqlite3 {file.name} "pragma quick_check"` in the copy: it '
-                           f'undoes the last write by {journal.name}')
+            raise BagError(f'{file}: the recorder was killed while it wrote, as {journal.name} '
+                           f'shows; copy the directory, run `sqlite3 {file.name} "pragma '
+                           'quick_check"` in the copy, which undoes that write, and use the copy')
 
 
 def _open_directory(path: Path, notes: Notes) -> Bag:
@@ -431,9 +431,8 @@ def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
         raise BagError(msg) from None
     if not exists:
         left = ', '.join(map(str, abandoned(path)))
-        found = f'{left}, which a killed recorder left, or ' if left else ''
-        msg = (f'{path}: no such file or directory; give {found}a rosbag2 directory, .mcap or '
-               '.db3 file')
+        found = f'give {left} of a killed recorder, or' if left else 'give'
+        msg = f'{path}: no such file or directory; {found} a rosbag2 directory, .mcap or .db3 file'
     elif path.suffix == '.bag':
         msg = f'{path}: a bag of ROS 1; convert it with `rosbags-convert --src {path} --dst OUT`'
     elif path.suffix == '.zstd':

@@ -380,5 +380,5 @@ class LiveWriter:
                            f'{made}: it keeps the messages ({reason(err)})') from None
         if failure:
             msg = (f'{self.path}: {failure}; recording has ended, the {count} messages that were '
-                   'on disk are kept; make room and record on under another name')
+                   'on disk are kept; free some space, and record under another name')
             raise BagError(msg)

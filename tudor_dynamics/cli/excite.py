@@ -153,8 +153,8 @@ def _check(args: argparse.Namespace) -> None:
                                 '--box X X Y Y Z Z [m]')
     box = args.box or [-1.0, 1.0] * 3
     if not all(-1e3 <= low < high <= 1e3 for low, high in zip(box[::2], box[1::2], strict=True)):
-        raise UsageError(f'--box {" ".join(f"{value:g}" for value in box)}: give MIN MAX of each '
-                         'axis, from -1000 to 1000 m')
+        raise UsageError(f'--box {" ".join(f"{value:g}" for value in box)}: give a MIN below '
+                         'MAX for each axis, from -1000 to 1000 m')
     if Path(args.out).exists():
         raise UsageError('exists already and is not overwritten', place=args.out,
                          remedy='give another --out')

@@ -157,7 +157,7 @@ def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpe
         return PreprocessingSpec.model_validate({
             **arm.spec.preprocessing.model_dump(exclude_unset=True), **changes})
     except ValidationError as err:
-        raise UsageError(f'signal options (tudor fit --help): {validation_message(err)}') from None
+        raise UsageError(f'signal option {validation_message(err)}; see --help') from None
 
 
 def run(args: argparse.Namespace) -> int:

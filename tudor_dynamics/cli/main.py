@@ -107,7 +107,7 @@ class Parser(argparse.ArgumentParser):
             name = word.partition('=')[0]
             if name.startswith('--') and len(name) > 2 and self.prog != 'tudor' and not any(
                     option.startswith(name) for option in self._option_string_actions):
-                self.error(f'there is no {name}{meant(name, self._option_string_actions)}')
+                self.error(f'there is no option {name}{meant(name, self._option_string_actions)}')
         return super().parse_known_args(words, namespace)
 
     def error(self, message: str) -> NoReturn:
@@ -226,9 +226,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         except Exception as err:
             if interrupted.is_set():  # a library has made another error of it
                 return _interrupted(name)
-            what = f'{type(err).__name__}: {" ".join(str(err).split())[:300]}'
-            complain(f'{name}: {what}; this is a defect of tudor: {_traceback_file(arguments)}; '
-                     'docs/howto/report_a_bug.md says where')
+            what = f'{type(err).__name__}: {" ".join(str(err).split())[:120]}'
+            complain(f'{name}: {what}; this is a defect of tudor: {_traceback_file(arguments)}, '
+                     'as docs/howto/report_a_bug.md says')
             return DEFECT
 
 
@@ -293,9 +293,9 @@ def _traceback_file(arguments: Sequence[str]) -> str:
         with open(number, 'w', encoding='utf-8', errors='replace') as file:
             file.write(report(arguments))
     except OSError as err:
-        return (f'run the command again with --debug FILE and report the defect with FILE (the '
-                f'report cannot be written to {tempfile.gettempdir()}: {err.strerror})')
-    return f'please report it with {path}'
+        return (f'{tempfile.gettempdir()} takes no report ({err.strerror}), so run the command '
+                'again with --debug FILE, and send FILE')
+    return f'please send {path}'
 
 
 def _open_standard_streams() -> None:

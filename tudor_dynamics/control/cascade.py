@@ -187,16 +187,13 @@ def motor_gains(motor: MotorSpec, damper: DamperSpec) -> JointGains:
 
 def arm_gains(arm: Arm) -> list[JointGains]:
     """Tune the cascade of an arm's active joints."""
-    if arm.spec.damper is None:
-        raise ArmError(f'{arm.source}: there is no damper section with the gains of the loop; add '
-                       'the key damper with position_gain, mean_frequency, velocity_bandwidth '
-                       'and joints')
+    damper = arm.damper
     motors = {motor.joint: motor for motor in arm.spec.motors}
     for joint in arm.joints:
         if joint.name not in motors:
             raise ArmError(f'{arm.source}: joint {joint.name!r} has no motor; add it to motors: '
                            'with gear_ratio, torque_constant and rotor_inertia')
-    return [motor_gains(motors[joint.name], arm.spec.damper) for joint in arm.joints]
+    return [motor_gains(motors[joint.name], damper) for joint in arm.joints]
 
 
 def velocity_lag(damper: DamperSpec) -> float:

@@ -205,24 +205,23 @@ STRAIN_SCALE = {'um/m': 1e6, 'm/m': 1.0}
 
 def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
     """Take the settings of the dampers of active joints from an arm description."""
-    if arm.spec.damper is None:
-        raise ArmError(f'{arm.source}: no damper section; add damper: with gauges and gains')
+    damper = arm.damper
     gauges = {gauge.name: gauge for gauge in arm.gauges}
     limits = {joint.name: joint.limits for joint in arm.spec.joints}
     result = []
-    for item in arm.spec.damper.joints:
+    for item in damper.joints:
         unit = gauges[item.gauge].unit
         if unit not in STRAIN_SCALE:
             raise ArmError(f'{arm.source}: the gain of the damper is in rad/s per m/m, but gauge '
                            f'{item.gauge!r} has unit {unit}; expected one of {list(STRAIN_SCALE)}')
         scale, limit = STRAIN_SCALE[unit], limits[item.joint]
         result.append(DamperSettings(
-            item.joint, item.gauge, -share * item.gain / scale, arm.spec.damper.mean_frequency,
-            arm.spec.damper.mean_window or 0.0,
+            item.joint, item.gauge, -share * item.gain / scale, damper.mean_frequency,
+            damper.mean_window or 0.0,
             (limit.velocity if limit else None) or math.inf,
             max_rate=settings.PLAUSIBLE_RATE * scale,
             max_strain=settings.PLAUSIBLE_STRAIN * scale,
-            moving_frequency=arm.spec.damper.moving_frequency, scale=scale))
+            moving_frequency=damper.moving_frequency, scale=scale))
     return [item for item in result if item.joint in arm.active_joints]
 
 

@@ -131,11 +131,10 @@ class JointRecord:
     """Positions and commands while a joint, by its index, is nudged by a step [rad or m]."""
 
     def __init__(self, arm: Arm, nudged: int, step: float) -> None:
-        assert arm.spec.damper is not None
         self._joints, self._units = arm.active_joints, [
             (1e3, 'mm') if arm.is_prismatic(name) else (math.degrees(1.0), 'deg')
             for name in arm.active_joints]
-        self._late = max(settings.LATE_SHARE * arm.spec.damper.full_delay, settings.LATE)
+        self._late = max(settings.LATE_SHARE * arm.damper.full_delay, settings.LATE)
         self._nudged, self._step = nudged, abs(step)
         # Time, positions, the driver's velocities, and the commands in force from then on.
         self._rows: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []

@@ -31,7 +31,6 @@ from tudor_dynamics.control.damper import arm_damping, Damper, moving_share
 from tudor_dynamics.control.gains import learned_period, LoopGains
 from tudor_dynamics.control.plausibility import AgeWatch, AHEAD, Doubt, MotionWatch
 from tudor_dynamics.control.schedule import Adaptation
-from tudor_dynamics.errors import ArmError
 from tudor_dynamics.signals.motion_profile import Deviation, motion_limits, MotionPlanner
 from tudor_dynamics.typing import FloatArray
 
@@ -160,14 +159,12 @@ class MotionController:
     """
 
     def __init__(self, arm: Arm, share: float = 1.0, timeout: float = 0.1) -> None:
-        if arm.spec.damper is None:
-            raise ArmError(f'{arm.source}: no damper section; add damper: with gauges and gains')
         self.joints, self.gauges = arm.active_joints, arm.gauge_names
         self.limits = hard_limits(arm)
         self.planned = motion_limits(arm)
         self.timeout = timeout
-        self.damper = Damper(arm_damping(arm), 1.0 / arm.spec.damper.rate)
-        self.gains = LoopGains(arm.spec.damper, self.limits.velocity, share)
+        self.damper = Damper(arm_damping(arm), 1.0 / arm.damper.rate)
+        self.gains = LoopGains(arm.damper, self.limits.velocity, share)
         self.adaptation: Adaptation | None = None
         self.envelope = Envelope(self.limits, self.gains.response_time, drive_stop(arm))
         self.watched = MotionWatch({name: arm.position_units[name] for name in self.joints},

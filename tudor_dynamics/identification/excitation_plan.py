@@ -404,7 +404,7 @@ def read_plan(path: str | Path) -> PlanFolder:
     """Read the folder that ``tudor excite`` wrote."""
     path = Path(path)
     text = read_text(path / HEAD, MAX_HEAD_BYTES, 'the plan', UsageError,
-                     'give a folder that tudor excite wrote')
+                     'give --plan the folder that tudor excite wrote')
     try:
         head = _Head.model_validate_json(text)
     except ValidationError as err:

@@ -201,8 +201,8 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     wrong = np.any((q < hard.lower) | (q > hard.upper) | (np.abs(dq) > hard.velocity), axis=0)
     beyond = [name for name, outside in zip(arm.active_joints, wrong, strict=True) if outside]
     if beyond:
-        msg = f'the trajectory takes {", ".join(beyond)} beyond the limits of the arm {arm.name}'
-        raise SimulationError(msg, remedy='plan one for this arm with `tudor excite`')
+        raise SimulationError(f'the trajectory takes {", ".join(beyond)} beyond limits of '
+                              f'position or speed; plan one with `tudor excite {arm.source}`')
     t = trajectory.t - trajectory.t[0]
     check_budget(f'a trajectory of {t[-1]:g} s at steps of {dt:g} s', t[-1] / dt,
                  48.0 * len(arm.joints))

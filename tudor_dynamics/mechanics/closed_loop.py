@@ -264,8 +264,7 @@ class ClosedLoop:
     ) -> None:
         self.arm = arm
         gains = arm_gains(arm)  # says what is missing, damper or motors
-        assert arm.spec.damper is not None
-        self.dt = 1.0 / arm.spec.damper.rate
+        self.dt = 1.0 / arm.damper.rate
         self._seed = seed
         motors = {motor.joint: motor for motor in arm.spec.motors}
         chosen = [motors[name] for name in arm.active_joints]
@@ -280,7 +279,7 @@ class ClosedLoop:
         probe = Probe(self.plant, [], arm)
         # Without the position loop it is a robot that takes speeds: who commands bounds them.
         self.cascade = Cascade(gains, self.dt, hard_limits(arm) if position_loop else None,
-                               velocity_lag(arm.spec.damper), drive_stop(arm))
+                               velocity_lag(arm.damper), drive_stop(arm))
         if not position_loop:
             self.cascade.rows[:, POSITION_GAIN] = 0.0
         damped = arm_damping(arm, share=damping) if damping != 0.0 else []

@@ -190,8 +190,8 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
-            'the bundle has no analytical model of efforts with one payload, which masses are '
-            'taken from', remedy='fit one with tudor fit to bags with efforts and one payload')
+            'masses come from an analytical model of efforts for one payload, and the bundle has '
+            'none', remedy='run tudor fit on bags with efforts that carry the same payload')
     if not model.data_:
         raise ModelError('the bundle lacks the sums over its training bags (data.npz)',
                          remedy='fit the model again with this version')

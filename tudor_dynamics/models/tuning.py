@@ -109,7 +109,7 @@ class TunedArm:
     def __init__(self, arm: Arm, model: ElasticModel | None = None) -> None:
         if arm.spec.damper is None:
             raise ModelError('there is no damper section to tune', place=arm.source,
-                             remedy='add the key damper: for each joint a gauge and a rough gain')
+                             remedy='add damper.joints, each with a gauge and a rough gain')
         self.arm = arm
         self.dampers = [item for item in arm.spec.damper.joints if item.joint in arm.active_joints]
         self._index = index = [arm.gauge_names.index(item.gauge) for item in self.dampers]
@@ -302,7 +302,6 @@ def design(
 ) -> Schedule:
     """Compute a schedule; progress: told how many nodes of the grid are done, and of how many."""
     arm = tuned.arm
-    assert arm.spec.damper is not None
     axes = pose_axes(tuned)
     shape = (len(wish.payloads), *(len(axis) for axis in axes))
     rows, total = [], math.prod(shape)
@@ -321,15 +320,14 @@ def design(
     return Schedule(ScheduleFile(
         format='tudor_dynamics/schedule', version=1, arm=arm.name, joints=joints, damped=damped,
         gauges=tuple(item.gauge for item in tuned.dampers), damping_ratio=wish.damping_ratio,
-        delay=wish.delay, mean_frequency=min(MEAN, arm.spec.damper.mean_frequency),
+        delay=wish.delay, mean_frequency=min(MEAN, arm.damper.mean_frequency),
         payload=wish.payloads, pose=tuple(tuple(axis.tolist()) for axis in axes),
         columns=columns_of(joints, damped, len(found.frequency)), nodes=tuple(rows)), arm.source)
 
 
 def fixed_ratios(tuned: TunedArm, delay: float, schedule: Schedule) -> FloatArray:
     """Give the damping ratios of the fixed gains on the grid of a schedule; delay [s]."""
-    damper = tuned.arm.spec.damper
-    assert damper is not None
+    damper = tuned.arm.damper
     frequency = [schedule.column(f'frequency({mode})') for mode in (1, min(2, schedule.modes))]
     found = np.zeros(frequency[0].shape)
     for index in np.ndindex(*found.shape):
@@ -358,8 +356,7 @@ class Judge:
     """Judges factors of the described gains at one node: first, second [Hz]."""
 
     def __init__(self, tuned: TunedArm, small: SmallMotion, first: float, second: float) -> None:
-        damper = tuned.arm.spec.damper
-        assert damper is not None
+        damper = tuned.arm.damper
         self.small, self.first, self.second = small, first, second
         self.described = np.array([item.gain for item in tuned.dampers])
         self.position = min(damper.position_gain, STIFFNESS * 2.0 * math.pi * first)

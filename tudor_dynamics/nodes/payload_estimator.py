@@ -43,4 +43,4 @@ class PayloadEstimatorNode(MonitorNode):
         """Say what it means for the load that contacts go unseen."""
         level, message = super().verdict()
         blind = level != OK and self.coverage.verdict.level is not CoverageLevel.ENOUGH
-        return level, f'a touch may be taken for a load: {message}' if blind else message
+        return level, f'a touch may be taken for a load, as {message}' if blind else message

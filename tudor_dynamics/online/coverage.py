@@ -62,8 +62,8 @@ MEANING = {
     'backward_stamp': 'stamps on {on} go back: check the driver, and look for a second publisher',
     'unknown_names': 'messages on {on} lack some joints or gauges of the model: publish all of '
                      'them in one message, or use the model of the connected arm',
-    'other_names': 'no message on {on} names a joint or gauge of the model: use the model of the '
-                   'connected arm, or compare the names (ros2 topic echo) with its description',
+    'other_names': 'no message on {on} has the name of a joint or gauge of the model: use the '
+                   'model of the connected arm, or compare the names (ros2 topic echo)',
     'short_array': 'messages on {on} have fewer values than names: correct the driver',
     'no_measurement': 'no measurements come on {on} during the motion: check topic and driver',
     'no_neighbour': 'no measurement on {on} is near a joint state in time: check its rate, and '
@@ -189,14 +189,14 @@ class OutputCoverage:
         if self._blind is not None and new.time - self._blind >= COVERAGE_TIME and not (
                 patient and share == settling):
             causes = causes or {'no_measurement': 1.0}
-            why = self._silent(new) or self._apart(new, old) or self._main(causes, motions)
-            return CoverageReport(CoverageLevel.NONE, 'collisions cannot be detected in any '
-                                  f'sample of {self.output}, because {why}', 1.0, causes)
+            why = self._silent(new) or self._apart(new, old)
+            return CoverageReport(
+                CoverageLevel.NONE, 'collisions cannot be detected in any sample of '
+                f'{self.output}{f": {why}" if why else self._main(causes, motions)}', 1.0, causes)
         faults = list(filter(None, [self._apart(new, old)]))
         if share >= UNJUDGED_WARNING:
-            why = self._main(causes, motions)
             faults.append(f'collisions cannot be detected in {100.0 * share:.1f} % of the samples '
-                          f'of {self.output}, mainly because {why}')
+                          f'of {self.output}{self._main(causes, motions)}')
         lasting = share - (settling if patient else 0.0)
         full = (self._flowing is not None
                 and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
@@ -220,7 +220,7 @@ class OutputCoverage:
             name not in OF_MOTIONS))
         of = self._sensors if cause in OF_MOTIONS or motions.get(cause) != causes[cause] else [0]
         on = ', '.join(self.streams[k].topic for k in of)
-        return f'{MEANING[cause].format(on=on)} ({cause})'
+        return f' ({"mainly " * (len(causes) > 1)}{cause}): {MEANING[cause].format(on=on)}'
 
     def _shares(self, new: _Counts, old: _Counts) -> tuple[dict[str, float], dict[str, float]]:
         """Give shares of the motions that were not judged, and of measurements left out."""
@@ -307,12 +307,17 @@ def _together(found: dict[str, CoverageReport]) -> CoverageReport:
     """Give the worst level with the texts that have it, and the largest shares: by output."""
     level = max((verdict.level for verdict in found.values()), default=CoverageLevel.ENOUGH)
     causes: dict[str, float] = {}
-    texts: dict[str, str] = {}  # what is the same for several outputs is said once
+    texts: dict[str, tuple[float, str]] = {}  # what is the same for several outputs is said once
     for output, verdict in found.items():
         for cause, share in verdict.causes.items():
             causes[cause] = max(share, causes.get(cause, 0.0))
         if verdict.level == level and verdict.text:
-            text = verdict.text.replace(f'samples of {output}', 'samples of OUTPUT')
-            texts[text] = f'{texts[text]} and {output}' if text in texts else output
-    said = '; '.join(text.replace('OUTPUT', outputs) for text, outputs in texts.items())
+            text = verdict.text.replace(f'{100.0 * verdict.share:.1f} % of', 'SHARE of')
+            for what in ('sample', 'samples'):
+                text = text.replace(f'{what} of {output}', f'{what} of OUTPUT')
+            share, outputs = texts.get(text, (0.0, ''))
+            texts[text] = (max(share, verdict.share),
+                           f'{outputs} and {output}' if outputs else output)
+    said = '; '.join(text.replace('OUTPUT', outputs).replace('SHARE', f'{100.0 * share:.1f} %')
+                     for text, (share, outputs) in texts.items())
     return CoverageReport(level, said, max((v.share for v in found.values()), default=0.0), causes)

@@ -294,12 +294,12 @@ class Watch:
     @property
     def outside_training(self) -> str:
         """Say where the arm does not move as it did for its thresholds; empty where it does."""
-        wide = [f'of {method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
-                if factor > WIDENING_WARNING]
+        wide = [f'of {method} are {factor:.1f} times as high'
+                for method, (factor, _) in self.widened.items() if factor > WIDENING_WARNING]
         return '' if not wide else (
-            'weak collisions are missed: this motion differs from the training, so thresholds '
-            f'{" and ".join(wide)} as high are in use; call ~/calibrate during this motion while '
-            'nothing touches the arm, or fit the model again with bags of this motion too')
+            f'weak collisions are missed: the thresholds {" and ".join(wide)} in this motion, '
+            'which differs from the training; call ~/calibrate during it while nothing touches '
+            'the arm, or fit the model again with bags of this motion too')
 
     @property
     def settle(self) -> float:

@@ -379,7 +379,7 @@ class TudorNode(Node):
     def described_arm(self, contents: str, reader: str = '') -> Arm:
         """Read the parameter ``arm``; a reader takes no interfaces but JointStates."""
         if not self.value('arm'):
-            raise ArmError(f'no arm: set the parameter arm to a YAML file with {contents}')
+            raise ArmError(f'the parameter arm is empty; give an arm description with {contents}')
         arm = load_arm(self.value('arm'))
         if reader:
             refuse_interfaces(arm, reader)

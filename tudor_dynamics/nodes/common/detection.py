@@ -353,12 +353,12 @@ class DetectNode(ModelNode):
             def take() -> None:
                 if self.bundle is bundle and self.watch is not None:
                     self.watch.use_thresholds(learned, settings)
-                    self._note = 'thresholds of ~/calibrate are in use until a model is loaded'
+                    self._note = 'thresholds of ~/calibrate are in use; loading a model drops them'
             return take
 
         def refuse(why: str) -> None:
             self._note = ('calibration failed, the previous thresholds stay in use: '
-                          f'{why}, then call ~/calibrate again')
+                          f'{why}, and call ~/calibrate again while it moves')
             self.get_logger().error(self._note)
         self.in_background(learn, refuse)
 
@@ -398,10 +398,10 @@ class DetectNode(ModelNode):
             text if verdict.level is CoverageLevel.NONE else '']
         warnings = [
             text, self._unserved, watch.outside_training,
-            '' if '(no_thresholds)' in text and 'no thresholds' in self._note else self._note,
+            '' if 'no_thresholds)' in text and 'no thresholds' in self._note else self._note,
             f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
             'namespace, or remap the topic' if rivals else '']
         for level, texts in ((ERROR, errors), (WARN, warnings)):
             if any(texts):
-                return level, '. '.join(text for text in texts if text)
+                return level, '; also: '.join(text for text in texts if text)
         return OK, 'running'
