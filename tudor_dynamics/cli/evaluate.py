@@ -31,7 +31,7 @@ from tudor_dynamics.bags.recording import plan_from_arm
 from tudor_dynamics.cli.console import (
     add_bags_and_model, new_table, print_findings, print_json, print_table, say, say_command,
     score_table, steps, write)
-from tudor_dynamics.errors import UsageError
+from tudor_dynamics.errors import counted, UsageError
 from tudor_dynamics.files import dump_npz
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
@@ -50,6 +50,7 @@ from tudor_dynamics.provenance import provenance
 
 
 LONGEST_DEBOUNCE = 60.0  # a push that lasts longer is none [s]
+UNJUDGED = 0.01  # share of the time from which on it is said that it was not judged
 TOO_WIDE = 10.0  # times what was promised: where even more would be no surprise, nothing is known
 
 
@@ -126,7 +127,8 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
                key=lambda item: (item.score.found, -(item.score.false_alarms or 0)))
     if best is not None:
         say(f'{best.method} finds {best.score.found} of {best.score.pushes} pushes, with '
-            f'{best.score.false_alarms} false alarms in {60.0 * best.score.hours:.1f} min')
+            f'{counted(best.score.false_alarms or 0, "false alarm")} in '
+            f'{60.0 * best.score.hours:.1f} min')
     table = new_table(
         f'collisions, false alarms allowed per hour: {allowed:g}', names=('method',),
         figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',
@@ -141,8 +143,12 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
             str(score.false_alarms) if known else '-', f'{60 * score.hours:.1f}' if known else '-')
     print_table(table)
     _print_events(results)
-    say(*unknown(results), *(f'{item.method}: force and place are not known: {item.no_contact}'
-                             for item in results if item.no_contact))
+    say(*unknown(results),
+        *(f'{item.method}: {100.0 * item.score.unjudged:.0f} % of the time was not judged, and '
+          'counts as none: messages are missing there, or filters settle after that'
+          for item in results if item.score.unjudged > UNJUDGED),
+        *(f'{item.method}: force and place are not known: {item.no_contact}'
+          for item in results if item.no_contact))
 
 
 def _print_kept(
@@ -157,7 +163,7 @@ def _print_kept(
             times = (f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
                      f'{kept["high"]:.3g})' if kept['low'] > 1.0 or kept['high'] < TOO_WIDE else
                      f'too short to judge ({60.0 * item.score.hours:.2g} min)')
-            say(f'{item.method}: {item.score.false_alarms} false alarms in '
+            say(f'{item.method}: {counted(item.score.false_alarms or 0, "false alarm")} in '
                 f'{item.score.hours:.3g} h, {kept["promised"]:.3g} promised: {times}')
     if broken and args.free:
         command = fit_with(bundle, args.bags, args.model, args.payload)
@@ -213,9 +219,10 @@ def unknown(results: Sequence[MethodResult]) -> list[str]:
     said = []
     for place, bag in enumerate(results[0].watched):
         if not bag.truth.known:
-            counts = ', '.join(f'{len(item.watched[place].sightings)} by {item.method}'
-                               for item in results)
-            said.append(f'{bag.bag}: {counts} events, no truth in this bag: give --pushes '
+            counts = ', '.join(
+                f'{counted(len(item.watched[place].sightings), "event")} by {item.method}'
+                for item in results)
+            said.append(f'{bag.bag}: {counts}, no truth in this bag: give --pushes '
                         'FILE.csv or --truth TOPIC, or --free if nothing touched the arm')
     return said
 

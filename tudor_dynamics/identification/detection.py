@@ -30,7 +30,7 @@ from scipy.special import betaincinv, gammaincinv
 
 from tudor_dynamics.bags.messages import JOINT_STATE
 from tudor_dynamics.bags.reader import BOOL, read_flags, read_wrenches
-from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.recording import gap_limit, Recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, SignalError, UsageError
 from tudor_dynamics.files import read_text
@@ -185,8 +185,9 @@ class CollisionScore:
     latency_median: float | None
     latency_p95: float | None
     false_alarms: int | None  # in bags of known pushes; None without such bags
-    hours: float  # time without a push in those bags [h]
+    hours: float  # judged time without a push in those bags [h]
     false_alarms_per_hour: float | None  # false alarms over those hours [1/h]
+    unjudged: float = 0.0  # share of those bags in gaps between judged samples
 
     def as_dict(self) -> dict[str, Any]:
         """Give the figures as JSON-ready dictionary."""
@@ -242,6 +243,15 @@ class WatchedBag(Shown):
         """Stamps at which the detector was sure [ns]."""
         return np.array([item.event.stamp for item in self.sightings], dtype=np.int64)
 
+    def unjudged(self, begin: int, end: int) -> float:
+        """Give the time between stamps [ns] in gaps: not within a period of a sample [s]."""
+        step = np.diff(self.stamp)
+        before = np.flatnonzero(step > gap_limit(self.stamp) * 1e9)
+        if not len(before):
+            return 0.0
+        since = np.maximum(self.stamp[before] + int(np.median(step)), begin)
+        return float(np.maximum(np.minimum(self.stamp[before + 1], end) - since, 0).sum()) * 1e-9
+
 
 def push_of(stamp: int, pushes: Sequence[KnownPush]) -> int | None:
     """Find the push that an event at a stamp [ns] belongs to; None after its aftermath."""
@@ -253,20 +263,23 @@ def push_of(stamp: int, pushes: Sequence[KnownPush]) -> int | None:
 
 def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) -> CollisionScore:
     """Judge alarms by the pushes: alarms [ns]."""
-    latencies, pushes, false, free = [], 0, 0, 0.0
+    latencies, pushes, false, free, lost, whole = [], 0, 0, 0.0, 0.0, 0.0
     for item, times in zip(watched, alarms, strict=True):
         if not item.truth.known:
             continue
         near = np.zeros(len(times), dtype=bool)
-        span = float(item.stamp[-1] - item.stamp[0]) * 1e-9 if len(item.stamp) else 0.0
+        first, last = item.stamp[[0, -1]].tolist() if len(item.stamp) else (0, 0)
+        gaps, span = item.unjudged(first, last), float(last - first) * 1e-9
+        lost, whole, span = lost + gaps, whole + span, span - gaps
         for push in item.truth.pushes:
             pushes += 1
-            span -= (push.end - push.begin) * 1e-9 + AFTERMATH
+            over = push.end + round(AFTERMATH * 1e9)
+            span -= (over - push.begin) * 1e-9 - item.unjudged(push.begin, over)
             begun = times >= push.begin - push.early
             hits = times[begun & (times <= push.end + round(LATE * 1e9))]
             if len(hits):
                 latencies.append(max(0.0, float(hits[0] - push.begin) * 1e-9))
-            near |= begun & (times <= push.end + round(AFTERMATH * 1e9))
+            near |= begun & (times <= over)
         false += int(np.sum(~near))
         free += max(span, 0.0)
     hours = free / 3600.0
@@ -276,7 +289,8 @@ def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) ->
         pushes, len(latencies), len(latencies) / pushes if pushes else None,
         float(np.median(latencies)) if latencies else None,
         float(np.percentile(latencies, 95)) if latencies else None,
-        false if known else None, hours, false / hours if known and hours > 0 else None)
+        false if known else None, hours, false / hours if known and hours > 0 else None,
+        lost / whole if whole else 0.0)
 
 
 # -- Pushes found against false events, as thresholds sink
