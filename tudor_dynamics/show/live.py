@@ -24,7 +24,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import io
 from pathlib import Path
 import re
-from threading import Event, Thread
+from threading import Thread
 
 import numpy as np
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -125,13 +125,13 @@ class LiveView:
             yield Text(self.warning, COLOURS['contact'])
         table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
         bars = options.max_width >= WIDTH
-        room = options.max_width - TAKEN - bars * (BAR + 3) - max(
-            (len(trace.channel) for trace in self.traces.values()), default=0)
-        seconds = max(1, min(HISTORY, room))
+        traces = list(self.traces.items())  # at once: a page is drawn beside what adds to them
+        widest = max((len(trace.channel) for _, trace in traces), default=0)
+        seconds = max(1, min(HISTORY, options.max_width - TAKEN - bars * (BAR + 3) - widest))
         for name in ('method', 'channel', 'ratio', *('0     1     2',) * bars):
             table.add_column(name, justify='right' if name == 'ratio' else 'left', no_wrap=True)
         table.add_column(f'largest of each second, {seconds} s')
-        for method, trace in self.traces.items():
+        for method, trace in traces:
             table.add_row(method, trace.channel, f'{trace.ratio:.2f}', *(trace.bar(),) * bars,
                           trace.history(self.stamp, seconds))
         yield table
@@ -159,37 +159,26 @@ def picture_of(view: LiveView) -> str:
 
 
 @contextmanager
-def served(view: LiveView, port: int) -> Iterator[Callable[[], None]]:
-    """Serve a view to this machine alone; gives what draws the page where a browser waits."""
-    pages, asked, fresh = [page_of(view).encode()], Event(), Event()
-
+def served(view: LiveView, port: int) -> Iterator[None]:
+    """Serve a view to this machine alone; it is drawn where a browser asks."""
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:  # noqa: N802
-            fresh.clear()
-            asked.set()
-            fresh.wait(1.0)  # as often as the page asks, for views that have ended
             self.send_response(200)
             self.send_header('Content-Type', 'text/html; charset=utf-8')
             self.end_headers()
-            self.wfile.write(pages[0])
+            self.wfile.write(page_of(view).encode())
 
         def log_message(self, *_: object) -> None:
             pass
-
-    def draw() -> None:
-        if asked.is_set():
-            pages[0] = page_of(view).encode()
-            asked.clear()
-            fresh.set()
     try:
         server = ThreadingHTTPServer(('127.0.0.1', port), Handler)
     except (OSError, OverflowError) as err:
         raise UsageError(f'no web page on port {port}: {err}; choose another port') from None
-    complain(f'page: http://127.0.0.1:{port}/')
     with server:
+        complain(f'page: http://127.0.0.1:{port}/')
         Thread(target=server.serve_forever, daemon=True).start()
         try:
-            yield draw
+            yield
         finally:
             server.shutdown()
 
@@ -198,13 +187,7 @@ def served(view: LiveView, port: int) -> Iterator[Callable[[], None]]:
 def shown(view: LiveView, port: int | None, *, terminal: bool) -> Iterator[Callable[[], None]]:
     """Show a view on the terminal, and where a port is given as a page; gives what draws it."""
     with ExitStack() as stack:
-        draws: list[Callable[[], object]] = []
         if port is not None:
-            draws.append(stack.enter_context(served(view, port)))
-        if terminal:
-            draws.append(stack.enter_context(Live(view, auto_refresh=False)).refresh)
-
-        def draw() -> None:
-            for item in draws:
-                item()
-        yield draw
+            stack.enter_context(served(view, port))
+        yield stack.enter_context(Live(view, auto_refresh=False)).refresh if terminal else (
+            lambda: None)
