@@ -39,11 +39,6 @@ def printable(text: str) -> str:
     return ''.join(char if char.isprintable() else '?' for char in text)
 
 
-def counted(number: int, what: str) -> str:
-    """Give a number of things in words; the name of one of them becomes its plural."""
-    return f'{number} {what}{"s" * (number != 1)}'
-
-
 def wrapped(text: str, width: int) -> str:
     """Break a text into lines, no word, path or number in two; those after the first indented."""
     text = printable(text)

@@ -120,7 +120,7 @@ def test_time_that_was_not_judged_is_not_free() -> None:
     item = WatchedBag('a', judged, np.zeros(len(judged)), FREE, ())
     free = score([item], [judged[:0]])
     assert 3600.0 * free.hours == pytest.approx(20.0)
-    assert free.unjudged == pytest.approx(1.0 / 3.0)
+    assert 3600.0 * free.unjudged == pytest.approx(10.0)
     # of a push and its 2 s afterwards, half lies in the gap
     push = KnownPush(int(stamp[1300]), int(stamp[1500]))
     pushed = score([replace(item, truth=Truth('x', (push,)))], [judged[:0]])

@@ -31,7 +31,7 @@ from tudor_dynamics.bags.recording import plan_from_arm
 from tudor_dynamics.cli.console import (
     add_bags_and_model, new_table, print_findings, print_json, print_table, say, say_command,
     score_table, steps, write)
-from tudor_dynamics.errors import counted, UsageError
+from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import dump_npz
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
@@ -50,7 +50,6 @@ from tudor_dynamics.provenance import provenance
 
 
 LONGEST_DEBOUNCE = 60.0  # a push that lasts longer is none [s]
-UNJUDGED = 0.01  # share of the time from which on it is said that it was not judged
 TOO_WIDE = 10.0  # times what was promised: where even more would be no surprise, nothing is known
 
 
@@ -126,9 +125,8 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
     best = max((item for item in results if item.score.pushes and item.score.hours), default=None,
                key=lambda item: (item.score.found, -(item.score.false_alarms or 0)))
     if best is not None:
-        say(f'{best.method} finds {best.score.found} of {best.score.pushes} pushes, with '
-            f'{counted(best.score.false_alarms or 0, "false alarm")} in '
-            f'{60.0 * best.score.hours:.1f} min')
+        say(f'{best.method} finds {best.score.found} of {best.score.pushes} pushes; false '
+            f'alarms in {60.0 * best.score.hours:.1f} min: {best.score.false_alarms}')
     table = new_table(
         f'collisions, false alarms allowed per hour: {allowed:g}', names=('method',),
         figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',
@@ -143,12 +141,8 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
             str(score.false_alarms) if known else '-', f'{60 * score.hours:.1f}' if known else '-')
     print_table(table)
     _print_events(results)
-    say(*unknown(results),
-        *(f'{item.method}: {100.0 * item.score.unjudged:.0f} % of the time was not judged, and '
-          'counts as none: messages are missing there, or filters settle after that'
-          for item in results if item.score.unjudged > UNJUDGED),
-        *(f'{item.method}: force and place are not known: {item.no_contact}'
-          for item in results if item.no_contact))
+    say(*unknown(results), *(f'{item.method}: force and place are not known: {item.no_contact}'
+                             for item in results if item.no_contact))
 
 
 def _print_kept(
@@ -163,8 +157,10 @@ def _print_kept(
             times = (f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
                      f'{kept["high"]:.3g})' if kept['low'] > 1.0 or kept['high'] < TOO_WIDE else
                      f'too short to judge ({60.0 * item.score.hours:.2g} min)')
-            say(f'{item.method}: {counted(item.score.false_alarms or 0, "false alarm")} in '
-                f'{item.score.hours:.3g} h, {kept["promised"]:.3g} promised: {times}')
+            lost = 100.0 * item.score.unjudged / (item.score.hours + item.score.unjudged)
+            say(f'{item.method}: false alarms in {item.score.hours:.3g} h: '
+                f'{item.score.false_alarms}, {kept["promised"]:.3g} promised: {times}'
+                + f'; {lost:.0f} % of the time was not judged' * (lost > 1.0))
     if broken and args.free:
         command = fit_with(bundle, args.bags, args.model, args.payload)
         say('more than was promised: this motion is of another kind or day; thresholds learn '
@@ -219,10 +215,9 @@ def unknown(results: Sequence[MethodResult]) -> list[str]:
     said = []
     for place, bag in enumerate(results[0].watched):
         if not bag.truth.known:
-            counts = ', '.join(
-                f'{counted(len(item.watched[place].sightings), "event")} by {item.method}'
-                for item in results)
-            said.append(f'{bag.bag}: {counts}, no truth in this bag: give --pushes '
+            counts = ', '.join(f'{len(item.watched[place].sightings)} by {item.method}'
+                               for item in results)
+            said.append(f'{bag.bag}: events: {counts}; no truth in this bag: give --pushes '
                         'FILE.csv or --truth TOPIC, or --free if nothing touched the arm')
     return said
 
@@ -373,8 +368,8 @@ def _made(args: argparse.Namespace, bundle: ModelBundle) -> dict[str, str]:
 
 def _print_cause(args: argparse.Namespace, data: Sequence[BagData], short: Sequence[str]) -> None:
     """Say why an error has grown, where the doctor finds nothing: pushes, or friction."""
-    pushed = [f'{bag.choice} holds {count} pushes' for bag in data if (count := len(within(
-        find_truth(bag.choice.path), bag.recording).pushes))]
+    pushed = [f'{bag.choice} holds {count} push{"es" * (count != 1)}' for bag in data if (
+        count := len(within(find_truth(bag.choice.path), bag.recording).pushes))]
     if pushed or all(short):
         say(f'{"; ".join(pushed or short)}: something touched the arm, no new fit is needed; look '
             'at the pushes:')

@@ -25,7 +25,7 @@ import time
 
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.console import print_json, say, write
-from tudor_dynamics.errors import counted, ModelError, UsageError
+from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.load.live import carried_load, PayloadStage
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.online.black_box import messages_of, replayed
@@ -131,7 +131,7 @@ def _bag(args: argparse.Namespace) -> int:
     if args.json:
         print_json({'model': args.model, 'bag': args.bag, 'events': events})
     elif not terminal:
-        say(counted(len(events), 'event'))
+        say(f'{len(events)} event{"s" * (len(events) != 1)}')
     return 0
 
 

@@ -16,12 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 import json
 import sys
-import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -43,11 +41,13 @@ from tudor_dynamics.show.live import DRAWN, LiveView, shown, UNKNOWN
 class WatchNode(TudorNode):
     """Node of the live view; ``**kwargs`` go to rclpy's Node."""
 
-    def __init__(self, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any) -> None:
+    def __init__(self, **kwargs: Any) -> None:
         super().__init__('watch', **kwargs)
         self.view = LiveView(f'monitor in {self.get_namespace()}')
         self._levels = {Level.FREE}
-        self._wall, self._came = steady, steady()  # monitors diagnose by the wall clock, too
+        self._came = self.steady()  # when something came from a monitor
+        self._advice = ('nothing comes from a monitor; to start one: ros2 run tudor_dynamics '
+                        f'monitor --ros-args -r __ns:={self.get_namespace()} -p model:=MODEL')
         for method, topic in RATIOS.items():
             self.hear(topic, partial(self._on_ratios, method))
         for level, topic in ((Level.CONTACT, CONTACT), (Level.COLLISION, COLLISION)):
@@ -62,23 +62,19 @@ class WatchNode(TudorNode):
 
     def _look(self) -> None:
         """Draw; nothing is known of an arm whose monitor is silent."""
-        silence = self._wall() - self._came
+        silence = self.steady() - self._came
         if silence > UNHEARD:
-            begins = not (self.view.level == UNKNOWN and self.view.warning)
-            at = '' if self.get_namespace() == '/' else f'-r __ns:={self.get_namespace()} '
-            self.view.level, self.view.state, self.view.warning = UNKNOWN, '', (
-                f'nothing from a monitor for {silence:.0f} s: start it with ros2 run '
-                f'tudor_dynamics monitor --ros-args {at}-p model:=MODEL')
-            if begins:
-                self._print(self.view.warning)
+            self.view.level, self.view.state = UNKNOWN, f'silent for {silence:.0f} s'
+            if self.view.warning != self._advice:
+                self.view.warning = self._advice
+                self._print(self._advice)
         self._draw()
 
     def _heard(self) -> None:
         """Take into account that a monitor is there, which says the level again."""
-        self._came = self._wall()
-        if self.view.level == UNKNOWN and self.view.warning:
-            self.view.warning = ''
-            self._print('a monitor is heard again')
+        self._came = self.steady()
+        if self.view.level == UNKNOWN:
+            self.view.state = self.view.warning = ''
         self.view.level = max(self._levels).name.lower()
 
     def _print(self, line: str) -> None:
@@ -119,9 +115,8 @@ class WatchNode(TudorNode):
             name, _, namespace = status.name.partition(': ')
             if name in ('monitor', 'collision_detector') and namespace == self.get_namespace():
                 self._heard()
-                good, level = status.level == OK, NAMES[status.level]
-                self.view.state = f'{name}: {status.message if good else level}'
-                self.view.warning = '' if good else status.message
+                self.view.state = f'{name}: {NAMES[status.level]}'
+                self.view.warning = '' if status.level == OK else status.message
 
     def close(self) -> None:
         """Leave the terminal as it was."""
