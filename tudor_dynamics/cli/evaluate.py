@@ -125,8 +125,8 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
     best = max((item for item in results if item.score.pushes and item.score.hours), default=None,
                key=lambda item: (item.score.found, -(item.score.false_alarms or 0)))
     if best is not None:
-        say(f'{best.method} finds {best.score.found} of {best.score.pushes} pushes, with '
-            f'{best.score.false_alarms} false alarms in {60.0 * best.score.hours:.1f} min')
+        say(f'{best.method} finds {best.score.found} of {best.score.pushes} pushes; false '
+            f'alarms in {60.0 * best.score.hours:.1f} min: {best.score.false_alarms}')
     table = new_table(
         f'collisions, false alarms allowed per hour: {allowed:g}', names=('method',),
         figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',
@@ -157,8 +157,10 @@ def _print_kept(
             times = (f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
                      f'{kept["high"]:.3g})' if kept['low'] > 1.0 or kept['high'] < TOO_WIDE else
                      f'too short to judge ({60.0 * item.score.hours:.2g} min)')
-            say(f'{item.method}: {item.score.false_alarms} false alarms in '
-                f'{item.score.hours:.3g} h, {kept["promised"]:.3g} promised: {times}')
+            lost = 100.0 * item.score.unjudged / (item.score.hours + item.score.unjudged)
+            say(f'{item.method}: false alarms in {item.score.hours:.3g} h: '
+                f'{item.score.false_alarms}, {kept["promised"]:.3g} promised: {times}'
+                + f'; {lost:.0f} % of the time was not judged' * (lost > 1.0))
     if broken and args.free:
         command = fit_with(bundle, args.bags, args.model, args.payload)
         say('more than was promised: this motion is of another kind or day; thresholds learn '
@@ -215,7 +217,7 @@ def unknown(results: Sequence[MethodResult]) -> list[str]:
         if not bag.truth.known:
             counts = ', '.join(f'{len(item.watched[place].sightings)} by {item.method}'
                                for item in results)
-            said.append(f'{bag.bag}: {counts} events, no truth in this bag: give --pushes '
+            said.append(f'{bag.bag}: events: {counts}; no truth in this bag: give --pushes '
                         'FILE.csv or --truth TOPIC, or --free if nothing touched the arm')
     return said
 
@@ -366,8 +368,8 @@ def _made(args: argparse.Namespace, bundle: ModelBundle) -> dict[str, str]:
 
 def _print_cause(args: argparse.Namespace, data: Sequence[BagData], short: Sequence[str]) -> None:
     """Say why an error has grown, where the doctor finds nothing: pushes, or friction."""
-    pushed = [f'{bag.choice} holds {count} pushes' for bag in data if (count := len(within(
-        find_truth(bag.choice.path), bag.recording).pushes))]
+    pushed = [f'{bag.choice} holds {count} push{"es" * (count != 1)}' for bag in data if (
+        count := len(within(find_truth(bag.choice.path), bag.recording).pushes))]
     if pushed or all(short):
         say(f'{"; ".join(pushed or short)}: something touched the arm, no new fit is needed; look '
             'at the pushes:')
