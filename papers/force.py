@@ -29,7 +29,7 @@ from tudor_dynamics.control.force_control import ForceController, ForceSettings,
 from tudor_dynamics.control.motion_controller import MotionController
 from tudor_dynamics.mechanics import hardware
 from tudor_dynamics.mechanics.closed_loop import Sample
-from tudor_dynamics.online.tip_force import StaticStrain
+from tudor_dynamics.online.contact_fronts import StaticStrain
 
 RATE = 500.0
 """Of sensors and commands [Hz]."""

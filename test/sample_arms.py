@@ -25,6 +25,8 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm, arm_from_dict
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.mechanics.integrator import DZ, Z
+from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.typing import FloatArray
 
 SIX_ROWS = [[0.0, pi / 2, 0.13, 0.0], [-0.61, 0.0, 0.0, 0.3], [-0.57, 0.0, 0.0, 0.0],
@@ -100,3 +102,13 @@ def recording_of(
     return Recording(
         path=path, stamp=1_700_000_000_000_000_000 + np.cumsum(step), q=q, dq=dq, effort=effort,
         strain=strain, segments=tuple(map(slice, edges[:-1], edges[1:])), dt=1.0 / rate)
+
+
+def put_into_state(
+    plant: Plant, t: float, z: FloatArray, dz: FloatArray, torque: FloatArray,
+) -> None:
+    """Put a plant into a state at a time [s], and solve its accelerations."""
+    plant.tables.vectors[Z], plant.tables.vectors[DZ] = z, dz
+    plant.tables.torque[plant._q] = torque
+    plant._t0, plant._time_steps = t, 0
+    plant._start()

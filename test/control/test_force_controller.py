@@ -27,7 +27,7 @@ import pytest
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
 from tudor_dynamics.errors import ArmError, UsageError
-from tudor_dynamics.online.tip_force import StaticStrain
+from tudor_dynamics.online.contact_fronts import StaticStrain
 
 
 def tudor() -> Arm:

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sample_arms import put_into_state
 from scipy.integrate import solve_ivp
 from tudor_dynamics.arm.description import arm_from_dict, load_arm
 from tudor_dynamics.errors import SimulationError
@@ -76,7 +77,8 @@ def by_radau(plant, torque, every):
     def right_side(t, y):
         k = min(int(t / dt), steps - 1)
         share = t / dt - k
-        plant.set_state(t, y[:n], y[n:], (1.0 - share) * torque[k] + share * torque[k + 1])
+        put_into_state(plant, t, y[:n], y[n:],
+                       (1.0 - share) * torque[k] + share * torque[k + 1])
         return np.concatenate([y[n:], plant.tables.vectors[DDZ]])
 
     wanted = np.arange(0, steps + 1, every)
@@ -86,7 +88,7 @@ def by_radau(plant, torque, every):
     assert solved.success, solved.message
     probe, seen = Probe(plant), []
     for k, y in zip(wanted, solved.y.T, strict=True):
-        plant.set_state(k * dt, y[:n], y[n:], torque[k])
+        put_into_state(plant, k * dt, y[:n], y[n:], torque[k])
         seen.append((plant.state.q.copy(), probe.observe().acceleration.copy()))
     return tuple(np.array(column) for column in zip(*seen, strict=True))
 

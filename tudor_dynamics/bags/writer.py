@@ -228,8 +228,7 @@ def write_messages(
                     known[item] = writer.add_connection(*item, typestore=typestore)
                 writer.write(known[item], time, data)
     except FAILURES as err:
-        msg = f'{path}: cannot be written ({reason(err)}); {remedy_of(err)}'
-        raise BagError(msg) from None
+        raise BagError(f'{path}: cannot be written ({reason(err)}); {remedy_of(err)}') from None
 
 
 def _check_free(path: Path) -> None:

@@ -305,13 +305,6 @@ class Plant:
         self.tables.torque[self._q] = torque
         self._start()
 
-    def set_state(self, t: float, z: FloatArray, dz: FloatArray, torque: FloatArray) -> None:
-        """Put the plant into a state at a time [s], and solve accelerations; see ``imbalance``."""
-        self.tables.vectors[gen.Z], self.tables.vectors[gen.DZ] = z, dz
-        self.tables.torque[self._q] = torque
-        self._t0, self._time_steps = t, 0
-        self._start()
-
     def _start_accelerations(self) -> None:
         tables = self.tables
         tables.vectors[gen.DDZ, tables.prescribed] = tables.motion[2, tables.prescribed]

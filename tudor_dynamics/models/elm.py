@@ -155,9 +155,8 @@ class ExtremeLearningMachine(MemorylessModel):
         part, channels = read(ElmPart, content), arm.channels[output]
         hidden = part.hidden
         if not 1 <= hidden <= MAX_HIDDEN or part.channels != channels:
-            msg = (f'ELM of {hidden} neurons for {", ".join(part.channels)}; expected '
-                   f'{", ".join(channels)}')
-            raise ModelError(msg, remedy=AGAIN)
+            raise ModelError(f'ELM of {hidden} neurons for {", ".join(part.channels)}; expected '
+                             f'{", ".join(channels)}', remedy=AGAIN)
         model = cls(**dict(part))
         n_inputs = 3 * len(arm.active_joints) + (part.payload_range is not None)
         shapes = ((2, n_inputs), (2, len(channels)), (n_inputs, hidden), (hidden,),

@@ -93,7 +93,7 @@ class SignTester(Trial):
     def _gauge(self, joint: str) -> int:
         """Give the gauge that the damper of a joint listens to."""
         return self.arm.gauge_names.index(
-            next(item.gauge for item in self.arm.damper.joints if item.joint == joint))
+            next(item.gauge for item in self.damped if item.joint == joint))
 
     def measure(self, joint: str, step: float, share: float) -> StepResponse:
         """Make a step with a share of the damper's gain and record what the link does."""

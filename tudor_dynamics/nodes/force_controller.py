@@ -35,7 +35,7 @@ from tudor_dynamics.nodes.common.interfaces import (
 from tudor_dynamics.nodes.common.messages import joint_state, nanoseconds, wrench_stamped
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.settings import SILENT
-from tudor_dynamics.online.tip_force import StaticStrain
+from tudor_dynamics.online.contact_fronts import StaticStrain
 from tudor_dynamics.typing import FloatArray
 
 

@@ -53,9 +53,7 @@ class Trial(Node):
     """Sends goals, sets the damper's gain, and listens; q (joints,) [rad or m]: where it is."""
 
     def __init__(self, name: str, arm: Arm, **kwargs: Any) -> None:
-        if arm.spec.damper is None:
-            raise ArmError('there is no damper section; add the key damper with gauges and gains',
-                           place=arm.source)
+        self.damped = arm.damper.joints
         refuse_interfaces(arm, name)
         super().__init__(name, **kwargs)
         self.arm, self.steady = arm, steady_clock(self)
