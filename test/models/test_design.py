@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.control.schedule import Schedule
-from tudor_dynamics.errors import ModelError, UsageError
+from tudor_dynamics.errors import ArmError, ModelError, UsageError
 from tudor_dynamics.identification.ringdowns import vibrations
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.tuning import (
@@ -122,7 +122,7 @@ def test_delay_that_forbids_it() -> None:
 
 def test_what_cannot_be_tuned() -> None:
     """No damper, unknown gains of gauges, impossible wishes: each says what to do."""
-    with pytest.raises(ModelError, match='there is no damper'):
+    with pytest.raises(ArmError, match='there is no damper'):
         TunedArm(blade_arm())
     with pytest.raises(ModelError, match='gains of the gauges'):
         TunedArm(damped_arm(sensors=[]))

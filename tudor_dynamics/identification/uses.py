@@ -382,14 +382,12 @@ def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
     error = 2.0 * np.sqrt(np.mean(np.vstack(means) ** 2, axis=0))
     column = np.sqrt(np.mean(tip.mass ** 2, axis=0))
     kilograms = np.where(column > 0.0, error / np.maximum(column, 1e-300), np.nan)
-    shares = error / np.maximum(span, 1e-300)
-    scaled = bool(np.isfinite(kilograms).any())
-    best = int(np.nanargmin(kilograms if scaled else shares))
-    said = (f"{100.0 * shares[best]:.0f} % of how much the arm's weight varies between poses (two "
-            f'standard deviations of {model.channels[best]}, averaged over {settings.MEAN:g} s)')
-    if not scaled:
-        return None, ('masses in kg need effort.torque_constant, sensors[].gain or masses in the '
-                      f'description, or a fit of two payloads (--payload-of); uncertain by {said}'
-                      ), {}
-    return (_grade(shares[best], settings.WEIGHT_SHARE),
-            f'uncertain by {short(kilograms[best])} kg, {said}', {})
+    if not np.isfinite(kilograms).any():
+        return None, ('masses in kg need effort.torque_constant, sensors[].gain or masses in '
+                      'the description, or a fit of two payloads (--payload-of)'), {}
+    best = int(np.nanargmin(kilograms))
+    share = float(error[best] / max(span[best], 1e-300))
+    return _grade(share, settings.WEIGHT_SHARE), (
+        f'uncertain by {short(kilograms[best])} kg (two standard deviations of '
+        f'{model.channels[best]}, averaged over {settings.MEAN:g} s), {100.0 * share:.0f} % of '
+        "how much the arm's weight varies between poses"), {}

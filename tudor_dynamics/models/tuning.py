@@ -107,11 +107,8 @@ class TunedArm:
     # model of the strain, links, gears and gauges are those described.
 
     def __init__(self, arm: Arm, model: ElasticModel | None = None) -> None:
-        if arm.spec.damper is None:
-            raise ModelError('there is no damper section to tune', place=arm.source,
-                             remedy='add damper.joints, each with a gauge and a rough gain')
         self.arm = arm
-        self.dampers = [item for item in arm.spec.damper.joints if item.joint in arm.active_joints]
+        self.dampers = [item for item in arm.damper.joints if item.joint in arm.active_joints]
         self._index = index = [arm.gauge_names.index(item.gauge) for item in self.dampers]
         self.scale = np.array([STRAIN_SCALE.get(arm.gauges[i].unit, 0.0) for i in index])
         """Units of the gauges per m/m, shape (n_damped,)."""

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 import math
 from threading import Event, Lock
 import time
@@ -54,7 +55,7 @@ class ArmSimulatorNode(TudorNode):
         self.late = 0
         try:
             description = self.described_arm('links and motors', 'a simulated arm')
-            self.arm = ArmProcess(
+            arm = self.arm = ArmProcess(
                 description, rate=self.value('rate'), payload=self.value('payload'),
                 damping=self.value('damping'), seed=self.value('seed'),
                 imperfections=(Imperfections() if self.value('imperfections')
@@ -64,20 +65,19 @@ class ArmSimulatorNode(TudorNode):
             return
         self.robot = description.name
         for floor in (None, Floor(10.0, 1.0)):  # loads compiled code: late otherwise
-            self.arm.floor = floor
-            self.arm.step()
-        self.arm.reset()
-        self._connect(description)
+            arm.floor = floor
+            arm.step()
+        arm.reset()
+        self._connect(description, arm)
         self.apply()
-        self._run_beside(self._live)
+        self._run_beside(partial(self._live, arm))
 
-    def _connect(self, arm: Arm) -> None:
+    def _connect(self, arm: Arm, process: ArmProcess) -> None:
         self._names = list(arm.active_joints)
         # with the held ones robot_state_publisher has the whole arm
         self._all = list(arm.movable_joints)
         self._active = [self._all.index(name) for name in self._names]
-        assert self.arm is not None
-        self._held = np.array([self.arm.held.get(name, 0.0) for name in self._all])
+        self._held = np.array([process.held.get(name, 0.0) for name in self._all])
         self._gauges, self._base = list(arm.gauge_names), base_frame(arm.full_model)
         self._joints = self.publish_on(JointState, arm.spec.joint_topic)
         efforts = by_topic(joint.effort for joint in arm.joints)
@@ -92,9 +92,9 @@ class ArmSimulatorNode(TudorNode):
         self._wrench = self.publish_on(WrenchStamped, APPLIED_WRENCH)
         self._ticks = self.create_publisher(Clock, CLOCK, 10) if self.value('clock') else None
         self._inputs = [
-            self.subscribe(Float64MultiArray, VELOCITY_COMMANDS, self._on_command),
-            self.subscribe(WrenchStamped, EXTERNAL_WRENCH, self._on_wrench)]
-        self.serve(RESET, self._reset)
+            self.subscribe(Float64MultiArray, VELOCITY_COMMANDS, partial(self._on_command, process)),
+            self.subscribe(WrenchStamped, EXTERNAL_WRENCH, partial(self._on_wrench, process))]
+        self.serve(RESET, partial(self._reset, process))
 
     def apply(self) -> None:
         if self.arm is None:
@@ -105,42 +105,37 @@ class ArmSimulatorNode(TudorNode):
             self.arm.floor = floor
             self.arm.command_timeout = self.value('command_timeout')
 
-    def _reset(self) -> str:
-        assert self.arm is not None
+    def _reset(self, arm: ArmProcess) -> str:
         with self._lock:
-            self.arm.reset()
+            arm.reset()
         return 'the arm rests at its initial pose'
 
-    def _on_command(self, message: Float64MultiArray) -> None:
+    def _on_command(self, arm: ArmProcess, message: Float64MultiArray) -> None:
         begun = self.meter.begin()
         command = np.array(message.data)
         if len(command) != len(self._names) or not np.isfinite(command).all():
             self.drops['impossible_command'] += 1
             return
-        assert self.arm is not None
-        if self.arm.failure:
+        if arm.failure:
             self.drops['diverged'] += 1
             return
         with self._lock:
-            self.arm.command(command)
+            arm.command(command)
         self._commanded = self.steady()
         self._answer.set()
         self.meter.end(begun)
 
-    def _on_wrench(self, message: WrenchStamped) -> None:
+    def _on_wrench(self, arm: ArmProcess, message: WrenchStamped) -> None:
         force = message.wrench.force
         values = np.array([force.x, force.y, force.z])
         if not np.isfinite(values).all():
             self.drops['impossible_wrench'] += 1
             return
-        assert self.arm is not None
         with self._lock:
-            self.arm.force = values
+            arm.force = values
 
-    def _live(self) -> None:
+    def _live(self, arm: ArmProcess) -> None:
         """Run the arm against the wall clock; the executor serves the topics meanwhile."""
-        arm = self.arm
-        assert arm is not None
         period = 1.0 / self.value('rate') / self.value('factor')
         simulated = bool(self.value('clock'))
         lockstep = simulated and self.value('lockstep')

@@ -109,10 +109,10 @@ class ForceControllerNode(MovingNode):
             self.drops['force_refused'] += 1
             self.get_logger().error(f'force refused: {why}')
 
-    def answer(self, message: JointState, dt: float, q: FloatArray) -> None:
+    def answer(
+        self, controller: ForceController, message: JointState, dt: float, q: FloatArray,
+    ) -> None:
         """Give a reference, and say what force the tip bears."""
-        controller = self.controller
-        assert controller is not None
         pose = controller.pose if controller.pose is not None else q
         weight, share = self.static.at(pose, controller.force)
         silent = nanoseconds(message.header.stamp) * 1e-9 - self._read > SILENT

@@ -159,9 +159,9 @@ class OscillationDamperNode(MovingNode):
         """Compare stamps with the clock."""
         self.clocks.step(stamp, self.ros_time())
 
-    def answer(self, message: JointState, dt: float, q: FloatArray) -> None:
-        controller = self.controller
-        assert controller is not None
+    def answer(
+        self, controller: MotionController, message: JointState, dt: float, q: FloatArray,
+    ) -> None:
         command = controller.step(
             self.steady(), dt, q, self._strain, self._fresh,
             age=self.clocks.newest, dq=self._joints.read(message, 'velocity', optional=True),

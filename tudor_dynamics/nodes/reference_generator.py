@@ -168,9 +168,8 @@ class ReferenceGeneratorNode(MovingNode):
         self.meter.end(begun)
 
     def _on_goal(self, message: JointTrajectory) -> None:
-        assert self.source is not None
         if not message.points:  # controllers stop at this
-            self.source.stop(f'a trajectory without points came on {JOINT_TRAJECTORY}')
+            self.controller.stop(f'a trajectory without points came on {JOINT_TRAJECTORY}')
         elif not self._take(message):
             self.server.end(f'a newer trajectory on {JOINT_TRAJECTORY} replaced this goal')
 
@@ -220,16 +219,14 @@ class ReferenceGeneratorNode(MovingNode):
         self.server.report(message.header, self._names, points)
 
     def _on_payload(self, message: InertiaStamped) -> None:
-        assert self.source is not None
         mass = float(message.inertia.m)
-        self.source.shaping.payload = mass if np.isfinite(mass) and mass >= 0.0 else None
+        self.controller.shaping.payload = mass if np.isfinite(mass) and mass >= 0.0 else None
 
     def _on_collision(self, message: Bool) -> None:
-        assert self.source is not None
-        falling = self.source.collision and not message.data
-        self.source.collide(bool(message.data))
+        falling = self.controller.collision and not message.data
+        self.controller.collide(bool(message.data))
         if falling and self.value('resume'):
-            self.source.clear()
+            self.controller.clear()
 
     def _on_residuals(self, message: JointState) -> None:
         motion = None if self.source is None else self.source.motion

@@ -45,7 +45,7 @@ class WatchNode(TudorNode):
         super().__init__('watch', **kwargs)
         self.view = LiveView(f'monitor in {self.get_namespace()}')
         self._levels = {Level.FREE}
-        self._came = self.steady()  # when something came from a monitor
+        self.meter.begin()  # what comes from a monitor
         self._advice = ('nothing comes from a monitor; to start one: ros2 run tudor_dynamics '
                         f'monitor --ros-args -r __ns:={self.get_namespace()} -p model:=MODEL')
         for method, topic in RATIOS.items():
@@ -62,7 +62,7 @@ class WatchNode(TudorNode):
 
     def _look(self) -> None:
         """Draw; nothing is known of an arm whose monitor is silent."""
-        silence = self.steady() - self._came
+        silence = self.steady() - (self.meter.last_arrival or 0.0)
         if silence > UNHEARD:
             self.view.level, self.view.state = UNKNOWN, f'silent for {silence:.0f} s'
             if self.view.warning != self._advice:
@@ -70,12 +70,12 @@ class WatchNode(TudorNode):
                 self._print(self._advice)
         self._draw()
 
-    def _heard(self) -> None:
+    def _heard(self) -> float:
         """Take into account that a monitor is there, which says the level again."""
-        self._came = self.steady()
         if self.view.level == UNKNOWN:
             self.view.state = self.view.warning = ''
         self.view.level = max(self._levels).name.lower()
+        return self.meter.begin()
 
     def _print(self, line: str) -> None:
         """Print a line where no terminal watches."""
@@ -87,8 +87,7 @@ class WatchNode(TudorNode):
             self.exit_code = 0
 
     def _on_ratios(self, method: str, message: JointSample) -> None:
-        begun = self.meter.begin()
-        self._heard()
+        begun = self._heard()
         values = np.asarray(getattr(message, FIELD[method]), dtype=float)
         if len(values) and len(values) == len(message.name):
             self.view.ratios(message.stamp, method, message.name, values)

@@ -206,9 +206,8 @@ class OutputCoverage:
 
     def _silent(self, new: _Counts) -> str:
         """Name the topics on which nothing came for a second; empty for none."""
-        assert self._flowing is not None
         silent = [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
-                  if new.time - max(at, self._flowing) >= COVERAGE_TIME - COVERAGE_PERIOD]
+                  if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
         return '' if not silent else (
             f'no message came on {", ".join(silent)}: check the node that publishes there')
 
@@ -312,9 +311,8 @@ def _together(found: dict[str, CoverageReport]) -> CoverageReport:
         for cause, share in verdict.causes.items():
             causes[cause] = max(share, causes.get(cause, 0.0))
         if verdict.level == level and verdict.text:
-            text = verdict.text.replace(f'{100.0 * verdict.share:.1f} % of', 'SHARE of')
-            for what in ('sample', 'samples'):
-                text = text.replace(f'{what} of {output}', f'{what} of OUTPUT')
+            text = verdict.text.replace(f' of {output}', ' of OUTPUT').replace(
+                f'{100.0 * verdict.share:.1f} % of', 'SHARE of')
             share, outputs = texts.get(text, (0.0, ''))
             texts[text] = (max(share, verdict.share),
                            f'{outputs} and {output}' if outputs else output)

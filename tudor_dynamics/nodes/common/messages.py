@@ -116,8 +116,7 @@ class NamedReader:
             self._index = [seen.index(name) for name in self.names] if known else None
             self._plain = self._index == list(range(len(seen)))
         if self._index is None:
-            ours = any(name in message.name for name in self.names)
-            self.drops['unknown_names' if ours else 'other_names'] += 1
+            self.drops['unknown_names' if {*self.names} & {*message.name} else 'other_names'] += 1
             return None
         values = getattr(message, field)
         if len(values) != len(message.name):

@@ -66,7 +66,7 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         """Subscribe to all but positions and strains."""
         raise NotImplementedError
 
-    def answer(self, message: JointState, dt: float, q: FloatArray) -> None:
+    def answer(self, controller: Any, message: JointState, dt: float, q: FloatArray) -> None:
         """Answer positions (joints,) [rad or m]; dt [s]: 0 where none before them count."""
         raise NotImplementedError
 
@@ -173,7 +173,7 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         dt = self.gate.step(stamp)
         if dt is None:
             return
-        self.answer(message, dt, q)
+        self.answer(self.controller, message, dt, q)
         self._fresh[:] = False
         self.meter.end(begun)
 
