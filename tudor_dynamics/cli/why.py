@@ -49,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', metavar='MODEL',
                         help='bundle of tudor fit (that which the bag names)')
     parser.add_argument('--at', default='', metavar='HH:MM:SS',
-                        help='explain the events whose date or time of day has this in it')
+                        help='explain the events whose date or time of day, in UTC, has this in it')
     parser.add_argument('--payload', type=float, metavar='KG',
                         help='mass at the tip (that which the bag names, or 0)')
     parser.add_argument('--json', action='store_true', help='print the causes as JSON')
@@ -57,8 +57,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, explain, print."""
-    if re.search('[^0-9 :.-]', args.at):
-        raise UsageError(f'--at {args.at}: expected a time of day such as 14:03:12')
+    if re.search('[^0-9 :.UTC-]', args.at):
+        raise UsageError(f'--at {args.at}: expected a time of day in UTC, such as 14:03:12')
     found = causes(args)
     if args.json:
         print_json([{
@@ -100,7 +100,7 @@ def causes(args: argparse.Namespace) -> list[Cause]:
 def _print(found: Sequence[Cause], *, verbose: bool) -> None:
     """Print a paragraph for each event."""
     if not found:
-        say('no such event comes when the messages pass the monitor again')
+        say('no such event comes when the messages pass the monitor again; times are in UTC')
     for cause in found:
         seen = cause.event
         say(f'{time_of_day(seen.event.onset)}: {cause.name}',
