@@ -21,13 +21,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import count
 import json
 import math
 import os
 from pathlib import Path
 import re
 import sys
-import time
+from threading import Event, Thread
 from typing import Any
 
 from rich import box
@@ -38,7 +39,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, Trajectory
-from tudor_dynamics.errors import printable, remedy_of, TudorError, UsageError, wrapped
+from tudor_dynamics.errors import complain, remedy_of, TudorError, UsageError, wrapped
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.uses import Use
@@ -47,10 +48,8 @@ from tudor_dynamics.identification.validation import Grade, Score
 LEAST_TEXT = 10
 """Characters that a column of text keeps at least; longer text goes on in the next line."""
 GAP = 2  # blanks between columns
-
-
-SILENCE = 3.0
-"""A step is named after it where no terminal shows the bar [s]; shorter ones need no word."""
+SILENCE, PAUSE = 3.0, 10.0
+"""Where no terminal shows a bar, a line says after so long how far it is, and again [s]."""
 
 Advance = Callable[..., None]
 """Takes what changes about a bar: ``advance`` or ``completed``, ``total``, ``description``."""
@@ -58,27 +57,35 @@ Advance = Callable[..., None]
 
 @contextmanager
 def bar(total: int | None, *columns: str | ProgressColumn) -> Iterator[Advance]:
-    """Show a bar on standard error while a terminal watches."""
-    console = Console(file=sys.stderr)
-    with Progress(*columns, console=console, transient=True,
-                  disable=not console.is_terminal) as progress:
-        yield partial(progress.update, progress.add_task('', total=total))
+    """Show a bar on standard error while a terminal watches; elsewhere write lines."""
+    console, ended = Console(file=sys.stderr), Event()
+    shown = console.is_terminal and not console.is_dumb_terminal
+    with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
+        number = progress.add_task('', total=total)
+
+        def tell() -> None:
+            task, pause = progress.tasks[0], SILENCE
+            text = next(column for column in columns if isinstance(column, str))
+            while not ended.wait(pause):
+                pause = PAUSE
+                complain(text.format(task=task)
+                         + f': {task.percentage:.0f} %' * (task.total is not None))
+        teller = Thread(target=tell, daemon=True)
+        if not shown:
+            teller.start()
+        try:
+            yield partial(progress.update, number)
+        finally:
+            ended.set()
 
 
 @contextmanager
-def steps(total: int) -> Iterator[Callable[[str], None]]:
-    """Show a bar over steps that are named as they begin; elsewhere name some in lines."""
-    begun, last, watched = 0, time.monotonic(), sys.stderr.isatty()
+def steps(total: int | None) -> Iterator[Callable[[str], None]]:
+    """Show a bar over steps that are named as they begin; their number may not be known."""
+    begun = count()
     with bar(total, SpinnerColumn(), '{task.description}', BarColumn(),
              TimeElapsedColumn()) as advance:
-        def step(text: str) -> None:
-            nonlocal begun, last
-            advance(completed=begun, description=text)
-            begun += 1
-            if not watched and time.monotonic() > last + SILENCE:
-                last = time.monotonic()
-                print(f'{begun} of {total}: {printable(text)}', file=sys.stderr, flush=True)
-        yield step
+        yield lambda text: advance(completed=next(begun), description=text)
 
 
 def say(*lines: str) -> None:

@@ -22,8 +22,7 @@ import sys
 import warnings
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, TimeRemainingColumn
+from rich.progress import BarColumn, SpinnerColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
@@ -168,7 +167,7 @@ def run(args: argparse.Namespace) -> int:
         print(f'{arm.name}: left out of the motors of {", ".join(parts)}: {", ".join(names)}; '
               'tudor record has them', file=sys.stderr)
     # The first call after installation compiles for some twenty seconds.
-    with Console(file=sys.stderr).status('preparing the mechanism'):
+    with bar(None, SpinnerColumn(), 'preparing the mechanism'):
         plant = Plant(mechanism, args.dt, rho=args.rho)
         probe = Probe(plant, arm=arm)
     for name in args.hold:
