@@ -193,14 +193,15 @@ def run(args: argparse.Namespace) -> int:
         if name not in known:
             raise UsageError(f'--signals {name}: no such signal; choose from {", ".join(known)}')
     result = SimulatedRun(arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
-    if folder is not None:
-        result.save(folder)
-    if args.pictures and folder is not None:
-        for name in signals:
-            file = ''.join(c if c.isalnum() or c in '-_' else '_' for c in name)
-            result.plot(name, folder / f'{file}.png', title=result.curves(name).title)
-    if args.animate is not None:
-        result.animate(args.animate)
+    with bar(None, SpinnerColumn(), 'writing'):
+        if folder is not None:
+            result.save(folder)
+        if args.pictures and folder is not None:
+            for name in signals:
+                file = ''.join(c if c.isalnum() or c in '-_' else '_' for c in name)
+                result.plot(name, folder / f'{file}.png', title=result.curves(name).title)
+        if args.animate is not None:
+            result.animate(args.animate)
     _report(args, result.run, mechanism, arm)
     _warn_of(float(result.run.rotation.max()), arm)
     return 0
