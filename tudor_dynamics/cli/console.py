@@ -34,7 +34,8 @@ from typing import Any
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn, Progress, SpinnerColumn, TimeElapsedColumn, TimeRemainingColumn)
 from rich.table import Table
 from rich.text import Text
 
@@ -56,23 +57,22 @@ Advance = Callable[..., None]
 
 
 @contextmanager
-def bar(total: int | None, *columns: str | ProgressColumn) -> Iterator[Advance]:
-    """Show a bar on standard error while a terminal watches; elsewhere write lines."""
+def bar(total: int | None, text: str) -> Iterator[Advance]:
+    """Show a bar while a terminal watches, elsewhere lines; text may have the description."""
     console, ended = Console(file=sys.stderr), Event()
     shown = console.is_terminal and not console.is_dumb_terminal
-    with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
+    with Progress(SpinnerColumn(), text, BarColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
+                  console=console, transient=True, disable=not shown) as progress:
         number = progress.add_task('', total=total)
 
         def tell() -> None:
             task, pause = progress.tasks[0], SILENCE
-            text = next(column for column in columns if isinstance(column, str))
             while not ended.wait(pause):
+                share = '' if task.total is None else f': {task.percentage:.0f} %'
+                complain(text.format(task=task) + share)
                 pause = PAUSE
-                complain(text.format(task=task)
-                         + f': {task.percentage:.0f} %' * (task.total is not None))
-        teller = Thread(target=tell, daemon=True)
         if not shown:
-            teller.start()
+            Thread(target=tell, daemon=True).start()
         try:
             yield partial(progress.update, number)
         finally:
@@ -83,8 +83,7 @@ def bar(total: int | None, *columns: str | ProgressColumn) -> Iterator[Advance]:
 def steps(total: int | None) -> Iterator[Callable[[str], None]]:
     """Show a bar over steps that are named as they begin; their number may not be known."""
     begun = count()
-    with bar(total, SpinnerColumn(), '{task.description}', BarColumn(),
-             TimeElapsedColumn()) as advance:
+    with bar(total, '{task.description}') as advance:
         yield lambda text: advance(completed=next(begun), description=text)
 
 
@@ -146,21 +145,27 @@ STYLES = {Grade.GOOD: 'green', Grade.USABLE: 'yellow', Grade.DO_NOT_USE: 'red', 
 """Colour of a verdict on a terminal."""
 
 
+def say_verdict(level: Grade | None, verdict: str, rest: str = '', of: str = '') -> None:
+    """Print a verdict in the colour of its grade, with what stands before and after it."""
+    console = Console()
+    text = Text(wrapped(f'{of}{verdict}{rest}', console.width))
+    text.stylize(STYLES[level], len(of), len(of) + len(verdict) if rest else None)
+    console.print(text, soft_wrap=True)
+
+
 def print_verdicts(name: str, uses: Sequence[Use]) -> None:
     """Print what models may be used for, a line a grade; outputs are named where they differ."""
-    console = Console(markup=False, highlight=False, emoji=False)
     by_use: dict[str, list[Use]] = {}
     for use in uses:
         by_use.setdefault(use.name.partition(' (')[0], []).append(use)
-    for level, style in STYLES.items():
+    for level in STYLES:
         names = [
             what if len({one.level for one in same}) == 1 else
             f'{use.name} by {use.kind} {use.output}'
             for what, same in by_use.items() for use in same if use.level is level]
         if names:
             word = 'not known' if level is None else level.value
-            console.print(Text(f'{name}: ') + Text(word, style) + Text(
-                f': {", ".join(dict.fromkeys(names))}'))
+            say_verdict(level, word, f': {", ".join(dict.fromkeys(names))}', f'{name}: ')
 
 
 def print_findings(findings: Sequence[Finding]) -> None:

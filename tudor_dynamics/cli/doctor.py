@@ -33,10 +33,12 @@ import time
 import traceback
 from typing import Any, TextIO
 
-from tudor_dynamics.cli.console import new_table, print_json, print_table, say, steps
+from tudor_dynamics.cli.console import (
+    new_table, print_json, print_table, say, say_verdict, steps)
 from tudor_dynamics.compiled import DIRECTORY
 from tudor_dynamics.errors import printable
 from tudor_dynamics.files import read_bounded, write_whole
+from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES
 from tudor_dynamics.provenance import installed, provenance
 
@@ -82,8 +84,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json({'made': provenance(), 'checks': [asdict(check) for check in found]})
     else:
-        say('to do:' if remedies else 'nothing to do',
-            *(f'  {check.name}: {check.remedy}' for check in remedies))
+        say_verdict(*((Grade.USABLE, 'to do:') if remedies else (Grade.GOOD, 'nothing to do')))
+        say(*(f'  {check.name}: {check.remedy}' for check in remedies))
         table = new_table('', ('check', 'found'), ())
         variables = [item for item in sorted(os.environ.items()) if item[0].startswith(VARIABLES)]
         for name, text in (*provenance().items(), *((check.name, check.found) for check in found),

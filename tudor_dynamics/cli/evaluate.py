@@ -30,7 +30,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import plan_from_arm
 from tudor_dynamics.cli.console import (
     add_bags_and_model, new_table, print_findings, print_json, print_table, say, say_command,
-    score_table, steps, write)
+    say_verdict, score_table, steps, write)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import dump_npz
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
@@ -39,7 +39,7 @@ from tudor_dynamics.identification.detection import (
     WatchedBag, within)
 from tudor_dynamics.identification.doctor.between import examine_evaluation
 from tudor_dynamics.identification.next_steps import changes, fit_with, touched
-from tudor_dynamics.identification.validation import rounded, Validation
+from tudor_dynamics.identification.validation import Grade, rounded, Validation
 from tudor_dynamics.library import predict_bags, warn_of_training
 from tudor_dynamics.models.bundle import KINDS, ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -101,8 +101,8 @@ def run_collisions(args: argparse.Namespace) -> int:
                     'collisions': {item.method: collision_values(item, args.false_alarms)
                                    for item in results}})
     else:
+        _print_verdict(results, args, bundle)
         print_collisions(results, args.false_alarms)
-        _print_kept(results, args, bundle)
         say(*[f'{item.method} in {bag.bag}: up to {bag.ratio.max(initial=0.0):.2f} times its '
               f'threshold; pushes are known from {bag.truth.source or "nothing"}'
               for item in results for bag in item.watched] * args.verbose)
@@ -121,12 +121,7 @@ def _truth(args: argparse.Namespace, place: int, bag: BagData, bundle: ModelBund
 
 
 def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
-    """Print the best method in words, one row a method, and after it one row an event."""
-    best = max((item for item in results if item.score.pushes and item.score.hours), default=None,
-               key=lambda item: (item.score.found, -(item.score.false_alarms or 0)))
-    if best is not None:
-        say(f'{best.method} finds {best.score.found} of {best.score.pushes} pushes, with '
-            f'{best.score.false_alarms} false alarms in {60.0 * best.score.hours:.1f} min')
+    """Print one row a method, and after it one row an event."""
     table = new_table(
         f'collisions, false alarms allowed per hour: {allowed:g}', names=('method',),
         figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',
@@ -145,20 +140,31 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
                              for item in results if item.no_contact))
 
 
-def _print_kept(
+def _print_verdict(
     results: Sequence[MethodResult], args: argparse.Namespace, bundle: ModelBundle,
 ) -> None:
-    """Say how many times what was promised came, and how thresholds learn from it."""
+    """Say what the best method finds, how many times what was promised came, and what to do."""
+    best = max((item.score for item in results if item.score.pushes and item.score.hours),
+               default=None, key=lambda score: (score.found, -(score.false_alarms or 0)))
+    if best is not None:
+        method = next(item.method for item in results if item.score is best)
+        level = Grade.USABLE if best.found else Grade.DO_NOT_USE
+        if best.found == best.pushes and not best.false_alarms:
+            level = Grade.GOOD
+        say_verdict(level, f'{method} finds {best.found} of {best.pushes} pushes', ', with '
+                    f'{best.false_alarms} false alarms in {60.0 * best.hours:.1f} min')
     broken = False
     for item in results:
         kept = item.score.kept(args.false_alarms)
         if kept is not None:
             broken |= kept['low'] > 1.0
-            times = (f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
-                     f'{kept["high"]:.3g})' if kept['low'] > 1.0 or kept['high'] < TOO_WIDE else
-                     f'too short to judge ({60.0 * item.score.hours:.2g} min)')
-            say(f'{item.method}: {item.score.false_alarms} false alarms in '
-                f'{item.score.hours:.3g} h, {kept["promised"]:.3g} promised: {times}')
+            level = Grade.DO_NOT_USE if kept['low'] > 1.0 else (
+                Grade.GOOD if kept['high'] < TOO_WIDE else None)
+            times = (f'too short to judge ({60.0 * item.score.hours:.2g} min)' if level is None
+                     else f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
+                     f'{kept["high"]:.3g})')
+            say_verdict(level, times, of=f'{item.method}: {item.score.false_alarms} false alarms '
+                        f'in {item.score.hours:.3g} h, {kept["promised"]:.3g} promised: ')
     if broken and args.free:
         command = fit_with(bundle, args.bags, args.model, args.payload)
         say('more than was promised: this motion is of another kind or day; thresholds learn '
@@ -341,9 +347,11 @@ def run(args: argparse.Namespace) -> int:
         return 1 if worse else 0
     rows = [(output, kind, item.score, output_units(bundle.arm, output))
             for output, kinds in found.items() for kind, item in kinds.items()]
-    say(*map(str, worse))
+    for change in worse:
+        say_verdict(Grade.DO_NOT_USE, str(change))
     if compared and not worse:
-        say('the model is what it was in its validation: no channel is worse by more than chance')
+        say_verdict(Grade.GOOD, 'the model is what it was in its validation',
+                    ': no channel is worse by more than chance')
     print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}, ' + (
         'as the monitor filters' if args.causal else 'offline: filters without delay'), rows))
     if args.verbose:

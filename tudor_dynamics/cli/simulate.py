@@ -22,7 +22,6 @@ import sys
 import warnings
 
 import numpy as np
-from rich.progress import BarColumn, SpinnerColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
@@ -150,8 +149,7 @@ def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tupl
         plant.reset(start, rate, external_force=None if force is None else force[0])
     torque = torque_signal(args.torque, t, mechanism.joints, active)
     plant.start_torque(torque[0])
-    with bar(steps, 'simulating', BarColumn(), '{task.percentage:.0f} %',
-             TimeRemainingColumn()) as advance:
+    with bar(steps, 'simulating') as advance:
         return run_plant(plant, probe, torque, every=every, motion=motion, force=force,
                          progress=lambda done: advance(advance=done))
 
@@ -167,7 +165,7 @@ def run(args: argparse.Namespace) -> int:
         print(f'{arm.name}: left out of the motors of {", ".join(parts)}: {", ".join(names)}; '
               'tudor record has them', file=sys.stderr)
     # The first call after installation compiles for some twenty seconds.
-    with bar(None, SpinnerColumn(), 'preparing the mechanism'):
+    with bar(None, 'preparing the mechanism'):
         plant = Plant(mechanism, args.dt, rho=args.rho)
         probe = Probe(plant, arm=arm)
     for name in args.hold:
@@ -193,7 +191,7 @@ def run(args: argparse.Namespace) -> int:
         if name not in known:
             raise UsageError(f'--signals {name}: no such signal; choose from {", ".join(known)}')
     result = SimulatedRun(arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
-    with bar(None, SpinnerColumn(), 'writing'):
+    with bar(None, 'writing'):
         if folder is not None:
             result.save(folder)
         if args.pictures and folder is not None:
