@@ -150,13 +150,13 @@ def test_steps(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPat
         step('read run4')
         step('compare')
         time.sleep(0.5)
-    assert capsys.readouterr() == ('', 'compare: 50 %\n')
+    assert capsys.readouterr() == ('', '0 s: compare: 50 %\n')
     monkeypatch.setattr(console, 'PAUSE', 0.05)
     with steps(None) as step:
         step('search')
         time.sleep(0.5)
     said = capsys.readouterr().err.splitlines()
-    assert len(said) > 2 and set(said) == {'search'}
+    assert len(said) > 2 and {line[1:] for line in said} == {' s: search'}
     screen = io.StringIO()
     monkeypatch.setattr('tudor_dynamics.cli.console.Console',
                         lambda **_: Console(file=screen, force_terminal=True, width=100))
@@ -166,23 +166,28 @@ def test_steps(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPat
     assert 'compare' in screen.getvalue()
 
 
-@pytest.mark.parametrize('words', [
-    'record --arm config/tudor.yaml --stimuli 1 --seconds 3 --out OUT',
-    'excite config/tudor.yaml --seconds 10 --steps 20 --floor 0 --out OUT',
-    'tune config/tudor.yaml --payloads 0 --out OUT.yaml',
-    'simulate config/tudor.yaml --seconds 1 --torque joint2=0 --out OUT'])
+@pytest.mark.parametrize(('words', 'heard'), [
+    ('record --arm config/tudor.yaml --stimuli 1 --seconds 3 --out OUT', 'simulate: '),
+    ('excite config/tudor.yaml --seconds 10 --steps 20 --floor 0 --out OUT', 'search, '),
+    ('tune config/tudor.yaml --payloads 0 --out OUT.yaml', 'tuning: '),
+    ('simulate config/tudor.yaml --seconds 1 --torque joint2=0 --out OUT', 'simulating: '),
+    ('payload bags/two_blade_test --model MODEL', ''),
+    ('export MODEL --to csv --out OUT.csv', '')])
 def test_long_commands_are_heard_without_a_terminal(
-    words: str, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    words: str, heard: str, root: Path, model: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Where seconds pass, a line says what is done, and how far it is."""
+    """Where seconds pass, a line says what is done, and how far it is; all within 80 columns."""
+    for name, place in (('config', root / 'config'), ('bags', root / 'bags'), ('MODEL', model)):
+        (tmp_path / name).symlink_to(place)
     monkeypatch.setattr(console, 'SILENCE', 0.02)
     monkeypatch.setattr(console, 'PAUSE', 0.02)
-    monkeypatch.chdir(root)
-    code = main(words.replace('OUT', str(tmp_path / 'out')).split())
-    said = capsys.readouterr().err
-    assert code in (0, 1) and re.search(r'^(simulate|search|tuning|simulating)\b.*: \d+ %$', said,
-                                        re.MULTILINE), said
+    monkeypatch.setenv('COLUMNS', '80')
+    monkeypatch.chdir(tmp_path)
+    code = main(words.split())
+    said = capsys.readouterr()
+    assert code in (0, 1) and max(map(len, said.out.splitlines())) <= 80
+    assert not heard or re.search(rf'^\d+ s: {heard}.*\d+ %$', said.err, re.MULTILINE), said
 
 
 PLACE = '/no/such/folder/with/a/long/name/and/more/of/it/recording_1.25e+300'

@@ -69,7 +69,7 @@ def bar(total: int | None, text: str) -> Iterator[Advance]:
             task, pause = progress.tasks[0], SILENCE
             while not ended.wait(pause):
                 share = '' if task.total is None else f': {task.percentage:.0f} %'
-                complain(text.format(task=task) + share)
+                complain(f'{task.elapsed:.0f} s: {text.format(task=task)}{share}')
                 pause = PAUSE
         if not shown:
             Thread(target=tell, daemon=True).start()

@@ -28,6 +28,7 @@ import numpy as np
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import plan_from_arm
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.console import (
     add_bags_and_model, new_table, print_findings, print_json, print_table, say, say_command,
     say_verdict, score_table, steps, write)
@@ -44,6 +45,7 @@ from tudor_dynamics.library import predict_bags, warn_of_training
 from tudor_dynamics.models.bundle import KINDS, ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.online.black_box import records_of
 from tudor_dynamics.online.detector import DetectorSettings, Rates, time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
 from tudor_dynamics.provenance import provenance
@@ -158,12 +160,12 @@ def _print_verdict(
         kept = item.score.kept(args.false_alarms)
         if kept is not None:
             broken |= kept['low'] > 1.0
-            level = Grade.DO_NOT_USE if kept['low'] > 1.0 else (
+            grade = Grade.DO_NOT_USE if kept['low'] > 1.0 else (
                 Grade.GOOD if kept['high'] < TOO_WIDE else None)
-            times = (f'too short to judge ({60.0 * item.score.hours:.2g} min)' if level is None
+            times = (f'too short to judge ({60.0 * item.score.hours:.2g} min)' if grade is None
                      else f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
                      f'{kept["high"]:.3g})')
-            say_verdict(level, times, of=f'{item.method}: {item.score.false_alarms} false alarms '
+            say_verdict(grade, times, of=f'{item.method}: {item.score.false_alarms} false alarms '
                         f'in {item.score.hours:.3g} h, {kept["promised"]:.3g} promised: ')
     if broken and args.free:
         command = fit_with(bundle, args.bags, args.model, args.payload)
@@ -347,6 +349,10 @@ def run(args: argparse.Namespace) -> int:
         return 1 if worse else 0
     rows = [(output, kind, item.score, output_units(bundle.arm, output))
             for output, kinds in found.items() for kind, item in kinds.items()]
+    events = [bag.choice.path for bag in data if records_of(open_bag(bag.choice.path))]
+    for path in events:
+        say(f'{path} is the bag of an event: of the model it says nothing; why it came:')
+        say_command(shlex.join(['tudor', 'why', str(path)]))
     for change in worse:
         say_verdict(Grade.DO_NOT_USE, str(change))
     if compared and not worse:
@@ -361,7 +367,7 @@ def run(args: argparse.Namespace) -> int:
     for bag, carried in evaluated.loads.items():
         say(f'load in {bag}: {carried.sentence}')
         say_command(shlex.join(['tudor', 'payload', bag, '--model', args.model]))
-    if worse and all(item.kind == 'standstill' for item in findings):
+    if worse and not events and all(item.kind == 'standstill' for item in findings):
         _print_cause(args, data, [touched(change, found[change.output][change.kind])
                                   for change in worse])
     return 1 if worse else 0

@@ -18,14 +18,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-import sys
 import warnings
 
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
-from tudor_dynamics.errors import check_budget, TudorWarning, UsageError
+from tudor_dynamics.errors import check_budget, complain, TudorWarning, UsageError
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import (
@@ -162,8 +161,8 @@ def run(args: argparse.Namespace) -> int:
     _check(args, mechanism)
     if parts := left_out(described):
         names = sorted({name for found in parts.values() for name in found})
-        print(f'{arm.name}: left out of the motors of {", ".join(parts)}: {", ".join(names)}; '
-              'tudor record has them', file=sys.stderr)
+        complain(f'{arm.name}: left out of the motors of {", ".join(parts)}: {", ".join(names)}; '
+                 'tudor record has them')
     # The first call after installation compiles for some twenty seconds.
     with bar(None, 'preparing the mechanism'):
         plant = Plant(mechanism, args.dt, rho=args.rho)
@@ -178,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
     if args.pictures and folder is not None:
         plot_configuration(folder / 'initial.png', mechanism, probe.observe().position,
                            f'{arm.name}: initial configuration')
-        print(f'{folder / "initial.png"}: initial configuration', file=sys.stderr)
+        complain(f'{folder / "initial.png"}: initial configuration')
     if not _runs(args) and (args.pictures or args.modes is not None):
         _warn_of(largest_rotation(plant), arm)
         return 0
