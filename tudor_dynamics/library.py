@@ -56,8 +56,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import check_target, read_facts, save_bundle
 from tudor_dynamics.online.monitor import MonitorSettings
 from tudor_dynamics.provenance import provenance
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import Progress
+from tudor_dynamics.typing import Progress, Shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
