@@ -24,7 +24,7 @@ import re
 import pytest
 import tudor_dynamics as td
 from tudor_dynamics.cli.main import main, SUBCOMMANDS
-from tudor_dynamics.provenance import provenance
+from tudor_dynamics.files import provenance
 
 BAGS = 'bags/two_blade_'
 LOUD = {'doctor', 'evaluate', 'fit', 'info', 'why'}

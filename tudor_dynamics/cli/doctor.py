@@ -36,11 +36,10 @@ from typing import Any, TextIO
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.cli.console import print_json, say, say_verdict, steps
 from tudor_dynamics.compiled import DIRECTORY
-from tudor_dynamics.files import read_bounded, write_whole
+from tudor_dynamics.files import installed, provenance, read_bounded, write_whole
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES
-from tudor_dynamics.provenance import installed, provenance
 
 EXAMPLES = """\
 examples:

@@ -33,7 +33,7 @@ from tudor_dynamics.cli.console import (
     add_bags_and_model, new_table, print_findings, print_json, print_table, say, say_command,
     say_verdict, score_table, steps, write)
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.files import dump_npz
+from tudor_dynamics.files import dump_npz, provenance
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
     evaluate_collisions, find_truth, FREE, MethodResult, Truth, truth_of_file,
@@ -48,7 +48,6 @@ from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.black_box import records_of
 from tudor_dynamics.online.detector import DetectorSettings, Rates, time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
-from tudor_dynamics.provenance import provenance
 
 
 LONGEST_DEBOUNCE = 60.0  # a push that lasts longer is none [s]

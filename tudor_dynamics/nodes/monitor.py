@@ -32,6 +32,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.files import provenance
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
@@ -40,7 +41,6 @@ from tudor_dynamics.nodes.common.messages import (
 from tudor_dynamics.online.black_box import Message, MessageRing, write_events
 from tudor_dynamics.online.monitor import FIELD, Monitor
 from tudor_dynamics.online.settings import RECORDED_AFTER
-from tudor_dynamics.provenance import provenance
 
 
 OFF = 'none', 'off'  # a bare off is a truth value in YAML
