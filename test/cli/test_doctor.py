@@ -60,6 +60,17 @@ def test_a_sound_machine(sound: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert content['made']['version'] and all(not item['remedy'] for item in content['checks'])
 
 
+def test_the_middleware_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """That which is in use, also where no variable says it."""
+    monkeypatch.delenv('RMW_IMPLEMENTATION', raising=False)
+    monkeypatch.setattr(doctor.subprocess, 'run', lambda call, **_: SimpleNamespace(
+        stdout='{}' if 'live_topics' in call else 'yes' if 'timedatectl' in call else 'rmw_a\n'))
+    main(['doctor'])
+    assert 'middleware: rmw_a\n' in capsys.readouterr().out
+
+
 @pytest.mark.parametrize('name, value, said', [
     ('ROS_DISTRO', 'humble', 'only jazzy'),
     ('ROS_DOMAIN_ID', '102', 'ROS_DOMAIN_ID'),

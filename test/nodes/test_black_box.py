@@ -21,6 +21,7 @@ from dataclasses import replace
 import json
 from pathlib import Path
 import shlex
+from threading import TIMEOUT_MAX
 from time import tzset
 from typing import Any
 
@@ -176,6 +177,7 @@ def test_replayed_to_the_last_bit(
     assert kept[0]['settings']['model'] == str(model) and kept[0]['state']['arm']
     bundle = load_bundle(model)
     assert kept[0]['digest'] == bundle.digest != '' and 'numpy' in kept[0]['made']['libraries']
+    monkeypatch.setattr('tudor_dynamics.cli.console.SILENCE', TIMEOUT_MAX)
     assert main(['why', str(bag)]) == 0
     said = capsys.readouterr().out
     assert said.count(': touch\n') == said.count('to the last bit\n') == len(records)
@@ -198,6 +200,10 @@ def test_replayed_to_the_last_bit(
     assert main(['why', str(bag), '--at', 'noon']) == 2
     monkeypatch.undo()
     tzset()
+    assert main(['evaluate', str(bag), '--model', str(model)]) in (0, 1)
+    said = unwrapped(capsys.readouterr().out)
+    assert said.startswith(f'{bag} is the bag of an event') and 'fit again' not in said
+    assert f'tudor why {bag}' in said
     save_bundle(replace(bundle, facts={**bundle.facts, 'made': {}}), tmp_path / 'again')
     assert main(['why', str(bag), '--model', str(tmp_path / 'again')]) == 0
     assert f'again (digest {bundle.digest[:12]}' not in (err := capsys.readouterr().err)

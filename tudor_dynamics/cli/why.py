@@ -22,7 +22,7 @@ import re
 import warnings
 
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.cli.console import print_json, say, say_verdict
+from tudor_dynamics.cli.console import bar, print_json, say, say_verdict
 from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.identification.causes import Cause, explain
 from tudor_dynamics.identification.validation import Grade
@@ -60,7 +60,8 @@ def run(args: argparse.Namespace) -> int:
     """Replay, explain, print."""
     if re.search('[^0-9 :.UTC-]', args.at):
         raise UsageError(f'--at {args.at}: expected a time of day in UTC, such as 14:03:12')
-    found = causes(args)
+    with bar(None, 'replay'):
+        found = causes(args)
     if args.json:
         print_json([{
             **cause.event.as_dict(), 'method': cause.event.event.method, 'cause': cause.name,
