@@ -1,5 +1,6 @@
 // Order of what the search finds: pages whose title has words of the question come first, then
-// how-to and tutorials; modules of the library come last.
+// how-to and tutorials; modules of the library come last. Pages of questions are only signposts:
+// their headings come first, the pages later.
 const asked = new URLSearchParams(location.search).get("q") || "";
 const stems = (text) => {
   const stemmer = new Stemmer();
@@ -7,14 +8,14 @@ const stems = (text) => {
     .filter((word) => word.length > 1 && !stopwords.has(word))
     .map((word) => stemmer.stemWord(word)));
 };
-const KINDS = [["howto/", 6], ["tutorials/", 4], ["explanation/", 3],
+const KINDS = [["howto/questions", -10], ["howto/", 6], ["tutorials/", 4], ["explanation/", 3],
                ["reference/generated/tudor_dynamics", -30], ["architecture", -10]];
 
 var Scorer = {
   score: ([docname, title, anchor, descr, score]) => {
     const words = stems(title);
     const shared = [...stems(asked)].filter((word) => words.has(word)).length;
-    const kind = KINDS.find(([start]) => docname.startsWith(start));
+    const kind = !anchor && KINDS.find(([start]) => docname.startsWith(start));
     return score + 8 * shared + (kind ? kind[1] : 0);
   },
   objNameMatch: 11,

@@ -20,7 +20,10 @@ import json
 from pathlib import Path
 
 import pytest
-
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.bags.reader import read_recording
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
 
 
@@ -45,3 +48,23 @@ def test_recorded_pushes(
     assert all(item['false_alarms'] == 0 for item in found.values())
     assert found['effort']['found'] >= 5 and found['momentum']['found'] >= 5
     assert 'pushes found of 7' in (tmp_path / 'r.html').read_text()
+
+
+def test_gaps_are_no_free_time(
+    root: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """What was lost, and what settles after it, promises no alarm; how much that is, is said."""
+    arm = load_arm(root / 'config/two_blade_arm.yaml')
+    whole = read_recording(root / 'bags/two_blade_test', arm)
+    kept = whole.t % 3.0 > 0.8
+    write_bag(tmp_path / 'bag', Recording.from_arrays(
+        whole.t[kept], **{name: values[kept] for name, values in whole.signals.items()}), arm=arm)
+    command = ['evaluate', '--model', str(model), str(tmp_path / 'bag'), '--collisions', '--free']
+    assert main(command) == 0
+    assert ' % of the time was not judged' in ' '.join(capsys.readouterr().out.split())
+    assert main([*command, '--json']) == 0
+    strain = json.loads(capsys.readouterr().out)['collisions']['strain']
+    assert 3600.0 * strain['hours'] < 0.01 * kept.sum() - 2.0, 'filters settle after gaps, too'
+    assert strain['hours'] + strain['unjudged'] == pytest.approx(whole.t[-1] / 3600.0, rel=0.1)
+    assert main([*command[:3], str(root / 'bags/two_blade_test'), *command[4:]]) == 0
+    assert 'not judged' not in capsys.readouterr().out

@@ -49,6 +49,8 @@ def test_a_bag(
     assert picture.startswith('<svg') and 'threshold' in picture and time_of_day(
         onsets[-1])[11:23] in picture
     assert 'url(' not in picture.replace('url(#', ''), 'it loads something from elsewhere'
+    assert main([*command, '--false-alarms', '1e-4']) == 0
+    assert capsys.readouterr().out.splitlines()[1:] == ['1 event']
     assert main([*command, '--json']) == 0
     assert [item['onset'] for item in json.loads(capsys.readouterr().out)['events']] == onsets
 

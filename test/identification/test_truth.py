@@ -113,6 +113,22 @@ def test_a_bag_without_truth_is_unknown(tmp_path: Path) -> None:
     assert (soon.found, soon.false_alarms, soon.latency_median) == (1, 0, 0.0)
 
 
+def test_time_that_was_not_judged_is_not_free() -> None:
+    """A sample stands for its period; a gap counts neither as free nor as a push."""
+    stamp = times(3001)  # 30 s at 100 Hz
+    judged = stamp[(stamp < stamp[500]) | (stamp >= stamp[1500])]
+    item = WatchedBag('a', judged, np.zeros(len(judged)), FREE, ())
+    free = score([item], [judged[:0]])
+    assert 3600.0 * free.hours == pytest.approx(20.0)
+    assert 3600.0 * free.unjudged == pytest.approx(10.0)
+    # of a push and its 2 s afterwards, half lies in the gap
+    push = KnownPush(int(stamp[1300]), int(stamp[1500]))
+    pushed = score([replace(item, truth=Truth('x', (push,)))], [judged[:0]])
+    assert 3600.0 * pushed.hours == pytest.approx(18.0)
+    whole = score([WatchedBag('a', stamp, np.zeros(3001), Truth('x', (push,)), ())], [stamp[:0]])
+    assert 3600.0 * whole.hours == pytest.approx(26.0) and whole.unjudged == 0.0
+
+
 @pytest.mark.parametrize(('count', 'low', 'high'), [
     (0, 0.0, 2.996), (1, 0.0513, 4.744), (19, 12.44, 27.88)])
 def test_how_many_times_what_was_promised_came(count: int, low: float, high: float) -> None:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import warnings
 
 from harmonic_kind import HarmonicModel
 import numpy as np
@@ -24,6 +25,7 @@ import pytest
 from sample_arms import multisine, recording_of
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.errors import TudorWarning
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.fit import left_out
 from tudor_dynamics.identification.validation import cases_of, method_of, trace, validated
@@ -81,6 +83,23 @@ def test_traces_carry_time(kind: str) -> None:
     assert np.allclose((found.stamp - bag.recording.stamp[0]) * 1e-9, found.t)
     assert np.max(np.diff(found.t)) > 2.0  # the gap
     assert np.allclose(found.measured, 3.0) and np.allclose(found.predicted[:, 1], 4.0)
+
+
+def test_an_unknown_past_is_said() -> None:
+    """Where a model with a memory begins in motion, or after a gap in it; not from standstill."""
+    class Remembering(Constant):
+        has_memory = True
+    model, moving = Remembering(np.zeros(2)), _bag(3.0)
+    with pytest.warns(TudorWarning, match='bag3 begins in motion, or goes on so after a gap'):
+        trace(model, moving, 'strain')
+    q = np.zeros((300, 2))
+    q[100:] = np.linspace(0.0, 1.0, 200)[:, None]
+    recording = recording_of(q, 100.0, strain=np.zeros((300, 2)))
+    resting = BagData(BagChoice('resting'), recording, tuple(prepare(recording, SPEC)))
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        trace(model, resting, 'strain')
+        trace(Constant(np.zeros(2)), moving, 'strain')
 
 
 def test_validate() -> None:

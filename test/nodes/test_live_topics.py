@@ -29,8 +29,10 @@ from tudor_dynamics.nodes.common.messages import time_message
 
 
 def test_a_process_hears_joint_states(world: World) -> None:
-    """Rate and age of the joint states that a node publishes, and no topic of another type."""
+    """Rate and age of the joint states of a driver, no other type, nothing of a monitor."""
     output, other = world.output('joint_states'), world.output('text', String)
+    for topic in ('ringing', 'left/strain_ratios', 'payload_estimator/effort_residuals'):
+        world.output(topic)
     ended = threading.Event()
 
     def publish() -> None:

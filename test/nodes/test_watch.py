@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 import json
 from pathlib import Path
 import subprocess
@@ -23,14 +24,15 @@ import sys
 import threading
 
 import pytest
-from ros_world import feed, World
-from std_msgs.msg import String
+from ros_world import feed, Hand, World
+from std_msgs.msg import Bool, String
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.watch import WatchNode
 from tudor_dynamics.online.detector import time_of_day
+from tudor_dynamics.show.live import page_of
 
 
 def test_a_monitor_is_watched(
@@ -59,7 +61,8 @@ def test_a_pipe_gets_events_as_they_come(world: World) -> None:
                              stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert watch.stdout and watch.stderr
     lines: list[str] = []
-    reader = threading.Thread(target=lambda: lines.append(watch.stdout.readline()))
+    reader = threading.Thread(target=lambda: lines.append(next(
+        line for line in watch.stdout if 'nothing comes from a monitor' not in line)))
     reader.start()
     record = String(data=json.dumps({
         'onset': 10**18, 'method': 'strain', 'link': 'link3', 'ratio': {'hub\x1b[2J': 1.5}}))
@@ -75,6 +78,31 @@ def test_a_pipe_gets_events_as_they_come(world: World) -> None:
         watch.wait()
     assert (watch.returncode, watch.stderr.read()) == (0, '')
     assert lines == [f'{time_of_day(10**18)}  link3 by strain: hub?[2J 1.50 times its threshold\n']
+
+
+def test_a_monitor_that_died(world: World, capsys: pytest.CaptureFixture[str]) -> None:
+    """After 2 s without a word the level is unknown, and it is said what to start."""
+    hand = Hand()
+    node = world.add(partial(WatchNode, steady=hand, namespace='left'))
+    view = node.view
+    sender = world.probe.create_publisher(Bool, '/left/contact', latched())
+    assert world.spin(lambda: bool(sender.get_subscription_count()))
+
+    def drawn() -> str:
+        world.rest(0.3)
+        return page_of(view)
+    assert 'unknown' in drawn() and 'silent' not in drawn()
+    hand.now += 2.1
+    assert 'silent for 2 s' in drawn() and 'unknown' in drawn()
+    assert 'ros2 run tudor_dynamics monitor' in view.warning and '__ns:=/left' in view.warning
+    sender.publish(Bool(data=True))
+    assert world.spin(lambda: view.level == 'contact') and 'silent' not in drawn()
+    assert 'nothing comes' not in drawn()
+    hand.now += 1.9
+    assert 'unknown' not in drawn()
+    hand.now += 10.0
+    assert 'silent for 12 s' in drawn() and 'unknown' in drawn() and 'contact' not in drawn()
+    assert capsys.readouterr().out.splitlines() == [view.warning] * 2
 
 
 @pytest.mark.parametrize('text', ['', '[]', '{"onset": 1}', '{"onset": "x", "ratio": 3}'])

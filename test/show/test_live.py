@@ -17,7 +17,9 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from html import unescape
 import io
+import re
 import socket
 from urllib.request import urlopen
 
@@ -65,9 +67,36 @@ def test_what_it_draws() -> None:
 
 
 def test_before_anything_came() -> None:
-    """It says so."""
+    """It says so, and of an arm that nobody watches not that it is free."""
     text = '\n'.join(drawn(LiveView('arm')))
     assert 'no samples yet' in text and 'no events' in text
+    assert 'unknown' in text and 'free' not in text
+
+
+@pytest.mark.parametrize('width', [80, 46])
+def test_a_warning_leaves_title_and_level(width: int) -> None:
+    """However long it is, and on a telephone, it wraps below them; nothing is cut."""
+    view = filled()
+    view.warning = 'weak collisions are missed: ' + 'the motion is outside the training, ' * 6
+    view.traces['strain'].channel = 'shoulder_pan_joint'
+    lines = drawn(view, width)
+    assert lines[0].startswith('arm: run4') and lines[0].endswith(time_of_day(39 * SECOND))
+    assert lines[1].startswith('collision') and lines[1].endswith('98 % judged')
+    assert lines[2].startswith('weak collisions') and not lines[2].endswith('training, ')
+    assert ' '.join(lines).count('outside the') >= 5 and max(map(len, lines)) <= width
+    assert not any('\u2026' in line for line in lines)
+    strain = next(line for line in lines if line.startswith('strain'))
+    assert strain.endswith('\u2586'), 'the newest second is at the right'
+
+
+def test_stamps_that_go_back() -> None:
+    """A bag or a simulation begins again, and the time with it; a late message changes nothing."""
+    view = filled()
+    view.ratios(39 * SECOND - SECOND // 2, 'strain', ('hub',), np.array([0.1]))
+    assert view.stamp == 39 * SECOND and set(view.traces) == {'strain', 'momentum'}
+    view.ratios(3 * SECOND, 'strain', ('hub',), np.array([0.1]))
+    assert view.stamp == 3 * SECOND
+    assert [list(trace.peaks) for trace in view.traces.values()] == [[(3, 0.1)]]
 
 
 def test_history() -> None:
@@ -94,9 +123,11 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
-def test_page(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_page(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
     """
-    A browser gets what is drawn next, names as they are; a port that is taken is said.
+    A browser gets what is drawn next, names as they are; the address, a port taken are said.
 
     Nothing is drawn while no browser asks.
     """
@@ -117,6 +148,7 @@ def test_page(monkeypatch: pytest.MonkeyPatch) -> None:
                 draw()
             return str(answer.result().read().decode())
 
+        assert capsys.readouterr().err == f'page: {url}\n'
         assert 'arm &lt;b&gt;' in asked() and '2.00 times' not in asked()
         view.event(0, 'strain', 'link3', {'hub': 2.0})
         assert '2.00 times' in asked()
@@ -128,3 +160,16 @@ def test_page(monkeypatch: pytest.MonkeyPatch) -> None:
                 pass
     with pytest.raises(OSError):
         urlopen(url)
+
+
+def test_a_page_is_read_on_a_telephone() -> None:
+    """Where 80 columns would need letters below 12 px, a narrower view takes their place."""
+    page = page_of(filled())
+    wide, narrow = re.findall('<pre class="[a-z]+">(.*?)</pre>', page, re.DOTALL)
+    widest = [max(len(line) for line in unescape(re.sub('<[^>]*>', '', text)).splitlines())
+              for text in (wide, narrow)]
+    assert widest[0] <= 80 and widest[1] <= 46
+    letter = 0.6 * 12  # width of a monospaced letter of 12 px
+    assert widest[1] * letter + 16 <= 360 and 'clamp(12px' in page
+    limit = re.search(r'max-width: (\d+)px', page)
+    assert limit and float(limit[1]) * 0.019 >= 12

@@ -152,8 +152,8 @@ def _print_verdict(
         level = Grade.USABLE if best.found else Grade.DO_NOT_USE
         if best.found == best.pushes and not best.false_alarms:
             level = Grade.GOOD
-        say_verdict(level, f'{method} finds {best.found} of {best.pushes} pushes', ', with '
-                    f'{best.false_alarms} false alarms in {60.0 * best.hours:.1f} min')
+        say_verdict(level, f'{method} finds {best.found} of {best.pushes} pushes', '; false '
+                    f'alarms in {60.0 * best.hours:.1f} min: {best.false_alarms}')
     broken = False
     for item in results:
         kept = item.score.kept(args.false_alarms)
@@ -164,8 +164,10 @@ def _print_verdict(
             times = (f'too short to judge ({60.0 * item.score.hours:.2g} min)' if grade is None
                      else f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
                      f'{kept["high"]:.3g})')
-            say_verdict(grade, times, of=f'{item.method}: {item.score.false_alarms} false alarms '
-                        f'in {item.score.hours:.3g} h, {kept["promised"]:.3g} promised: ')
+            lost = 100.0 * item.score.unjudged / (item.score.hours + item.score.unjudged)
+            say_verdict(grade, times, f'; {lost:.0f} % of the time was not judged' * (lost > 1.0),
+                        f'{item.method}: false alarms in {item.score.hours:.3g} h: '
+                        f'{item.score.false_alarms}, {kept["promised"]:.3g} promised: ')
     if broken and args.free:
         command = fit_with(bundle, args.bags, args.model, args.payload)
         say('more than was promised: this motion is of another kind or day; thresholds learn '
@@ -222,7 +224,7 @@ def unknown(results: Sequence[MethodResult]) -> list[str]:
         if not bag.truth.known:
             counts = ', '.join(f'{len(item.watched[place].sightings)} by {item.method}'
                                for item in results)
-            said.append(f'{bag.bag}: {counts} events, no truth in this bag: give --pushes '
+            said.append(f'{bag.bag}: events: {counts}; no truth in this bag: give --pushes '
                         'FILE.csv or --truth TOPIC, or --free if nothing touched the arm')
     return said
 
@@ -379,8 +381,8 @@ def _made(args: argparse.Namespace, bundle: ModelBundle) -> dict[str, str]:
 
 def _print_cause(args: argparse.Namespace, data: Sequence[BagData], short: Sequence[str]) -> None:
     """Say why an error has grown, where the doctor finds nothing: pushes, or friction."""
-    pushed = [f'{bag.choice} holds {count} pushes' for bag in data if (count := len(within(
-        find_truth(bag.choice.path), bag.recording).pushes))]
+    pushed = [f'{bag.choice} holds {count} push{"es" * (count != 1)}' for bag in data if (
+        count := len(within(find_truth(bag.choice.path), bag.recording).pushes))]
     if pushed or all(short):
         say(f'{"; ".join(pushed or short)}: something touched the arm, no new fit is needed; look '
             'at the pushes:')

@@ -197,7 +197,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _open_standard_streams()
     with warnings.catch_warnings(), _interrupts_kept() as interrupted:
         warnings.showwarning = _show_warning  # type: ignore[assignment]
-        warnings.simplefilter('always', TudorWarning)
+        warnings.simplefilter('default', TudorWarning)
         try:
             # parsing loads the subcommand's modules, which takes half a second
             code = _run(build_parser(only).parse_args(arguments), arguments)

@@ -131,7 +131,7 @@ def _bag(args: argparse.Namespace) -> int:
     if args.json:
         print_json({'model': args.model, 'bag': args.bag, 'events': events})
     elif not terminal:
-        say(f'{len(events)} events')
+        say(f'{len(events)} event{"s" * (len(events) != 1)}')
     return 0
 
 
@@ -143,4 +143,5 @@ def _look(view: LiveView, monitor: Monitor) -> None:
         view.load = f'load {monitor.payload.mass:.3f} +- {monitor.payload.std:.3f} kg'
     count = sum(counter.total() for counter in watch.counts.values())
     judged = sum(counter['judged'] for counter in watch.counts.values())
-    view.state = watch.outside_training or f'{100.0 * judged / max(count, 1):.0f} % judged'
+    view.state = f'{100.0 * judged / max(count, 1):.0f} % judged'
+    view.warning = watch.outside_training

@@ -256,7 +256,7 @@ class ReferenceSource:
         self._ends: FloatArray | None = None
         self._own: Tolerances | None = None
         self._overdue = self._away = 0.0
-        self.actual: FloatArray | None = None  # where the joints are, as far as is known
+        self.actual = np.zeros(len(self.names))  # where the joints are, known since `_at` [s]
         self._at = -math.inf
         self.collision = False
         self.halted = ''  # empty where goals are taken
@@ -366,7 +366,6 @@ class ReferenceSource:
 
     def _judge(self, motion: ReactingReference, dt: float) -> None:
         """Stop where the arm leaves its path, and say whether it has reached the end."""
-        assert self.actual is not None
         if self._ends is None:
             return
         if motion.refused:
@@ -390,7 +389,6 @@ class ReferenceSource:
 
     def _beyond(self, wanted: FloatArray, bound: FloatArray | float) -> str:
         """Name the joint that is farthest beyond its bound; empty if none is."""
-        assert self.actual is not None
         off, bounds = np.abs(self.actual - wanted), np.broadcast_to(bound, wanted.shape)
         over = np.where((bounds > 0.0) & (off > bounds), off - bounds, 0.0)
         k = int(over.argmax())
@@ -428,8 +426,6 @@ class ReferenceSource:
 
     def step(self, now: float, dt: float) -> tuple[FloatArray, FloatArray] | None:
         """Advance the reference; give its positions and speeds, None while there is none."""
-        if self.actual is None:
-            return None
         if now - self._at > self.timeout:
             if self.motion is not None:
                 self.motion = None
@@ -448,7 +444,6 @@ class ReferenceSource:
         return motion.q.copy(), motion.dq.copy()
 
     def _begin(self) -> ReactingReference:
-        assert self.actual is not None
         place = np.clip(self.actual, self.hard.lower, self.hard.upper)
         self.motion = ReactingReference(self._limits, place, self.reaction, self.retreat_time,
                                         shaping=self.shaping, hard=self.hard)
@@ -460,7 +455,6 @@ class ReferenceSource:
 
     def _lost(self, motion: ReactingReference, dt: float) -> bool:
         """Say whether the arm is not with its reference."""
-        assert self.actual is not None
         planned = self._limits.velocity
         found = Deviation.of(self.names, motion.q - self.actual, planned)
         resting = bool(np.all(np.abs(motion.dq) < settings.RESTING_SPEED * planned))

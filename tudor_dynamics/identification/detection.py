@@ -30,7 +30,7 @@ from scipy.special import betaincinv, gammaincinv
 
 from tudor_dynamics.bags.messages import JOINT_STATE
 from tudor_dynamics.bags.reader import BOOL, read_flags, read_wrenches
-from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.recording import gap_limit, Recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, SignalError, UsageError
 from tudor_dynamics.files import read_text
@@ -184,8 +184,9 @@ class CollisionScore:
     latency_median: float | None
     latency_p95: float | None
     false_alarms: int | None  # in bags of known pushes; None without such bags
-    hours: float  # time without a push in those bags [h]
+    hours: float  # judged time without a push in those bags [h]
     false_alarms_per_hour: float | None  # false alarms over those hours [1/h]
+    unjudged: float = 0.0  # time in gaps between judged samples of those bags [h]
 
     def as_dict(self) -> dict[str, Any]:
         """Give the figures as JSON-ready dictionary."""
@@ -241,6 +242,14 @@ class WatchedBag(Shown):
         """Stamps at which the detector was sure [ns]."""
         return np.array([item.event.stamp for item in self.sightings], dtype=np.int64)
 
+    def unjudged(self, begin: int, end: int) -> int:
+        """Give the time between stamps that is in gaps, more than a period after a sample [ns]."""
+        step = np.diff(self.stamp)
+        last = np.flatnonzero(step > gap_limit(self.stamp) * 1e9)
+        since = self.stamp[last] + (int(np.median(step)) if len(last) else 0)
+        gaps = np.minimum(self.stamp[last + 1], end) - np.maximum(since, begin)
+        return int(np.maximum(gaps, 0).sum())
+
 
 def push_of(stamp: int, pushes: Sequence[KnownPush]) -> int | None:
     """Find the push that an event at a stamp [ns] belongs to; None after its aftermath."""
@@ -252,21 +261,22 @@ def push_of(stamp: int, pushes: Sequence[KnownPush]) -> int | None:
 
 def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) -> CollisionScore:
     """Judge alarms by the pushes: alarms [ns]."""
-    latencies, pushes, false, free = [], 0, 0, 0.0
+    latencies, pushes, false, free, lost = [], 0, 0, 0.0, 0
     for item, times in zip(watched, alarms, strict=True):
         if not item.truth.known:
             continue
-        near = np.zeros(len(times), dtype=bool)
-        span = float(item.stamp[-1] - item.stamp[0]) * 1e-9 if len(item.stamp) else 0.0
+        first, last = item.stamp[[0, -1]].tolist() if len(item.stamp) else (0, 0)
+        gaps = item.unjudged(first, last)
+        span, lost = (last - first - gaps) * 1e-9, lost + gaps
         for push in item.truth.pushes:
             pushes += 1
-            span -= (push.end - push.begin) * 1e-9 + AFTERMATH
+            over = push.end + round(AFTERMATH * 1e9)
+            span -= (over - push.begin - item.unjudged(push.begin, over)) * 1e-9
             begun = times >= push.begin - push.early
             hits = times[begun & (times <= push.end + round(LATE * 1e9))]
             if len(hits):
                 latencies.append(max(0.0, float(hits[0] - push.begin) * 1e-9))
-            near |= begun & (times <= push.end + round(AFTERMATH * 1e9))
-        false += int(np.sum(~near))
+        false += sum(push_of(stamp, item.truth.pushes) is None for stamp in times.tolist())
         free += max(span, 0.0)
     hours = free / 3600.0
     known = any(item.truth.known for item in watched)
@@ -275,7 +285,8 @@ def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) ->
         pushes, len(latencies), len(latencies) / pushes if pushes else None,
         float(np.median(latencies)) if latencies else None,
         float(np.percentile(latencies, 95)) if latencies else None,
-        false if known else None, hours, false / hours if known and hours > 0 else None)
+        false if known else None, hours, false / hours if known and hours > 0 else None,
+        lost * 1e-9 / 3600.0)
 
 
 # -- Pushes found against false events, as thresholds sink

@@ -82,7 +82,6 @@ class Straight:
 
 RUN_IN = 6.0  # left out where a stretch begins in motion whose past is unknown [s]
 SETTLE = 0.5  # left out at the beginning of each stretch [s]
-STILL = 0.02  # speed below which a stretch begins at rest [rad/s or m/s]
 LEAST_SECONDS = 8.0  # strain below which nothing can be said of oscillations [s]
 
 
@@ -154,8 +153,7 @@ def record_of(stretch: Stretch, payload: float | None) -> Record | None:
     t = stretch.t - stretch.t[0]
     # standstill before the motion shows how the links hang, and is left out of figures alone
     skip = min(int(stretch.decimation.keep[0]), int(np.searchsorted(t, SETTLE)))
-    moving = float(np.abs(stretch.states.dq[t < 0.3]).max()) > STILL
-    if moving and stretch.before is None:
+    if stretch.past_unknown:
         skip = max(skip, int(np.searchsorted(t, RUN_IN)))
     if skip >= len(t) or t[-1] - t[skip] < LEAST_SECONDS:
         return None

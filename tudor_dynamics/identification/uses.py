@@ -263,7 +263,7 @@ class _Tip:
     still: FloatArray  # arm at rest, (poses, 3 joints)
     torque: FloatArray  # (channels,): readings per N m, or per N of a joint that moves along
     force: FloatArray  # (poses, channels, 3): readings per N along the axes of the base
-    mass: FloatArray  # (poses, channels): readings per kg
+    mass: FloatArray  # (poses, channels): readings per kg, where `tudor payload` finds them too
 
 
 def _tip(item: FittedOutput, arm: Arm) -> _Tip | None:
@@ -272,17 +272,17 @@ def _tip(item: FittedOutput, arm: Arm) -> _Tip | None:
         return None
     _, bag = item.validation.cases[0]
     still = _at_rest(bag, settings.TIP_POSES)
-    scale = _scale(item, arm, bag)
+    known, scale = _scales(item, arm, bag)
     # a kilogram in a gravity of one is a newton
     sides = [LoadRows(arm.under(axis), item.output).point(still) * scale for axis in np.eye(3)]
     constants = np.array([joint.effort.torque_constant or 1.0 for joint in arm.joints])
     torque = scale / constants if item.output == 'effort' else scale
     return _Tip(still, torque, np.stack(sides, axis=2),
-                LoadRows(arm, item.output).point(still) * scale)
+                LoadRows(arm, item.output).point(still) * known)
 
 
-def _scale(item: FittedOutput, arm: Arm, bag: BagData) -> FloatArray:
-    """Find the unit of an output by that of the rows of a load, (channels,)."""
+def _scales(item: FittedOutput, arm: Arm, bag: BagData) -> tuple[FloatArray, FloatArray]:
+    """Find the unit of an output by that of the rows of a load; then by links and motors, too."""
     model = item.model
     kept = [(s.motion[s.decimation.keep], s.decimation(getattr(s, item.output)))
             for s in bag.stretches]
@@ -290,13 +290,15 @@ def _scale(item: FittedOutput, arm: Arm, bag: BagData) -> FloatArray:
     if isinstance(model, AnalyticalModel) and model.payload_range is not None:
         plain = LoadRows(arm, item.output).point(motion).std(axis=0)
         own = LoadWorth(arm, item.output, model).along(motion).std(axis=0)
-        return np.divide(own, plain, out=np.full(len(own), np.nan), where=plain > 0.0)
+        known = np.divide(own, plain, out=np.full(len(own), np.nan), where=plain > 0.0)
+        return known, known
     scale = find_scale(arm, item.output, motion, measured).factor
     other = (1.0 / torque_scale(arm) if item.output == 'effort' else
              np.array([_gain(arm, gauge) for gauge in arm.gauges]))
     if isinstance(model, ElasticModel) and item.output == 'strain':
-        other = gauge_gain(arm, model)
-    return np.where(scale != 0.0, scale, other)
+        other = scale = gauge_gain(arm, model)
+    known = np.where(scale != 0.0, scale, np.nan)
+    return known, np.where(np.isnan(known), other, known)
 
 
 def _gain(arm: Arm, gauge: GaugeSpec) -> float:
@@ -380,12 +382,14 @@ def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
     error = 2.0 * np.sqrt(np.mean(np.vstack(means) ** 2, axis=0))
     column = np.sqrt(np.mean(tip.mass ** 2, axis=0))
     kilograms = np.where(column > 0.0, error / np.maximum(column, 1e-300), np.nan)
-    if not np.isfinite(kilograms).any():
-        return None, ('masses in kg need effort.torque_constant, sensors[].gain or masses in '
-                      'the description, or a fit of two payloads (--payload-of)'), {}
-    best = int(np.nanargmin(kilograms))
-    share = float(error[best] / max(span[best], 1e-300))
-    return _grade(share, settings.WEIGHT_SHARE), (
-        f'uncertain by {short(kilograms[best])} kg (two standard deviations of '
-        f'{model.channels[best]}, averaged over {settings.MEAN:g} s), {100.0 * share:.0f} % of '
-        "how much the arm's weight varies between poses"), {}
+    shares = error / np.maximum(span, 1e-300)
+    scaled = bool(np.isfinite(kilograms).any())
+    best = int(np.nanargmin(kilograms if scaled else shares))
+    said = (f"{100.0 * shares[best]:.0f} % of how much the arm's weight varies between poses (two "
+            f'standard deviations of {model.channels[best]}, averaged over {settings.MEAN:g} s)')
+    if not scaled:
+        return None, ('masses in kg need effort.torque_constant, sensors[].gain or masses in the '
+                      f'description, or a fit of two payloads (--payload-of); uncertain by {said}'
+                      ), {}
+    return (_grade(shares[best], settings.WEIGHT_SHARE),
+            f'uncertain by {short(kilograms[best])} kg, {said}', {})

@@ -23,12 +23,13 @@ from functools import reduce
 import math
 import operator
 from typing import Any
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.errors import FitError
+from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.dataset import BagData, model_for
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
@@ -305,6 +306,10 @@ class Validation(Shown):
 
 def trace(model: Model, data: BagData, output: str) -> Trace:
     """Predict an output over a bag; nothing but motion goes into the model."""
+    if model.has_memory and any(s.past_unknown for s in data.stretches):
+        warnings.warn(f'{data.choice} begins in motion, or goes on so after a gap: how its links '
+                      'oscillate there is unknown, which an elastic model is judged too low by; '
+                      'judge by bags that begin at standstill', TudorWarning, stacklevel=1)
     parts = [(s.t[s.decimation.keep], s.stamp[s.decimation.keep],
               s.decimation(getattr(s, output)), model.follow_kept(s),
               np.abs(s.states.dq[s.decimation.keep]))

@@ -25,6 +25,7 @@ import rclpy
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
+from tudor_dynamics.nodes.common.interfaces import OUTPUTS
 from tudor_dynamics.nodes.settings import LISTEN
 
 
@@ -44,14 +45,15 @@ def _figures(times: list[tuple[float, float]]) -> dict[str, float]:
 
 
 def main() -> None:
-    """Listen to all topics of joint states, and print publishers, rate, longest gap and age."""
+    """Listen to joint states of drivers, and print publishers, rate, longest gap and age."""
     rclpy.init()
     node = rclpy.create_node('tudor_doctor')
     heard: dict[str, list[tuple[float, float]]] = {}
     end = time.monotonic() + LISTEN
     while time.monotonic() < end:
         for topic, types in node.get_topic_names_and_types():
-            if 'sensor_msgs/msg/JointState' in types and topic not in heard:
+            if ('sensor_msgs/msg/JointState' in types and topic not in heard
+                    and topic.rpartition('/')[2] not in OUTPUTS):
                 heard[topic] = []
                 node.create_subscription(JointState, topic, partial(_note, heard[topic]),
                                          qos_profile_sensor_data)

@@ -201,7 +201,7 @@ class ReferenceGeneratorNode(MovingNode):
             return
         if source.outcome:
             self.server.end(source.outcome)
-        if source.motion is None or source.actual is None:
+        if source.motion is None:
             return
         wanted, progress = source.motion.state, source.motion.follower.progress
         elapsed = divmod(round(1e9 * progress[0]), 1_000_000_000) if progress else (0, 0)
@@ -328,7 +328,7 @@ def _progress(source: ReferenceSource) -> str | None:
 
 
 def _off(source: ReferenceSource) -> dict[str, str] | None:
-    if source.motion is None or source.actual is None:
+    if source.motion is None:
         return None
     return {name: f'{off:.4f}' for name, off in zip(
         source.names, np.abs(source.motion.q - source.actual), strict=True)}

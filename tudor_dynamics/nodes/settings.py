@@ -58,6 +58,7 @@ PUBLISHERS_LOOK = 1.0
 MONITORS_LOOK, ALIVE = 0.5, 2.5
 """At who watches for collisions; age of a monitor's last diagnosis, of which one comes a second,
 at which it counts as gone [s]."""
+UNHEARD = 2.0  # time without a word of a monitor from which on a view knows nothing [s]
 
 # Loads.
 

@@ -28,13 +28,14 @@ import numpy as np
 from std_msgs.msg import Bool, String
 
 from tudor_dynamics.errors import forget_output
-from tudor_dynamics.nodes.common.base import latched, TudorNode
+from tudor_dynamics.nodes.common.base import latched, NAMES, OK, TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, COLLISION_RECORD, CONTACT, DIAGNOSTICS, PAYLOAD_TOPIC, RATIOS)
 from tudor_dynamics.nodes.common.messages import JointSample
+from tudor_dynamics.nodes.settings import UNHEARD
 from tudor_dynamics.online.detector import Level
 from tudor_dynamics.online.monitor import FIELD
-from tudor_dynamics.show.live import DRAWN, LiveView, shown
+from tudor_dynamics.show.live import DRAWN, LiveView, shown, UNKNOWN
 
 
 class WatchNode(TudorNode):
@@ -44,6 +45,9 @@ class WatchNode(TudorNode):
         super().__init__('watch', **kwargs)
         self.view = LiveView(f'monitor in {self.get_namespace()}')
         self._levels = {Level.FREE}
+        self._came = self.steady()  # when something came from a monitor
+        self._advice = ('nothing comes from a monitor; to start one: ros2 run tudor_dynamics '
+                        f'monitor --ros-args -r __ns:={self.get_namespace()} -p model:=MODEL')
         for method, topic in RATIOS.items():
             self.hear(topic, partial(self._on_ratios, method))
         for level, topic in ((Level.CONTACT, CONTACT), (Level.COLLISION, COLLISION)):
@@ -52,11 +56,39 @@ class WatchNode(TudorNode):
         self.subscribe(InertiaStamped, PAYLOAD_TOPIC, self._on_load, qos=latched())
         self.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 10)
         self._open = ExitStack()
-        self._draw = self.every(DRAWN, self._open.enter_context(
-            shown(self.view, self.value('web') or None, terminal=sys.stdout.isatty())))
+        self._draw = self._open.enter_context(
+            shown(self.view, self.value('web') or None, terminal=sys.stdout.isatty()))
+        self._drawing = self.every(DRAWN, self._look)
+
+    def _look(self) -> None:
+        """Draw; nothing is known of an arm whose monitor is silent."""
+        silence = self.steady() - self._came
+        if silence > UNHEARD:
+            self.view.level, self.view.state = UNKNOWN, f'silent for {silence:.0f} s'
+            if self.view.warning != self._advice:
+                self.view.warning = self._advice
+                self._print(self._advice)
+        self._draw()
+
+    def _heard(self) -> None:
+        """Take into account that a monitor is there, which says the level again."""
+        self._came = self.steady()
+        if self.view.level == UNKNOWN:
+            self.view.state = self.view.warning = ''
+        self.view.level = max(self._levels).name.lower()
+
+    def _print(self, line: str) -> None:
+        """Print a line where no terminal watches."""
+        try:
+            if not sys.stdout.isatty():
+                print(line, flush=True)
+        except BrokenPipeError:  # who read it has gone
+            forget_output()
+            self.exit_code = 0
 
     def _on_ratios(self, method: str, message: JointSample) -> None:
         begun = self.meter.begin()
+        self._heard()
         values = np.asarray(getattr(message, FIELD[method]), dtype=float)
         if len(values) and len(values) == len(message.name):
             self.view.ratios(message.stamp, method, message.name, values)
@@ -64,21 +96,16 @@ class WatchNode(TudorNode):
 
     def _on_level(self, level: Level, message: Bool) -> None:
         (self._levels.add if message.data else self._levels.discard)(level)
-        self.view.level = max(self._levels).name.lower()
+        self._heard()
 
     def _on_event(self, message: String) -> None:
         try:
             record = json.loads(message.data)
-            line = self.view.event(
+            self._print(self.view.event(
                 int(record['onset']), str(record['method']), str(record['link']),
-                {str(name): float(value) for name, value in record['ratio'].items()})
-            if not sys.stdout.isatty():
-                print(line, flush=True)
+                {str(name): float(value) for name, value in record['ratio'].items()}))
         except (AttributeError, KeyError, TypeError, ValueError):
             self.drops['unknown_record'] += 1
-        except BrokenPipeError:  # who read it has gone
-            forget_output()
-            self.exit_code = 0
 
     def _on_load(self, message: InertiaStamped) -> None:
         self.view.load = f'load {message.inertia.m:.3f} kg'
@@ -87,7 +114,9 @@ class WatchNode(TudorNode):
         for status in message.status:
             name, _, namespace = status.name.partition(': ')
             if name in ('monitor', 'collision_detector') and namespace == self.get_namespace():
-                self.view.state = f'{name}: {status.message}'
+                self._heard()
+                self.view.state = f'{name}: {NAMES[status.level]}'
+                self.view.warning = '' if status.level == OK else status.message
 
     def close(self) -> None:
         """Leave the terminal as it was."""

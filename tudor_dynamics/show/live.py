@@ -24,25 +24,28 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import io
 from pathlib import Path
 import re
-from threading import Event, Thread
+from threading import Thread
 
 import numpy as np
-from rich.console import Console, Group
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from tudor_dynamics.errors import printable, UsageError
+from tudor_dynamics.errors import complain, printable, UsageError
 from tudor_dynamics.online.detector import time_of_day
+from tudor_dynamics.online.settings import CLOCK_JUMP
 from tudor_dynamics.typing import FloatArray
 
 DRAWN = 0.1  # time between two pictures [s]
 HISTORY, EVENTS = 30, 6  # seconds and events that are shown
 BAR = 12  # characters of a ratio of 2
+TAKEN = 19  # characters of method and ratio, and of the blanks beside them
 STEPS = '\u2581\u2582\u2583\u2584\u2585\u2586\u2587'
 ABOVE = '\u2588'
-COLOURS = {'free': 'green', 'contact': 'yellow', 'collision': 'bold red'}
-WIDTH = 80
+UNKNOWN = 'unknown'
+COLOURS = {UNKNOWN: 'reverse', 'free': 'green', 'contact': 'yellow', 'collision': 'bold red'}
+WIDTH, NARROW = 80, 46  # columns, and those of a telephone
 PAGE = Path(__file__).parent / 'templates' / 'live.html'
 
 
@@ -62,10 +65,10 @@ class RatioHistory:
             ratio = max(ratio, self.peaks.pop()[1])
         self.peaks.append((second, ratio))
 
-    def history(self, now: int) -> Text:
+    def history(self, now: int, seconds: int = HISTORY) -> Text:
         """Draw the largest ratio of each second, full at a collision, blank without samples."""
-        peaks, text = dict(self.peaks), Text()
-        for second in range(now // 10**9 - HISTORY + 1, now // 10**9 + 1):
+        peaks, text = dict(self.peaks), Text(no_wrap=True)
+        for second in range(now // 10**9 - seconds + 1, now // 10**9 + 1):
             peak = peaks.get(second)
             if peak is None:
                 text.append(' ')
@@ -88,13 +91,15 @@ class LiveView:
 
     def __init__(self, title: str) -> None:
         self.title = title
-        self.level, self.load, self.state = 'free', '', ''
+        self.level, self.load, self.state, self.warning = UNKNOWN, '', '', ''
         self.stamp = 0
         self.traces: dict[str, RatioHistory] = {}
         self.events: deque[str] = deque(maxlen=EVENTS)
 
     def ratios(self, stamp: int, method: str, channels: Sequence[str], ratio: FloatArray) -> None:
         """Take the ratios of a method to its thresholds, (channels,), at a stamp [ns]."""
+        if self.stamp - stamp > CLOCK_JUMP * 1e9:  # a bag or a simulation begins again
+            self.stamp, self.traces = 0, {}
         self.stamp = max(self.stamp, stamp)
         place = int(np.argmax(ratio))
         self.traces.setdefault(method, RatioHistory()).add(
@@ -107,36 +112,44 @@ class LiveView:
                                      f'{ratios[channel]:.2f} times its threshold'))
         return self.events[-1]
 
-    def __rich__(self) -> Group:
-        """Draw it."""
+    def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        """Draw it, without bars where there is little room."""
         head = Table.grid(expand=True)
         head.add_column()
-        head.add_column(justify='right', no_wrap=True)
+        head.add_column(justify='right')
         head.add_row(Text(self.title, 'bold'),
                      time_of_day(self.stamp) if self.stamp else 'no samples yet')
         head.add_row(Text(self.level, COLOURS[self.level]), Text(self.state))
+        yield head
+        if self.warning:
+            yield Text(self.warning, COLOURS['contact'])
         table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-        for name, justify in (('method', 'left'), ('channel', 'left'), ('ratio', 'right'),
-                              ('0     1     2', 'left'),
-                              (f'largest of each second, {HISTORY} s', 'left')):
-            table.add_column(name, justify=justify, no_wrap=True)  # type: ignore[arg-type]
-        for method, trace in self.traces.items():
-            table.add_row(method, trace.channel, f'{trace.ratio:.2f}', trace.bar(),
-                          trace.history(self.stamp))
-        lines = [Text(line) for line in (self.load, *(self.events or ('no events',))) if line]
-        return Group(head, table, *lines)
+        bars = options.max_width >= WIDTH
+        traces = list(self.traces.items())  # at once: a page is drawn beside what adds to them
+        widest = max((len(trace.channel) for _, trace in traces), default=0)
+        seconds = max(1, min(HISTORY, options.max_width - TAKEN - bars * (BAR + 3) - widest))
+        for name in ('method', 'channel', 'ratio', *('0     1     2',) * bars):
+            table.add_column(name, justify='right' if name == 'ratio' else 'left', no_wrap=True)
+        table.add_column(f'largest of each second, {seconds} s')
+        for method, trace in traces:
+            table.add_row(method, trace.channel, f'{trace.ratio:.2f}', *(trace.bar(),) * bars,
+                          trace.history(self.stamp, seconds))
+        yield table
+        yield from filter(None, map(Text, (self.load, *(self.events or ('no events',)))))
 
 
-def drawn(view: LiveView) -> Console:
+def drawn(view: LiveView, width: int = WIDTH) -> Console:
     """Draw a view into memory, for pages and pictures."""
-    console = Console(record=True, file=io.StringIO(), width=WIDTH)
+    console = Console(record=True, file=io.StringIO(), width=width)
     console.print(view)
     return console
 
 
 def page_of(view: LiveView) -> str:
     """Give a page that asks for the next one after a second."""
-    return drawn(view).export_html(code_format=PAGE.read_text(), inline_styles=True)
+    wide, narrow = (drawn(view, width).export_html(code_format='{code}', inline_styles=True)
+                    for width in (WIDTH, NARROW))
+    return PAGE.read_text().format(wide=wide, narrow=narrow)
 
 
 def picture_of(view: LiveView) -> str:
@@ -146,36 +159,26 @@ def picture_of(view: LiveView) -> str:
 
 
 @contextmanager
-def served(view: LiveView, port: int) -> Iterator[Callable[[], None]]:
-    """Serve a view to this machine alone; gives what draws the page where a browser waits."""
-    pages, asked, fresh = [page_of(view).encode()], Event(), Event()
-
+def served(view: LiveView, port: int) -> Iterator[None]:
+    """Serve a view to this machine alone; it is drawn where a browser asks."""
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:  # noqa: N802
-            fresh.clear()
-            asked.set()
-            fresh.wait(1.0)  # as often as the page asks, for views that have ended
             self.send_response(200)
             self.send_header('Content-Type', 'text/html; charset=utf-8')
             self.end_headers()
-            self.wfile.write(pages[0])
+            self.wfile.write(page_of(view).encode())
 
         def log_message(self, *_: object) -> None:
             pass
-
-    def draw() -> None:
-        if asked.is_set():
-            pages[0] = page_of(view).encode()
-            asked.clear()
-            fresh.set()
     try:
         server = ThreadingHTTPServer(('127.0.0.1', port), Handler)
     except (OSError, OverflowError) as err:
         raise UsageError(f'no web page on port {port}: {err}; choose another port') from None
     with server:
+        complain(f'page: http://127.0.0.1:{port}/')
         Thread(target=server.serve_forever, daemon=True).start()
         try:
-            yield draw
+            yield
         finally:
             server.shutdown()
 
@@ -184,13 +187,7 @@ def served(view: LiveView, port: int) -> Iterator[Callable[[], None]]:
 def shown(view: LiveView, port: int | None, *, terminal: bool) -> Iterator[Callable[[], None]]:
     """Show a view on the terminal, and where a port is given as a page; gives what draws it."""
     with ExitStack() as stack:
-        draws: list[Callable[[], object]] = []
         if port is not None:
-            draws.append(stack.enter_context(served(view, port)))
-        if terminal:
-            draws.append(stack.enter_context(Live(view, auto_refresh=False)).refresh)
-
-        def draw() -> None:
-            for item in draws:
-                item()
-        yield draw
+            stack.enter_context(served(view, port))
+        yield stack.enter_context(Live(view, auto_refresh=False)).refresh if terminal else (
+            lambda: None)

@@ -185,6 +185,12 @@ class Stretch(Shown):
     since: float = 0.0  # time between the last of these samples and the first of the stretch [s]
 
     @property
+    def past_unknown(self) -> bool:
+        """Whether it begins in motion, and nothing is known of what was before."""
+        start = self.states.dq[self.t < self.t[0] + 0.3]
+        return self.before is None and float(np.abs(start).max()) > settings.STILL
+
+    @property
     def motion(self) -> FloatArray:
         """All states side by side, shape (n_samples, 3 n_joints)."""
         return self.states.motion

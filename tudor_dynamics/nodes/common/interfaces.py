@@ -54,6 +54,9 @@ WANTED_STATES = 'wanted_states'
 STATES_WITH_EFFORT = 'states_with_effort'
 EXTERNAL_WRENCH = 'external_wrench'
 APPLIED_WRENCH = 'applied_wrench'
+OUTPUTS = {FILTERED_JOINT_STATES, RINGING, JOINT_REFERENCE, WANTED_STATES, STATES_WITH_EFFORT,
+           *PREDICTED.values(), *RESIDUALS.values(), *THRESHOLDS.values(), *RATIOS.values()}
+"""Joint states of these nodes, many of them only when asked for, or while somebody listens."""
 DIAGNOSTICS = '/diagnostics'
 CLOCK = '/clock'
 
