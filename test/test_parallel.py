@@ -21,6 +21,7 @@ from functools import partial
 from pathlib import Path
 import subprocess
 import sys
+from threading import Timer
 import time
 
 import numpy as np
@@ -29,7 +30,7 @@ from piece_making import killed, spelled, square
 import pytest
 
 from tudor_dynamics.errors import BagError, ProcessError
-from tudor_dynamics.parallel import _watch, in_processes, in_threads, shared_out
+from tudor_dynamics.parallel import _watch, in_processes, in_threads, LOOK, shared_out
 
 
 @pytest.mark.parametrize('jobs', [1, 2])
@@ -39,6 +40,16 @@ def test_pieces_keep_their_order(jobs: int) -> None:
     assert in_processes(square, range(1, 6), jobs, counts.append) == [1, 4, 9, 16, 25]
     assert counts[-1] == 15 and counts == sorted(counts)
     assert in_threads(lambda piece: piece**2, range(1, 6), jobs) == [1, 4, 9, 16, 25]
+
+
+def test_work_that_waits_is_not_counted_again(tmp_path: Path) -> None:
+    """Progress is told as pieces are done, not at each look."""
+    future: Future[list[int]] = Future()
+    board = np.memmap(tmp_path / 'board', np.int64, 'w+', shape=(1, 2))
+    board[0, 0] = 7
+    Timer(4 * LOOK, future.set_result, [[1]]).start()
+    counts: list[int] = []
+    assert _watch(future, board, counts.append) == [1] and counts == [7]
 
 
 def test_pieces_say_what_they_do() -> None:

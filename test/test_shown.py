@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import tudor_dynamics as td
-from tudor_dynamics.shown import Shown
+from tudor_dynamics.typing import Shown
 
 
 @dataclass(repr=False)

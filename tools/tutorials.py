@@ -44,7 +44,7 @@ PAGES = sorted((ROOT / 'docs' / 'tutorials').glob('*_*.md'))
 FENCE = re.compile(r'^```(sh|text|text rough)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r'[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?')
 SPACE = re.compile(r'[\s─]+')
-STEP = re.compile(r'^(?:\d+ of \d+: |compiling functions ).*\n', re.MULTILINE)
+STEP = re.compile(r'^(?:\d+ s: |compiling functions,).*\n', re.MULTILINE)
 """Progress, which is named on a slow machine alone, or at the first run."""
 CLOSE = 0.05
 """Numbers of two machines differ by less, as a share."""

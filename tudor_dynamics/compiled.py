@@ -128,7 +128,7 @@ SILENCE = 3.0  # after so long it is said that something is compiled [s]
 @cache
 def _say() -> None:
     logging.getLogger('tudor_dynamics').warning(
-        'compiling functions for this processor, once after each update; this takes a minute')
+        'compiling functions, once after each update; this takes a minute')
 
 
 def _once(function: Any) -> Any:

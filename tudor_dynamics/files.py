@@ -18,15 +18,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+import datetime
 import errno
 from functools import lru_cache
 import hashlib
+from importlib import metadata
 import io
 from itertools import count
 import os
 from pathlib import Path
+import platform
 import shutil
 import stat
+import subprocess
 import tempfile
 from typing import Any, BinaryIO
 
@@ -368,9 +372,11 @@ def unpacked_file(path: Path) -> Iterator[Path]:
         yield target
 
 
-# -- Which version of the package computed something: a digest of its sources
+# -- What computed something: a digest of the sources; version, commit, date, libraries
 
 PACKAGE = Path(__file__).resolve().parent
+LIBRARIES = ('numpy', 'scipy', 'pin', 'numba', 'pydantic', 'rosbags')
+"""Those that numbers come from."""
 
 
 @lru_cache
@@ -385,3 +391,38 @@ def source_digest(parts: tuple[str, ...]) -> str:
         name, content = file.relative_to(PACKAGE).as_posix(), file.read_bytes()
         digest.update(f'{name} {len(content)}\n'.encode() + content)
     return f'{__version__} {digest.hexdigest()[:16]}'
+
+
+def provenance() -> dict[str, str]:
+    """Say what makes results here, in words; the date may be given by SOURCE_DATE_EPOCH."""
+    known = os.environ.get('SOURCE_DATE_EPOCH', '')
+    now = (datetime.datetime.fromtimestamp(int(known), datetime.timezone.utc)
+           if known.isdecimal() else datetime.datetime.now(datetime.timezone.utc))
+    commit = _commit()
+    return {'version': f'tudor_dynamics {__version__}', **({'commit': commit} if commit else {}),
+            'date': now.strftime('%Y-%m-%d %H:%M UTC'),
+            'python': f'{platform.python_version()} on {platform.system()} {platform.machine()}',
+            'libraries': ', '.join(f'{name} {version}' for name in LIBRARIES
+                                   if (version := installed(name)))}
+
+
+def installed(name: str) -> str:
+    """Give the version of a library; empty where there is none."""
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return ''
+
+
+def _commit() -> str:
+    """Give the commit of a checkout, marked where files differ from it; empty elsewhere."""
+    folder = PACKAGE.parent
+    if not (folder / '.git').exists():
+        return ''
+    try:
+        return subprocess.run(
+            ['git', '-C', str(folder), 'describe', '--always', '--dirty=, changed',
+             '--abbrev=12', '--exclude=*'], capture_output=True, text=True, timeout=10.0,
+            check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ''

@@ -29,7 +29,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import check_budget, check_type, ModelError, TudorWarning, UsageError
-from tudor_dynamics.files import write_figure
+from tudor_dynamics.files import provenance, write_figure
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, check_choices, choices, common_outputs, filtered, load, parse_choice, part,
@@ -55,9 +55,7 @@ from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import check_target, read_facts, save_bundle
 from tudor_dynamics.online.monitor import MonitorSettings
-from tudor_dynamics.provenance import provenance
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import Progress
+from tudor_dynamics.typing import Progress, Shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -126,12 +126,12 @@ def in_processes(
 def _watch(
     future: Future[list[Result]], board: np.memmap, progress: Callable[[int], None],
 ) -> list[Result]:
-    while not future.done():
-        wait([future], LOOK)
-        progress(int(board[:, STEPS].sum()))
-    found = future.result()
-    progress(int(board[:, STEPS].sum()))  # also of work that was done before the first look
-    return found
+    done, ended = 0, False
+    while not ended:
+        ended = bool(wait([future], LOOK).done)
+        if done < (now := int(board[:, STEPS].sum())):
+            progress(done := now)
+    return future.result()
 
 
 def _run_all(

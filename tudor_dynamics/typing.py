@@ -29,6 +29,9 @@ arm description, ``strain`` (samples, gauges), and ``moment`` the same [N m]. Of
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from html import escape
+from textwrap import shorten
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,3 +57,41 @@ def finite_array(values: ArrayLike, name: str, *shape: int | None) -> FloatArray
     if not np.isfinite(found).all():
         raise SignalError(f'{name} has NaN or infinite values', remedy='leave out such samples')
     return found
+
+
+# -- How results show themselves: as lines on a terminal, as a table in a notebook
+
+LONGEST = 200  # characters of a part: less than three lines of 80
+
+
+class Shown:
+    """A result that shows a line of what it is, and an indented one for each of its parts."""
+
+    def __repr__(self) -> str:
+        """Write the fields of a dataclass: arrays by shape and range, others in short."""
+        assert is_dataclass(self)
+        return '\n'.join([type(self).__name__, *(
+            f'  {item.name}: {in_short(getattr(self, item.name))}' for item in fields(self))])
+
+    def _repr_html_(self) -> str:
+        caption, *lines = escape(repr(self)).splitlines()
+        rows = ''.join(
+            '<tr><th style="text-align: left">{}</th><td style="text-align: left">{}</td></tr>'
+            .format(name, text) for name, _, text in (line.partition(': ') for line in lines))
+        return f'<table><caption>{caption}</caption>{rows}</table>'
+
+
+def in_short(value: object) -> str:
+    """Write a value in a line: what is long by its length, kind and range."""
+    if isinstance(value, np.ndarray):
+        numeric = value.dtype.kind in 'fiu' and value.size and not np.isnan(value).all()
+        ends = f' from {np.nanmin(value):.4g} to {np.nanmax(value):.4g}' if numeric else ''
+        return f'{value.dtype} {value.shape}{ends}'
+    if isinstance(value, float):
+        return f'{value:.4g}'
+    text = repr(value)
+    if isinstance(value, (tuple, list, dict)) and (len(text) > LONGEST or '\n' in text):
+        kinds = sorted({type(item).__name__ for item in (
+            value.values() if isinstance(value, dict) else value)})
+        return f'{len(value)} of {" or ".join(kinds)}'
+    return shorten(text.partition('\n')[0], LONGEST, placeholder=' ...')

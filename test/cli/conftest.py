@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
+import threading
 
 import pytest
 import tudor_dynamics as td
@@ -27,7 +27,7 @@ from tudor_dynamics.cli import console
 @pytest.fixture(autouse=True)
 def unwatched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no step be named on a slow machine, where a test counts the lines of an error."""
-    monkeypatch.setattr(console, 'SILENCE', math.inf)
+    monkeypatch.setattr(console, 'SILENCE', threading.TIMEOUT_MAX)
 
 
 @pytest.fixture(scope='session')

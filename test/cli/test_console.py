@@ -20,19 +20,24 @@ import fcntl
 import io
 import json
 import os
+from pathlib import Path
 import pty
+import re
 import shlex
 import struct
 import subprocess
 import sys
 import termios
+import time
 
 from hypothesis import given, HealthCheck, settings, strategies as st
 import pytest
 from rich.console import Console
 
+from tudor_dynamics.cli import console
 from tudor_dynamics.cli.console import (
-    print_json, print_table, print_verdicts, say, say_command, score_table, SILENCE, steps)
+    print_json, print_table, print_verdicts, say, say_command, score_table, steps)
+from tudor_dynamics.cli.main import main
 from tudor_dynamics.identification.uses import Use
 from tudor_dynamics.identification.validation import ChannelScore, Grade, Score
 
@@ -135,16 +140,23 @@ def test_verdicts_come_by_grade(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_steps(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Steps show on a terminal; elsewhere one is named where seconds have passed."""
-    now = [100.0]
-    monkeypatch.setattr('tudor_dynamics.cli.console.SILENCE', SILENCE)
-    monkeypatch.setattr('tudor_dynamics.cli.console.time.monotonic', lambda: now[0])
+    """Steps show on a terminal; elsewhere a line names that which takes seconds, now and then."""
     with steps(2) as step:
         step('read run4')
-        assert capsys.readouterr() == ('', '')
-        now[0] += SILENCE + 0.1
         step('compare')
-    assert capsys.readouterr() == ('', '2 of 2: compare\n')
+    assert capsys.readouterr() == ('', '')
+    monkeypatch.setattr(console, 'SILENCE', 0.05)
+    with steps(2) as step:
+        step('read run4')
+        step('compare')
+        time.sleep(0.5)
+    assert capsys.readouterr() == ('', '0 s: compare: 50 %\n')
+    monkeypatch.setattr(console, 'PAUSE', 0.05)
+    with steps(None) as step:
+        step('search')
+        time.sleep(0.5)
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) > 2 and {line[1:] for line in said} == {' s: search'}
     screen = io.StringIO()
     monkeypatch.setattr('tudor_dynamics.cli.console.Console',
                         lambda **_: Console(file=screen, force_terminal=True, width=100))
@@ -152,6 +164,30 @@ def test_steps(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPat
         step('read run4')
         step('compare')
     assert 'compare' in screen.getvalue()
+
+
+@pytest.mark.parametrize(('words', 'heard'), [
+    ('record --arm config/tudor.yaml --stimuli 1 --seconds 3 --out OUT', 'simulate: '),
+    ('excite config/tudor.yaml --seconds 10 --steps 20 --floor 0 --out OUT', 'search, '),
+    ('tune config/tudor.yaml --payloads 0 --out OUT.yaml', 'tuning: '),
+    ('simulate config/tudor.yaml --seconds 1 --torque joint2=0 --out OUT', 'simulating: '),
+    ('payload bags/two_blade_test --model MODEL', ''),
+    ('export MODEL --to csv --out OUT.csv', '')])
+def test_long_commands_are_heard_without_a_terminal(
+    words: str, heard: str, root: Path, model: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Where seconds pass, a line says what is done, and how far it is; all within 80 columns."""
+    for name, place in (('config', root / 'config'), ('bags', root / 'bags'), ('MODEL', model)):
+        (tmp_path / name).symlink_to(place)
+    monkeypatch.setattr(console, 'SILENCE', 0.02)
+    monkeypatch.setattr(console, 'PAUSE', 0.02)
+    monkeypatch.setenv('COLUMNS', '80')
+    monkeypatch.chdir(tmp_path)
+    code = main(words.split())
+    said = capsys.readouterr()
+    assert code in (0, 1) and max(map(len, said.out.splitlines())) <= 80
+    assert not heard or re.search(rf'^\d+ s: {heard}.*\d+ %$', said.err, re.MULTILINE), said
 
 
 PLACE = '/no/such/folder/with/a/long/name/and/more/of/it/recording_1.25e+300'

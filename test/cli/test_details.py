@@ -24,7 +24,7 @@ import re
 import pytest
 import tudor_dynamics as td
 from tudor_dynamics.cli.main import main, SUBCOMMANDS
-from tudor_dynamics.provenance import provenance
+from tudor_dynamics.files import provenance
 
 BAGS = 'bags/two_blade_'
 LOUD = {'doctor', 'evaluate', 'fit', 'info', 'why'}
@@ -56,6 +56,35 @@ def test_more_is_said(
     rest = iter(said.splitlines())
     assert all(line in rest for line in plain.splitlines())
     assert max(map(len, said.splitlines())) <= max(80, len(str(model)) + 60)
+
+
+GREEN, YELLOW, RED, DIM = '\x1b[32m', '\x1b[33m', '\x1b[31m', '\x1b[2m'
+
+
+@pytest.mark.parametrize(('words', 'colour', 'line'), [
+    (f'evaluate {BAGS}test --model MODEL', GREEN, 0),
+    (f'evaluate {BAGS}pushes --model MODEL', RED, 0),
+    (f'evaluate {BAGS}pushes --model MODEL --collisions', YELLOW, 0),
+    (f'evaluate {BAGS}pushes --model MODEL --collisions --free', RED, 0),
+    (f'why {BAGS}pushes --model MODEL', GREEN, 0),
+    (f'why {BAGS}pushes --model MODEL --at 33:33', YELLOW, 0),
+    (f'payload {BAGS}test --model MODEL', GREEN, 0),
+    ('compare MODEL MODEL', DIM, 0), (f'compare MODEL MODEL {BAGS}test', GREEN, 0),
+    ('doctor', '\x1b[3', 0), (f'info {BAGS}test', GREEN, 2)])
+def test_verdicts_come_first_in_colour(
+    words: str, colour: str, line: int, root: Path, model: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """In the colour of its grade on a terminal, unless NO_COLOR is set."""
+    monkeypatch.chdir(root)
+    monkeypatch.setenv('FORCE_COLOR', '1')
+    monkeypatch.setenv('TERM', 'xterm-256color')
+    monkeypatch.delenv('NO_COLOR', raising=False)
+    main(words.replace('MODEL', str(model)).split())
+    assert colour in capsys.readouterr().out.splitlines()[line]
+    monkeypatch.setenv('NO_COLOR', '1')
+    main(words.replace('MODEL', str(model)).split())
+    assert not re.search('\x1b\\[3[123]m', capsys.readouterr().out)
 
 
 @pytest.mark.parametrize('words', [

@@ -51,12 +51,24 @@ def test_a_sound_machine(sound: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert main(['doctor']) == 0
     said = capsys.readouterr().out
     assert said.startswith('nothing to do\n') and 'synchronised' in said
-    assert max(map(len, said.splitlines())) <= 80 and not (sound / 'new').exists()
+    assert all(len(line) <= 80 or len(line.split()) == 1 for line in said.splitlines())
+    assert not (sound / 'new').exists()
     assert main(['doctor', '-v']) == 0
     assert 'ROS_HOME' in capsys.readouterr().out and 'ROS_HOME' not in said
     assert main(['doctor', '--json']) == 0
     content = json.loads(capsys.readouterr().out)
     assert content['made']['version'] and all(not item['remedy'] for item in content['checks'])
+
+
+def test_the_middleware_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """That which is in use, also where no variable says it."""
+    monkeypatch.delenv('RMW_IMPLEMENTATION', raising=False)
+    monkeypatch.setattr(doctor.subprocess, 'run', lambda call, **_: SimpleNamespace(
+        stdout='{}' if 'live_topics' in call else 'yes' if 'timedatectl' in call else 'rmw_a\n'))
+    main(['doctor'])
+    assert 'middleware: rmw_a\n' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('name, value, said', [

@@ -30,6 +30,7 @@ from tudor_dynamics import library
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli import fit as command
 from tudor_dynamics.cli.main import main
+from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification import loads
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -137,6 +138,25 @@ def test_no_more_steps_than_announced(
     assert main(['fit', f'{root}/bags/two_blade_train_1@0-50%', '--arm',
                  f'{root}/config/two_blade_arm.yaml', '--out', str(tmp_path / 'model')]) in {0, 1}
     assert seen[-1] == 'report'
+
+
+@pytest.mark.parametrize(('kinds', 'announced'), [
+    ('analytical', 10), ('analytical vibration', 11), ('analytical elastic', None)])
+def test_the_number_of_steps_is_right_or_left_out(
+    root: Path, monkeypatch: pytest.MonkeyPatch, kinds: str, announced: int | None,
+) -> None:
+    """A search for an elastic model takes as many as it needs; a tool takes one more."""
+    totals: list[int | None] = []
+
+    @contextmanager
+    def steps(total: int | None) -> Iterator[Callable[[str], None]]:
+        totals.append(total)
+        raise TudorError('far enough')
+        yield print
+    monkeypatch.setattr(command, 'steps', steps)
+    main(['fit', f'{root}/bags/two_blade_train_1', '--arm', f'{root}/config/two_blade_arm.yaml',
+          '--out', 'model', '--models', *kinds.split()])
+    assert totals == [announced]
 
 
 def test_report_and_bundle_are_there(fitted: Path) -> None:

@@ -30,6 +30,7 @@ import pytest
 from tudor_dynamics._version import __version__
 from tudor_dynamics.cli import main as entry
 from tudor_dynamics.errors import BagError, TudorError, TudorWarning
+from tudor_dynamics.models.bundle_io import load_bundle
 
 
 @pytest.fixture
@@ -124,6 +125,20 @@ def test_one_file_for_a_bug_report(
     assert f'call: tudor evaluate {tmp_path}' in text and 'name: my arm' in text
     assert ('Traceback' in text) == (err is not None)
     assert entry.main(['evaluate', '--debug', str(tmp_path)]) == 2  # a folder
+
+
+def test_a_bug_report_holds_model_and_bags(
+    root: Path, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What a bundle is and was made by, the description in it, and what is in the bags."""
+    monkeypatch.chdir(root)
+    bag = 'bags/two_blade_test@0-50%'
+    assert entry.main(['evaluate', bag, '--model', str(model), '--debug',
+                       str(tmp_path / 'debug.txt')]) in (0, 1)
+    text = (tmp_path / 'debug.txt').read_text()
+    assert load_bundle(model).digest in text and 'made:' in text
+    assert (model / 'arm.yaml').read_text() in text
+    assert f'{bag}:\n{{' in text and '"checksum": "' in text and '/motor_currents' in text
 
 
 @pytest.mark.parametrize(('words', 'out'), [(['-q'], ''), (['-q', '--json'], '{}\n')])

@@ -43,11 +43,11 @@ def test_a_bag(
     command = ['watch', str(bag), '--model', str(model)]
     assert main([*command, '--picture', str(tmp_path / 'view.svg')]) == 0
     *lines, last = capsys.readouterr().out.splitlines()
-    assert [line[:23] for line in lines] == [time_of_day(onset) for onset in onsets]
+    assert [line[:27] for line in lines] == [time_of_day(onset) for onset in onsets]
     assert last == f'{len(found)} events'
     picture = (tmp_path / 'view.svg').read_text()
     assert picture.startswith('<svg') and 'threshold' in picture and time_of_day(
-        onsets[-1])[11:] in picture
+        onsets[-1])[11:23] in picture
     assert 'url(' not in picture.replace('url(#', ''), 'it loads something from elsewhere'
     assert main([*command, '--false-alarms', '1e-4']) == 0
     assert capsys.readouterr().out.splitlines()[1:] == ['1 event']

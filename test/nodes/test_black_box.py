@@ -20,9 +20,13 @@ from collections.abc import Callable
 from dataclasses import replace
 import json
 from pathlib import Path
+import shlex
+from threading import TIMEOUT_MAX
+from time import tzset
 from typing import Any
 
 import numpy as np
+from printed import unwrapped
 import pytest
 from ros_world import feed, World
 from std_msgs.msg import String
@@ -163,7 +167,7 @@ def played(
 
 def test_replayed_to_the_last_bit(
     world: World, model: Path, pushes: Recording, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Lost readings included, the event comes again: onset, method, link and all ratios."""
     records = played(world, model, pushes, tmp_path)
@@ -173,6 +177,7 @@ def test_replayed_to_the_last_bit(
     assert kept[0]['settings']['model'] == str(model) and kept[0]['state']['arm']
     bundle = load_bundle(model)
     assert kept[0]['digest'] == bundle.digest != '' and 'numpy' in kept[0]['made']['libraries']
+    monkeypatch.setattr('tudor_dynamics.cli.console.SILENCE', TIMEOUT_MAX)
     assert main(['why', str(bag)]) == 0
     said = capsys.readouterr().out
     assert said.count(': touch\n') == said.count('to the last bit\n') == len(records)
@@ -185,13 +190,40 @@ def test_replayed_to_the_last_bit(
     at = causes(parser.parse_args(['why', str(bag), '--at', records[0]['time'][11:19]]))
     assert [(item.event.event.onset, item.name, item.evidence) for item in at] == [
         (item.event.event.onset, item.name, item.evidence) for item in found[:1]]
+    monkeypatch.setenv('TZ', 'Asia/Tokyo')  # a reader elsewhere: times are those of the log
+    tzset()
+    assert main(['why', str(bag), '--at', records[0]['time']]) == 0
+    assert records[0]['time'].endswith(' UTC') and records[0]['time'] in capsys.readouterr().out
     assert main(['why', str(bag), '--at', '33:33:33']) == 1
-    assert not capsys.readouterr().err
+    said = capsys.readouterr()
+    assert 'times are in UTC' in unwrapped(said.out) and not said.err
     assert main(['why', str(bag), '--at', 'noon']) == 2
+    monkeypatch.undo()
+    tzset()
+    assert main(['evaluate', str(bag), '--model', str(model)]) in (0, 1)
+    said = unwrapped(capsys.readouterr().out)
+    assert said.startswith(f'{bag} is the bag of an event') and 'fit again' not in said
+    assert f'tudor why {bag}' in said
     save_bundle(replace(bundle, facts={**bundle.facts, 'made': {}}), tmp_path / 'again')
     assert main(['why', str(bag), '--model', str(tmp_path / 'again')]) == 0
     assert f'again (digest {bundle.digest[:12]}' not in (err := capsys.readouterr().err)
     assert f'the monitor used for this event (digest {bundle.digest[:12]})' in err
+
+
+def test_the_logged_step_runs_from_any_folder(
+    world: World, model: Path, pushes: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Paths of a node are relative to its own folder; in log and record they are absolute."""
+    (tmp_path / 'model').symlink_to(model)
+    monkeypatch.chdir(tmp_path)
+    log = world.listen('/rosout', __import__('rcl_interfaces.msg').msg.Log)
+    assert played(world, Path('model'), pushes, Path('an event'))
+    assert world.spin(lambda: any('to see why: ' in item.msg for item in log))
+    said = next(item.msg for item in log if 'to see why: ' in item.msg)
+    (tmp_path / 'elsewhere').mkdir()
+    monkeypatch.chdir(tmp_path / 'elsewhere')
+    words = shlex.split(said.removeprefix('to see why: ').partition(' (')[0])
+    assert words[0] == 'tudor' and main(words[1:]) == 0
 
 
 @pytest.mark.parametrize(('cause', 'make', 'change', 'params'), [

@@ -36,8 +36,7 @@ from tudor_dynamics.arm.schema import (
     ArmSpec, DamperSpec, FRICTION_KEYS, GaugeSpec, JointSpec, SourceSpec, validation_message)
 from tudor_dynamics.errors import ArmError, check_type, TudorWarning
 from tudor_dynamics.files import load_yaml, read_text, YamlError
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 OUTPUTS = ('effort', 'strain')

@@ -36,8 +36,7 @@ from tudor_dynamics.arm.schema import DRIVE_TIMEOUT, JointSpec, LimitSpec, Plann
 from tudor_dynamics.arm.urdf import adapt, check_numbers, parse
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import read_text
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 # Hard limits come from the description's ``limits``, the URDF and the motors, whichever is

@@ -37,8 +37,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.storage import Bag, RawMessages
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'

@@ -33,8 +33,7 @@ from tudor_dynamics.bags.settings import (
     STILL, UNIT_TOLERANCE, UNLIMITED, WINDOW)
 from tudor_dynamics.bags.storage import Notes
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import finite_array, FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray, Shown
 
 
 def gap_limit(stamp: NDArray[np.int64]) -> float:

@@ -31,8 +31,7 @@ from tudor_dynamics.bags.storage import open_bag, RawMessages
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError, SignalError, TudorError, UsageError
 from tudor_dynamics.files import read_text, write_whole
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 # A table has the columns ``t, JOINT, ...`` of positions, as ``tudor simulate --motion`` takes it,

@@ -20,9 +20,10 @@ import argparse
 
 import numpy as np
 
-from tudor_dynamics.cli.console import new_table, print_json, print_table, say
+from tudor_dynamics.cli.console import new_table, print_json, print_table, say, say_verdict
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.models.comparison import BodyRow, compare_bodies, errors_on, Side, side_of
 from tudor_dynamics.typing import FloatArray
 
@@ -36,6 +37,7 @@ A and B are bundles of tudor fit, or arm descriptions whose URDF has masses. A d
 friction and no torque constants: it is given those that suit its bodies best on the recordings of
 the model beside it.
 """
+ALIKE = 1.05  # ratio of errors below which neither side explains a bag better
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +62,15 @@ def run(args: argparse.Namespace) -> int:
             **({} if errors is None else {'relative_error': {
                 'one': errors[0].tolist(), 'other': errors[1].tolist()}})})
         return 0
+    if errors is None:
+        most, joint = max((abs(row.mass[1] - row.mass[0]), row.joint) for row in rows)
+        say_verdict(None, f'masses differ by up to {most:.3g} kg ({joint})',
+                    ': a BAG shows which of them explain it better')
+    else:
+        a, b = (100.0 * float(np.sqrt(np.nanmean(side**2))) for side in errors)
+        which = 'alike' if max(a, b) < ALIKE * min(a, b) else f'better by {"AB"[b < a]}'
+        say_verdict(Grade.GOOD, f'{args.bag} is explained {which}',
+                    f': relative error of efforts {a:.3g} % by A, {b:.3g} % by B')
     _print(one, other, rows)
     if errors is not None:
         table = new_table(f'relative error on {args.bag} [%]', names=('joint',),

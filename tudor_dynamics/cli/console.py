@@ -21,24 +21,26 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import count
 import json
 import math
 import os
 from pathlib import Path
 import re
 import sys
-import time
+from threading import Event, Thread
 from typing import Any
 
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn, Progress, SpinnerColumn, TimeElapsedColumn, TimeRemainingColumn)
 from rich.table import Table
 from rich.text import Text
 
 from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, Trajectory
-from tudor_dynamics.errors import printable, remedy_of, TudorError, UsageError, wrapped
+from tudor_dynamics.errors import complain, remedy_of, TudorError, UsageError, wrapped
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.uses import Use
@@ -47,38 +49,42 @@ from tudor_dynamics.identification.validation import Grade, Score
 LEAST_TEXT = 10
 """Characters that a column of text keeps at least; longer text goes on in the next line."""
 GAP = 2  # blanks between columns
-
-
-SILENCE = 3.0
-"""A step is named after it where no terminal shows the bar [s]; shorter ones need no word."""
+SILENCE, PAUSE = 3.0, 10.0
+"""Where no terminal shows a bar, a line says after so long how far it is, and again [s]."""
 
 Advance = Callable[..., None]
 """Takes what changes about a bar: ``advance`` or ``completed``, ``total``, ``description``."""
 
 
 @contextmanager
-def bar(total: int | None, *columns: str | ProgressColumn) -> Iterator[Advance]:
-    """Show a bar on standard error while a terminal watches."""
-    console = Console(file=sys.stderr)
-    with Progress(*columns, console=console, transient=True,
-                  disable=not console.is_terminal) as progress:
-        yield partial(progress.update, progress.add_task('', total=total))
+def bar(total: int | None, text: str) -> Iterator[Advance]:
+    """Show a bar while a terminal watches, elsewhere lines; text may have the description."""
+    console, ended = Console(file=sys.stderr), Event()
+    shown = console.is_terminal and not console.is_dumb_terminal
+    with Progress(SpinnerColumn(), text, BarColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
+                  console=console, transient=True, disable=not shown) as progress:
+        number = progress.add_task('', total=total)
+
+        def tell() -> None:
+            task, pause = progress.tasks[0], SILENCE
+            while not ended.wait(pause):
+                share = '' if task.total is None else f': {task.percentage:.0f} %'
+                complain(f'{task.elapsed:.0f} s: {text.format(task=task)}{share}')
+                pause = PAUSE
+        if not shown:
+            Thread(target=tell, daemon=True).start()
+        try:
+            yield partial(progress.update, number)
+        finally:
+            ended.set()
 
 
 @contextmanager
-def steps(total: int) -> Iterator[Callable[[str], None]]:
-    """Show a bar over steps that are named as they begin; elsewhere name some in lines."""
-    begun, last, watched = 0, time.monotonic(), sys.stderr.isatty()
-    with bar(total, SpinnerColumn(), '{task.description}', BarColumn(),
-             TimeElapsedColumn()) as advance:
-        def step(text: str) -> None:
-            nonlocal begun, last
-            advance(completed=begun, description=text)
-            begun += 1
-            if not watched and time.monotonic() > last + SILENCE:
-                last = time.monotonic()
-                print(f'{begun} of {total}: {printable(text)}', file=sys.stderr, flush=True)
-        yield step
+def steps(total: int | None) -> Iterator[Callable[[str], None]]:
+    """Show a bar over steps that are named as they begin; their number may not be known."""
+    begun = count()
+    with bar(total, '{task.description}') as advance:
+        yield lambda text: advance(completed=next(begun), description=text)
 
 
 def say(*lines: str) -> None:
@@ -139,21 +145,27 @@ STYLES = {Grade.GOOD: 'green', Grade.USABLE: 'yellow', Grade.DO_NOT_USE: 'red', 
 """Colour of a verdict on a terminal."""
 
 
+def say_verdict(level: Grade | None, verdict: str, rest: str = '', of: str = '') -> None:
+    """Print a verdict in the colour of its grade, with what stands before and after it."""
+    console = Console()
+    text = Text(wrapped(f'{of}{verdict}{rest}', console.width))
+    text.stylize(STYLES[level], len(of), len(of) + len(verdict) if rest else None)
+    console.print(text, soft_wrap=True)
+
+
 def print_verdicts(name: str, uses: Sequence[Use]) -> None:
     """Print what models may be used for, a line a grade; outputs are named where they differ."""
-    console = Console(markup=False, highlight=False, emoji=False)
     by_use: dict[str, list[Use]] = {}
     for use in uses:
         by_use.setdefault(use.name.partition(' (')[0], []).append(use)
-    for level, style in STYLES.items():
+    for level in STYLES:
         names = [
             what if len({one.level for one in same}) == 1 else
             f'{use.name} by {use.kind} {use.output}'
             for what, same in by_use.items() for use in same if use.level is level]
         if names:
             word = 'not known' if level is None else level.value
-            console.print(Text(f'{name}: ') + Text(word, style) + Text(
-                f': {", ".join(dict.fromkeys(names))}'))
+            say_verdict(level, word, f': {", ".join(dict.fromkeys(names))}', f'{name}: ')
 
 
 def print_findings(findings: Sequence[Finding]) -> None:

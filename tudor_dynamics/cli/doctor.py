@@ -33,12 +33,13 @@ import time
 import traceback
 from typing import Any, TextIO
 
-from tudor_dynamics.cli.console import new_table, print_json, print_table, say, steps
+from tudor_dynamics.bags.info import describe
+from tudor_dynamics.cli.console import print_json, say, say_verdict, steps
 from tudor_dynamics.compiled import DIRECTORY
-from tudor_dynamics.errors import printable
-from tudor_dynamics.files import read_bounded, write_whole
+from tudor_dynamics.files import installed, provenance, read_bounded, write_whole
+from tudor_dynamics.identification.dataset import parse_choice
+from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.online.settings import RECORDED, RING_BYTES
-from tudor_dynamics.provenance import installed, provenance
 
 EXAMPLES = """\
 examples:
@@ -82,14 +83,12 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json({'made': provenance(), 'checks': [asdict(check) for check in found]})
     else:
-        say('to do:' if remedies else 'nothing to do',
-            *(f'  {check.name}: {check.remedy}' for check in remedies))
-        table = new_table('', ('check', 'found'), ())
+        say_verdict(*((Grade.USABLE, 'to do:') if remedies else (Grade.GOOD, 'nothing to do')))
+        say(*(f'  {check.name}: {check.remedy}' for check in remedies))
         variables = [item for item in sorted(os.environ.items()) if item[0].startswith(VARIABLES)]
-        for name, text in (*provenance().items(), *((check.name, check.found) for check in found),
-                           *variables * args.verbose):
-            table.add_row(name, printable(text))
-        print_table(table)
+        say(*(f'{name}: {text}' for name, text in (
+            *provenance().items(), *((check.name, check.found) for check in found),
+            *variables * args.verbose)))
     return 1 if remedies else 0
 
 
@@ -120,7 +119,8 @@ def _ros() -> Iterator[Check]:
     yield Check('ROS 2', f'{distribution or "wheels"}, rclpy {installed("rclpy") or "there"}',
                 '' if distribution in ('', 'jazzy') else 'only jazzy is tested: source its '
                 'setup.bash')
-    yield Check('middleware', os.environ.get('RMW_IMPLEMENTATION') or 'the default')
+    yield Check('middleware', _said(sys.executable, '-c', 'import rclpy; print('
+                                    'rclpy.get_rmw_implementation_identifier())') or 'not known')
     domain = os.environ.get('ROS_DOMAIN_ID', '')
     known = not domain or (domain.isdecimal() and int(domain) <= LAST_DOMAIN)
     yield Check('domain', domain or '0, the default',
@@ -168,14 +168,19 @@ def _clock() -> Check:
     now = time.strftime('%Y-%m-%d %H:%M:%S %Z')
     if time.localtime().tm_year < FIRST_YEAR:
         return Check('clock', now, 'set the clock: stamps of drivers are compared with it')
+    known = {'': 'not known whether ', 'yes': ''}.get(_said(
+        'timedatectl', 'show', '-p', 'NTPSynchronized', '--value'), 'not ')
+    return Check('clock', f'{now}, {known}synchronised', '' if known != 'not ' else 'synchronise '
+                 'it (chrony, ntp) where drivers run on another computer')
+
+
+def _said(*call: str) -> str:
+    """Give what another program says; empty where it fails."""
     try:
-        said = subprocess.run(['timedatectl', 'show', '-p', 'NTPSynchronized', '--value'],
-                              capture_output=True, text=True, timeout=5.0, check=True).stdout
+        return subprocess.run(call, capture_output=True, text=True, timeout=5.0,
+                              check=True).stdout.strip()
     except (OSError, subprocess.SubprocessError):
-        return Check('clock', f'{now}, not known whether synchronised')
-    return Check('clock', f'{now}, synchronised') if said.strip() == 'yes' else Check(
-        'clock', f'{now}, not synchronised', 'synchronise it (chrony, ntp) where drivers run on '
-        'another computer')
+        return ''
 
 
 def _existing(path: Path) -> Path:
@@ -207,14 +212,25 @@ class _Copied:
 
 def report(arguments: Sequence[str], output: str = '', ended: str = '') -> str:
     """Write what a bug report needs about a call, and about an exception that is handled."""
-    files = [path for path in map(Path, arguments) if path.suffix in ('.yaml', '.urdf')
-             and path.is_file() and os.access(path, os.R_OK) and path.stat().st_size < LONGEST]
+    files = [path for word in map(Path, arguments)
+             for path in (word, word / 'model.yaml', word / 'arm.yaml')
+             if path.suffix in ('.yaml', '.urdf') and path.is_file()
+             and os.access(path, os.R_OK) and path.stat().st_size < LONGEST]
     raised = traceback.format_exc() if sys.exc_info()[0] else ''
     return '\n'.join((
         *(f'{name}: {value}' for name, value in provenance().items()),
         *(f'{check.name}: {check.found}' for check in checks()), f'folder: {Path.cwd()}',
         f'call: {shlex.join(("tudor", *arguments))}', *filter(None, (ended, output, raised)),
-        *(f'{path}:\n{read_bounded(path, LONGEST).decode(errors="replace")}' for path in files)))
+        *(f'{path}:\n{read_bounded(path, LONGEST).decode(errors="replace")}' for path in files),
+        *filter(None, map(_summary, arguments))))
+
+
+def _summary(word: str) -> str:
+    """Say what is in a bag, as ``tudor info --json`` does; empty of what is none."""
+    try:
+        return f'{word}:\n{json.dumps(describe(parse_choice(word).path).as_dict(), indent=1)}'
+    except Exception:  # it is perhaps what the report is about, and its error is there
+        return ''
 
 
 def recorded(path: Path, arguments: Sequence[str], run: Callable[[], int]) -> int:

@@ -28,25 +28,26 @@ import numpy as np
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import plan_from_arm
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.console import (
     add_bags_and_model, new_table, print_findings, print_json, print_table, say, say_command,
-    score_table, steps, write)
+    say_verdict, score_table, steps, write)
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.files import dump_npz
+from tudor_dynamics.files import dump_npz, provenance
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
     evaluate_collisions, find_truth, FREE, MethodResult, Truth, truth_of_file,
     WatchedBag, within)
 from tudor_dynamics.identification.doctor.between import examine_evaluation
 from tudor_dynamics.identification.next_steps import changes, fit_with, touched
-from tudor_dynamics.identification.validation import rounded, Validation
+from tudor_dynamics.identification.validation import Grade, rounded, Validation
 from tudor_dynamics.library import predict_bags, warn_of_training
 from tudor_dynamics.models.bundle import KINDS, ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.online.black_box import records_of
 from tudor_dynamics.online.detector import DetectorSettings, Rates, time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
-from tudor_dynamics.provenance import provenance
 
 
 LONGEST_DEBOUNCE = 60.0  # a push that lasts longer is none [s]
@@ -101,8 +102,8 @@ def run_collisions(args: argparse.Namespace) -> int:
                     'collisions': {item.method: collision_values(item, args.false_alarms)
                                    for item in results}})
     else:
+        _print_verdict(results, args, bundle)
         print_collisions(results, args.false_alarms)
-        _print_kept(results, args, bundle)
         say(*[f'{item.method} in {bag.bag}: up to {bag.ratio.max(initial=0.0):.2f} times its '
               f'threshold; pushes are known from {bag.truth.source or "nothing"}'
               for item in results for bag in item.watched] * args.verbose)
@@ -121,12 +122,7 @@ def _truth(args: argparse.Namespace, place: int, bag: BagData, bundle: ModelBund
 
 
 def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
-    """Print the best method in words, one row a method, and after it one row an event."""
-    best = max((item for item in results if item.score.pushes and item.score.hours), default=None,
-               key=lambda item: (item.score.found, -(item.score.false_alarms or 0)))
-    if best is not None:
-        say(f'{best.method} finds {best.score.found} of {best.score.pushes} pushes; false '
-            f'alarms in {60.0 * best.score.hours:.1f} min: {best.score.false_alarms}')
+    """Print one row a method, and after it one row an event."""
     table = new_table(
         f'collisions, false alarms allowed per hour: {allowed:g}', names=('method',),
         figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',
@@ -145,22 +141,33 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
                              for item in results if item.no_contact))
 
 
-def _print_kept(
+def _print_verdict(
     results: Sequence[MethodResult], args: argparse.Namespace, bundle: ModelBundle,
 ) -> None:
-    """Say how many times what was promised came, and how thresholds learn from it."""
+    """Say what the best method finds, how many times what was promised came, and what to do."""
+    best = max((item.score for item in results if item.score.pushes and item.score.hours),
+               default=None, key=lambda score: (score.found, -(score.false_alarms or 0)))
+    if best is not None:
+        method = next(item.method for item in results if item.score is best)
+        level = Grade.USABLE if best.found else Grade.DO_NOT_USE
+        if best.found == best.pushes and not best.false_alarms:
+            level = Grade.GOOD
+        say_verdict(level, f'{method} finds {best.found} of {best.pushes} pushes', '; false '
+                    f'alarms in {60.0 * best.hours:.1f} min: {best.false_alarms}')
     broken = False
     for item in results:
         kept = item.score.kept(args.false_alarms)
         if kept is not None:
             broken |= kept['low'] > 1.0
-            times = (f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
-                     f'{kept["high"]:.3g})' if kept['low'] > 1.0 or kept['high'] < TOO_WIDE else
-                     f'too short to judge ({60.0 * item.score.hours:.2g} min)')
+            grade = Grade.DO_NOT_USE if kept['low'] > 1.0 else (
+                Grade.GOOD if kept['high'] < TOO_WIDE else None)
+            times = (f'too short to judge ({60.0 * item.score.hours:.2g} min)' if grade is None
+                     else f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
+                     f'{kept["high"]:.3g})')
             lost = 100.0 * item.score.unjudged / (item.score.hours + item.score.unjudged)
-            say(f'{item.method}: false alarms in {item.score.hours:.3g} h: '
-                f'{item.score.false_alarms}, {kept["promised"]:.3g} promised: {times}'
-                + f'; {lost:.0f} % of the time was not judged' * (lost > 1.0))
+            say_verdict(grade, times, f'; {lost:.0f} % of the time was not judged' * (lost > 1.0),
+                        f'{item.method}: false alarms in {item.score.hours:.3g} h: '
+                        f'{item.score.false_alarms}, {kept["promised"]:.3g} promised: ')
     if broken and args.free:
         command = fit_with(bundle, args.bags, args.model, args.payload)
         say('more than was promised: this motion is of another kind or day; thresholds learn '
@@ -343,9 +350,15 @@ def run(args: argparse.Namespace) -> int:
         return 1 if worse else 0
     rows = [(output, kind, item.score, output_units(bundle.arm, output))
             for output, kinds in found.items() for kind, item in kinds.items()]
-    say(*map(str, worse))
+    events = [bag.choice.path for bag in data if records_of(open_bag(bag.choice.path))]
+    for path in events:
+        say(f'{path} is the bag of an event: of the model it says nothing; why it came:')
+        say_command(shlex.join(['tudor', 'why', str(path)]))
+    for change in worse:
+        say_verdict(Grade.DO_NOT_USE, str(change))
     if compared and not worse:
-        say('the model is what it was in its validation: no channel is worse by more than chance')
+        say_verdict(Grade.GOOD, 'the model is what it was in its validation',
+                    ': no channel is worse by more than chance')
     print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}, ' + (
         'as the monitor filters' if args.causal else 'offline: filters without delay'), rows))
     if args.verbose:
@@ -355,7 +368,7 @@ def run(args: argparse.Namespace) -> int:
     for bag, carried in evaluated.loads.items():
         say(f'load in {bag}: {carried.sentence}')
         say_command(shlex.join(['tudor', 'payload', bag, '--model', args.model]))
-    if worse and all(item.kind == 'standstill' for item in findings):
+    if worse and not events and all(item.kind == 'standstill' for item in findings):
         _print_cause(args, data, [touched(change, found[change.output][change.kind])
                                   for change in worse])
     return 1 if worse else 0

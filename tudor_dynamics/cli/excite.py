@@ -23,7 +23,6 @@ from pathlib import Path
 import time
 
 import numpy as np
-from rich.progress import BarColumn, TimeElapsedColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import RADIUS, SelfCollision, walls_of
@@ -200,8 +199,8 @@ def run(args: argparse.Namespace) -> int:
                   args.seed)
     begun, cut = time.perf_counter(), False
     with bar(order.steps * len(STAGES) if rigid else int(args.seconds / (MOVE + REST)),
-             'search, mean error {task.description}' if rigid else 'search, move by move',
-             BarColumn(), TimeElapsedColumn()) as advance:
+             'search, ' + ('mean error {task.description}' if rigid else 'move by move')
+             ) as advance:
         def over(cost: float) -> bool:
             nonlocal cut
             advance(advance=1, description=f'{np.exp(min(cost, 700.0)):.3g}')

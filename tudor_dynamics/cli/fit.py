@@ -181,7 +181,10 @@ def run(args: argparse.Namespace) -> int:
         sums = out.with_name(out.name + SUFFIX).absolute()
         streaming = Streaming(sums, args.jobs, strict=args.strict)
         total = 4 * len(training) + 2 * len(test)
-    with (steps(total + 4 * len(settings.kinds) + 5) as step, on_cluster(args.cluster)):
+    # how many steps the search for an elastic model takes shows only at its end
+    known = None if 'elastic' in settings.kinds else (
+        total + 4 * len(settings.kinds) + 5 + settings.tool)
+    with steps(known) as step, on_cluster(args.cluster):
         fit = fit_choices(arm, training, test, preprocessing, settings, payloads,
                           ignore_payload=args.ignore_payload, plan=plan, out=out,
                           overwrite=args.overwrite, streaming=streaming, progress=step,

@@ -75,8 +75,8 @@ def run(args: argparse.Namespace) -> int:
     if out.exists() and not out.is_dir():
         raise UsageError('is not a directory', place=out, remedy='give another --out')
     begun = time.perf_counter()
-    total = 4 * sum(len(arm.bags) for arm in plan.arms) + 3
-    with steps(total) as step, on_cluster(args.cluster):
+    known = None if args.elastic else 4 * sum(len(arm.bags) for arm in plan.arms) + 3
+    with steps(known) as step, on_cluster(args.cluster):
         fleet = study(plan, StudySettings(path.parent, out, args.jobs, models=not args.no_models,
                                           elastic=args.elastic), step)
     if args.strict and fleet.unused:

@@ -26,11 +26,13 @@ from rich.text import Text
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
-from tudor_dynamics.cli.console import new_table, print_findings, print_json, print_table, say
+from tudor_dynamics.cli.console import (
+    new_table, print_findings, print_json, print_table, say, say_verdict)
 from tudor_dynamics.errors import BagError, complain, printable
 from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.doctor.samples import look_at_samples
+from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.signals.preprocessing import retimed
 
 EXAMPLES = """\
@@ -132,9 +134,9 @@ def show(report: BagReport, console: Console, findings: Sequence[Finding] = ()) 
     console.print(f'{report.storage}, {len(report.files)} file(s), {report.size / 1e6:.3g} MB, '
                   f'{report.duration:.4g} s{start}{payload}')
     usable = report.effort_model or report.strain_model
-    console.print(Text(f'use: {printable(report.verdict)}', style='green' if usable else 'red'))
+    say_verdict(Grade.GOOD if usable else Grade.DO_NOT_USE, f'use: {report.verdict}')
     for text in report.odd:
-        console.print(Text(f'odd: {printable(text)}', style='yellow'))
+        say_verdict(Grade.USABLE, f'odd: {text}')
     print_findings(findings)
     console.print()
     table = new_table('', names=('topic\n  type', 'clock'), figures=(

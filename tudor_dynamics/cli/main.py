@@ -162,7 +162,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             loud.add_argument('-q', '--quiet', action='store_true',
                               help='print errors alone, and with --json the object')
             sub.add_argument('--debug', metavar='FILE', help='write what a bug report needs: '
-                             'versions, call, output, traceback, descriptions')
+                             'versions, call, output, traceback, descriptions, what bags hold')
     return parser
 
 

@@ -22,9 +22,10 @@ from pathlib import Path
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.console import (
-    add_bags_and_model, new_table, print_json, print_table, say, steps)
+    add_bags_and_model, new_table, print_json, print_table, say, say_verdict, steps)
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice, parse_payloads
 from tudor_dynamics.identification.loads import payload_of, telling
+from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.load.offline import PayloadEstimate, Presence
 from tudor_dynamics.models.bundle_io import load_bundle
 
@@ -74,15 +75,25 @@ def run(args: argparse.Namespace) -> int:
             for bag, item, mass in zip(bags, found, known, strict=True)}})
     else:
         _print(bags, found, known)
-    bad = [item for item, mass in zip(found, known, strict=True)
-           if item.verdict is Presence.UNKNOWN or (
-               mass is not None and not abs(item.mass - mass) <= FAR * item.mass_std)]
-    return 1 if bad else 0
+    return int(any(map(_doubtful, found, known)))
+
+
+def _doubtful(item: PayloadEstimate, mass: float | None) -> bool:
+    """Say whether a bag has no information, or the truth is elsewhere."""
+    return item.verdict is Presence.UNKNOWN or (
+        mass is not None and not abs(item.mass - mass) <= FAR * item.mass_std)
 
 
 def _print(
     bags: Sequence[BagData], found: Sequence[PayloadEstimate], known: Sequence[float | None],
 ) -> None:
+    for bag, item, mass in zip(bags, found, known, strict=True):
+        say_verdict(Grade.DO_NOT_USE if _doubtful(item, mass) else Grade.GOOD, item.sentence,
+                    of=f'{bag.choice}: ')
+        if item.known:
+            say(f'  {item.known:g} kg of it are in the model')
+        if mass is not None:
+            say(f'  known: {mass:g} kg, error {item.mass - mass:+.4g} kg')
     table = new_table('residual without the load and with it', names=('bag', 'output'),
                       figures=('without %', 'with %'))
     for bag, item in zip(bags, found, strict=True):
@@ -90,9 +101,3 @@ def _print(
             table.add_row(str(bag.choice), one.output, f'{100 * one.before:.1f}',
                           f'{100 * one.after:.1f}')
     print_table(table)
-    for bag, item, mass in zip(bags, found, known, strict=True):
-        say(f'{bag.choice}: {item.sentence}')
-        if item.known:
-            say(f'  {item.known:g} kg of it are in the model')
-        if mass is not None:
-            say(f'  known: {mass:g} kg, error {item.mass - mass:+.4g} kg')

@@ -20,8 +20,6 @@ import argparse
 from pathlib import Path
 import time
 
-from rich.progress import BarColumn, TimeRemainingColumn
-
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.cli.console import (
     add_running, bar, check_running, new_table, print_json, print_table, say)
@@ -129,8 +127,7 @@ def run(args: argparse.Namespace) -> int:
     loop.step([0.0] * len(arm.active_joints), [0.0] * len(arm.active_joints))
     specs = _specs(args, arm, loop.dt)
     total = args.stimuli * int(round(args.seconds / loop.dt))
-    with bar(total, 'simulate', BarColumn(), TimeRemainingColumn()) as advance, on_cluster(
-            args.cluster):
+    with bar(total, 'simulate') as advance, on_cluster(args.cluster):
         results = record_stimuli(args.arm, specs, paths, args.jobs,
                                  lambda done: advance(completed=done))
     _write_campaign(out / 'campaign.yaml', args, arm, specs, results)

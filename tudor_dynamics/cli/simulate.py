@@ -18,16 +18,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-import sys
 import warnings
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
-from tudor_dynamics.errors import check_budget, TudorWarning, UsageError
+from tudor_dynamics.errors import check_budget, complain, TudorWarning, UsageError
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import (
@@ -151,8 +148,7 @@ def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tupl
         plant.reset(start, rate, external_force=None if force is None else force[0])
     torque = torque_signal(args.torque, t, mechanism.joints, active)
     plant.start_torque(torque[0])
-    with bar(steps, 'simulating', BarColumn(), '{task.percentage:.0f} %',
-             TimeRemainingColumn()) as advance:
+    with bar(steps, 'simulating') as advance:
         return run_plant(plant, probe, torque, every=every, motion=motion, force=force,
                          progress=lambda done: advance(advance=done))
 
@@ -165,10 +161,10 @@ def run(args: argparse.Namespace) -> int:
     _check(args, mechanism)
     if parts := left_out(described):
         names = sorted({name for found in parts.values() for name in found})
-        print(f'{arm.name}: left out of the motors of {", ".join(parts)}: {", ".join(names)}; '
-              'tudor record has them', file=sys.stderr)
+        complain(f'{arm.name}: left out of the motors of {", ".join(parts)}: {", ".join(names)}; '
+                 'tudor record has them')
     # The first call after installation compiles for some twenty seconds.
-    with Console(file=sys.stderr).status('preparing the mechanism'):
+    with bar(None, 'preparing the mechanism'):
         plant = Plant(mechanism, args.dt, rho=args.rho)
         probe = Probe(plant, arm=arm)
     for name in args.hold:
@@ -181,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
     if args.pictures and folder is not None:
         plot_configuration(folder / 'initial.png', mechanism, probe.observe().position,
                            f'{arm.name}: initial configuration')
-        print(f'{folder / "initial.png"}: initial configuration', file=sys.stderr)
+        complain(f'{folder / "initial.png"}: initial configuration')
     if not _runs(args) and (args.pictures or args.modes is not None):
         _warn_of(largest_rotation(plant), arm)
         return 0
@@ -194,14 +190,15 @@ def run(args: argparse.Namespace) -> int:
         if name not in known:
             raise UsageError(f'--signals {name}: no such signal; choose from {", ".join(known)}')
     result = SimulatedRun(arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
-    if folder is not None:
-        result.save(folder)
-    if args.pictures and folder is not None:
-        for name in signals:
-            file = ''.join(c if c.isalnum() or c in '-_' else '_' for c in name)
-            result.plot(name, folder / f'{file}.png', title=result.curves(name).title)
-    if args.animate is not None:
-        result.animate(args.animate)
+    with bar(None, 'writing'):
+        if folder is not None:
+            result.save(folder)
+        if args.pictures and folder is not None:
+            for name in signals:
+                file = ''.join(c if c.isalnum() or c in '-_' else '_' for c in name)
+                result.plot(name, folder / f'{file}.png', title=result.curves(name).title)
+        if args.animate is not None:
+            result.animate(args.animate)
     _report(args, result.run, mechanism, arm)
     _warn_of(float(result.run.rotation.max()), arm)
     return 0

@@ -20,7 +20,6 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.console import (
@@ -94,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
             payloads = (bundle.payload,)
     wish = Wish(args.damping_ratio, args.delay, tuple(args.payloads or payloads))
     tuned = TunedArm(arm, model)
-    with bar(None, 'tuning', BarColumn(), TimeRemainingColumn()) as advance:
+    with bar(None, 'tuning') as advance:
         schedule = design(tuned, wish, lambda done, total: advance(completed=done, total=total))
         fixed = fixed_ratios(tuned, wish.delay, schedule)
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -22,9 +22,10 @@ import re
 import warnings
 
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.cli.console import print_json, say
+from tudor_dynamics.cli.console import bar, print_json, say, say_verdict
 from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.identification.causes import Cause, explain
+from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.online.black_box import records_of
 from tudor_dynamics.online.detector import time_of_day
@@ -49,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', metavar='MODEL',
                         help='bundle of tudor fit (that which the bag names)')
     parser.add_argument('--at', default='', metavar='HH:MM:SS',
-                        help='explain the events whose date or time of day has this in it')
+                        help='explain the events whose date or time, in UTC, has this in it')
     parser.add_argument('--payload', type=float, metavar='KG',
                         help='mass at the tip (that which the bag names, or 0)')
     parser.add_argument('--json', action='store_true', help='print the causes as JSON')
@@ -57,9 +58,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, explain, print."""
-    if re.search('[^0-9 :.-]', args.at):
-        raise UsageError(f'--at {args.at}: expected a time of day such as 14:03:12')
-    found = causes(args)
+    if re.search('[^0-9 :.UTC-]', args.at):
+        raise UsageError(f'--at {args.at}: expected a time of day in UTC, such as 14:03:12')
+    with bar(None, 'replay'):
+        found = causes(args)
     if args.json:
         print_json([{
             **cause.event.as_dict(), 'method': cause.event.event.method, 'cause': cause.name,
@@ -100,11 +102,13 @@ def causes(args: argparse.Namespace) -> list[Cause]:
 def _print(found: Sequence[Cause], *, verbose: bool) -> None:
     """Print a paragraph for each event."""
     if not found:
-        say('no such event comes when the messages pass the monitor again')
+        say_verdict(Grade.USABLE, 'no such event comes when the messages pass the monitor again',
+                    '; times are in UTC')
     for cause in found:
         seen = cause.event
-        say(f'{time_of_day(seen.event.onset)}: {cause.name}',
-            f'  {seen.channel} of {seen.event.link}, by {seen.event.method}: '
+        say_verdict(Grade.GOOD if cause.evidence else Grade.USABLE, cause.name,
+                    of=f'{time_of_day(seen.event.onset)}: ')
+        say(f'  {seen.channel} of {seen.event.link}, by {seen.event.method}: '
             f'{seen.ratio:.2f} times its threshold, for {1e3 * seen.seconds:.0f} ms',
             *(f'  {text}' for text in (cause.evidence, cause.remedy) if text))
         if verbose:

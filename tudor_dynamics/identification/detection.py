@@ -41,8 +41,7 @@ from tudor_dynamics.online.detector import CollisionEvent, Level, time_of_day
 from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.online.settings import BLOCK
 from tudor_dynamics.online.streams import Predictor, StateFilter
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 # -- What is known of the pushes of a bag: from a topic, from a table, or nothing.

@@ -41,10 +41,9 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.flexible_tool import flange_motion, hidden_in, pushes, sizes_of, square
 from tudor_dynamics.models.friction import sliding
 from tudor_dynamics.models.regressor import regressor_of
-from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals.motion_profile import (
     follow_targets, joint_range, motion_limits, Reference, states)
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 # -- The search for the motion that shows the parameters best, within all limits.

@@ -34,9 +34,8 @@ from tudor_dynamics.identification.dataset import BagData, model_for
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.estimation import Products, rescaled, squared_residuals
-from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals.preprocessing import noise_gain
-from tudor_dynamics.typing import finite_array, FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray, Shown
 
 
 # -- Figures by which predictions are judged, per channel and over all channels.

@@ -32,9 +32,8 @@ from tudor_dynamics.load.rows import (
 from tudor_dynamics.load.settings import (
     LARGEST_ARM, PASSES, POSES, STEP, SURE, TURNS, UNKNOWN_STD, WIDER, WINDOW)
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals.preprocessing import Stretch
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 # -- Least squares of a load on the residual of a model, with errors for residuals that are

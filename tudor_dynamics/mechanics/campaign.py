@@ -43,10 +43,9 @@ from tudor_dynamics.mechanics.hardware import (
 from tudor_dynamics.mechanics.mechanism import beam_axes, Mechanism
 from tudor_dynamics.mechanics.run import FIRST_STAMP
 from tudor_dynamics.parallel import Count, in_processes
-from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals.motion_profile import (
     aprbs, follow_targets, joint_range, motion_limits, Reference, states)
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 # -- Loads that are picked up and put down while the arm moves

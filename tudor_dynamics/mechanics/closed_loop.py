@@ -41,10 +41,9 @@ from tudor_dynamics.mechanics.integrator import PlantTables
 from tudor_dynamics.mechanics.mechanism import build_mechanism
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import Probe
-from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals.filters import low_pass_gain
 from tudor_dynamics.signals.motion_profile import motion_limits
-from tudor_dynamics.typing import finite_array, FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray, Shown
 
 
 # -- One step after another, compiled.

@@ -31,8 +31,7 @@ from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import Chain
 from tudor_dynamics.mechanics.matrices import Composite
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import FloatArray, IntArray
+from tudor_dynamics.typing import FloatArray, IntArray, Shown
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,7 @@ from tudor_dynamics.mechanics.chain import (
 from tudor_dynamics.mechanics.equations import joint_reactions, LOADS, nodal_motion, section_loads
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge, with_motors
 from tudor_dynamics.mechanics.plant import Plant
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 # -- What a run shows: motion of nodes, internal loads anywhere along a beam, surface strain

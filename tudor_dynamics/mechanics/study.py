@@ -40,8 +40,7 @@ from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import (
     count_steps, FIRST_STAMP, InertialSensors, PlantRecord, Probe, run_plant)
-from tudor_dynamics.shown import Shown
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 # -- Figures of a run: initial configuration, signals over time and frequency

@@ -27,7 +27,7 @@ from tudor_dynamics.models.base import Model, SAME
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.flexible_tool import FlexibleTool
-from tudor_dynamics.shown import Shown
+from tudor_dynamics.typing import Shown
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 import os
 from pathlib import Path
+import shlex
 from threading import Thread
 import time
 from typing import Any
@@ -31,6 +32,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.files import provenance
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
@@ -39,7 +41,6 @@ from tudor_dynamics.nodes.common.messages import (
 from tudor_dynamics.online.black_box import Message, MessageRing, write_events
 from tudor_dynamics.online.monitor import FIELD, Monitor
 from tudor_dynamics.online.settings import RECORDED_AFTER
-from tudor_dynamics.provenance import provenance
 
 
 OFF = 'none', 'off'  # a bare off is a truth value in YAML
@@ -78,9 +79,9 @@ class BlackBox:
             return
         if not self._pending:
             self._due = self._ring.last + round(RECORDED_AFTER * 1e9)
-        self._pending.append({
-            **record, 'state': self._node.status()[2],
-            'settings': {name: self._node.value(name) for name in self._node.params}})
+        settings = {name: self._node.value(name) for name in self._node.params}
+        settings['model'] = str(Path(settings['model']).absolute())  # readers are elsewhere
+        self._pending.append({**record, 'state': self._node.status()[2], 'settings': settings})
 
     def _look(self) -> None:
         """Write what is due, also where messages have ended."""
@@ -96,9 +97,10 @@ class BlackBox:
         folder = Path(self._node.value('event_bags') or f'{home}/tudor_dynamics/events')
         try:
             path = write_events(
-                folder.expanduser() / self._node.get_namespace().strip('/'), self._paced(messages),
-                [record | made for record in records])
-            self._node.get_logger().info(f'to see why: tudor why {path} (the last 30 s)')
+                folder.expanduser().absolute() / self._node.get_namespace().strip('/'),
+                self._paced(messages), [record | made for record in records])
+            command = shlex.join(['tudor', 'why', str(path)])
+            self._node.get_logger().info(f'to see why: {command} (the last 30 s)')
         except BagError as err:
             self._node.get_logger().error(str(err))
 

@@ -20,7 +20,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timezone
 import json
 from pathlib import Path
 import shutil
@@ -49,7 +49,7 @@ def record_of(event: CollisionEvent, excess: Excess) -> dict[str, Any]:
     """
     Give all that was known at the sample that made an event certain, as JSON has it.
 
-    excess: that of the event's method. Stamps in ns, ``time``: the onset as local time; by channel
+    excess: that of the event's method. Stamps in ns, ``time``: the onset in UTC; by channel
     in its unit; channel: of the largest ratio; motion: q, dq, ddq of active joints [rad or m, s].
     """
     channels = list(event.ratios)
@@ -105,7 +105,7 @@ def write_events(
 ) -> Path:
     """Write a bag of events, whole or not at all; the oldest goes where there are too many."""
     # by the clock on the wall: simulated time begins at 0 in every run
-    path = folder / datetime.now().strftime('event_%Y%m%d_%H%M%S_%f')
+    path = folder / datetime.now(timezone.utc).strftime('event_%Y%m%d_%H%M%S_%f')
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_messages(path, messages, custom={EVENTS: json.dumps(records)})

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import datetime, timezone
 from enum import IntEnum
 import math
 
@@ -37,8 +37,8 @@ from tudor_dynamics.typing import FloatArray
 
 
 def time_of_day(stamp: int) -> str:
-    """Write a stamp [ns] as local time."""
-    return datetime.fromtimestamp(stamp * 1e-9).isoformat(' ', 'milliseconds')
+    """Write a stamp [ns] as UTC: readers are in any zone."""
+    return f'{datetime.fromtimestamp(stamp * 1e-9, timezone.utc):%F %T.%f}'[:-3] + ' UTC'
 
 
 def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:

@@ -24,9 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals import settings
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 # Low-passes of even order as sections of second order, run forward and backward over a record: the

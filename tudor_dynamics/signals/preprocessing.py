@@ -25,12 +25,11 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.shown import Shown
 from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.filters import (
     CausalDifferentiator, chebyshev, forward_backward, low_pass, low_pass_sections, MotionState,
     zero_phase)
-from tudor_dynamics.typing import finite_array, FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray, Shown
 
 
 @dataclass(frozen=True, eq=False)
