@@ -72,12 +72,12 @@ class ArmSimulatorNode(TudorNode):
         self.apply()
         self._run_beside(partial(self._live, arm))
 
-    def _connect(self, arm: Arm, process: ArmProcess) -> None:
+    def _connect(self, arm: Arm, rig: ArmProcess) -> None:
         self._names = list(arm.active_joints)
         # with the held ones robot_state_publisher has the whole arm
         self._all = list(arm.movable_joints)
         self._active = [self._all.index(name) for name in self._names]
-        self._held = np.array([process.held.get(name, 0.0) for name in self._all])
+        self._held = np.array([rig.held.get(name, 0.0) for name in self._all])
         self._gauges, self._base = list(arm.gauge_names), base_frame(arm.full_model)
         self._joints = self.publish_on(JointState, arm.spec.joint_topic)
         efforts = by_topic(joint.effort for joint in arm.joints)
@@ -92,9 +92,9 @@ class ArmSimulatorNode(TudorNode):
         self._wrench = self.publish_on(WrenchStamped, APPLIED_WRENCH)
         self._ticks = self.create_publisher(Clock, CLOCK, 10) if self.value('clock') else None
         self._inputs = [
-            self.subscribe(Float64MultiArray, VELOCITY_COMMANDS, partial(self._on_command, process)),
-            self.subscribe(WrenchStamped, EXTERNAL_WRENCH, partial(self._on_wrench, process))]
-        self.serve(RESET, partial(self._reset, process))
+            self.subscribe(Float64MultiArray, VELOCITY_COMMANDS, partial(self._on_command, rig)),
+            self.subscribe(WrenchStamped, EXTERNAL_WRENCH, partial(self._on_wrench, rig))]
+        self.serve(RESET, partial(self._reset, rig))
 
     def apply(self) -> None:
         if self.arm is None:

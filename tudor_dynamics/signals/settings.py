@@ -41,8 +41,7 @@ SETTLED = 16.0
 # An arm that stays within this [rad or m] for so long [s] stands, as filters assume; it moves soon
 # where it goes ten times as far before they settle. 2 mrad give false couplings: test_trials.py.
 STOOD, STANDSTILL = 0.1, 2e-4
-# Speed below which a stretch begins at rest [rad/s or m/s].
-STILL = 0.02
+STILL = 0.02  # speed below which a stretch begins at rest [rad/s or m/s]
 # Samples below which a stretch is left out, as a zero-phase filter needs as many.
 FEWEST = 32
 # Frequencies that count as those of links [Hz]: around the first mode of the reference arm, 1.7 to

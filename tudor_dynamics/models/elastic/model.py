@@ -389,7 +389,7 @@ class LiveElastic:
         self._lost = False
         try:
             if self._gauges is not None:
-                self._observe(float(step[0]))
+                self._observe(float(step[0]), self._gauges)
             response = self._driven.follow(row[None, :self._n_joints], step)
         except SimulationError:
             self._lost = True
@@ -399,16 +399,15 @@ class LiveElastic:
                 for output, outputs in self._outputs.items()
                 if wanted is None or output in wanted}
 
-    def _observe(self, dt: float) -> None:
+    def _observe(self, dt: float, gauges: FloatArray) -> None:
         """Correct the state after the sample before by what was measured there."""
-        assert self._gauges is not None
         strain, self._strain = self._strain, None
         if dt <= 0.0:
             self._driven.forget()
             self._since = 0.0
             return
         if strain is not None and self._moment is not None and self._since > 0.0:
-            measured = (strain - self._gauges[:, 1]) / self._gauges[:, 0]
+            measured = (strain - gauges[:, 1]) / gauges[:, 0]
             if not self._driven.correct(measured - self._moment, self._since):
                 raise SimulationError('the elastic model diverged; fit it to more bags')
             self._since = 0.0

@@ -289,7 +289,7 @@ class DetectNode(ModelNode):
         """Publish what was found, and the load."""
         for method, residual in found.residuals:
             if self._calibration is not None and method in self._calibration.channels:
-                self._collect(method, residual)
+                self._collect(self._calibration, method, residual)
             self._residuals[method].publish(residual.motion.stamp, residual.value)
         for method, excess in found.excesses:
             stamp = excess.residual.motion.stamp
@@ -338,9 +338,7 @@ class DetectNode(ModelNode):
         self._note = f'learning thresholds for {seconds:g} s: move the arm, let nothing touch it'
         return self._note
 
-    def _collect(self, method: str, residual: Residual) -> None:
-        calibration = self._calibration
-        assert calibration is not None
+    def _collect(self, calibration: Calibration, method: str, residual: Residual) -> None:
         calibration.add(method, residual)
         if not calibration.done or self._loader is not None:
             return
