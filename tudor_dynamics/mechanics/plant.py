@@ -390,7 +390,7 @@ class Plant:
             loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
                      if not self.tables.prescribed[index]]
             msg = (f'{name}: the mass matrix is singular, as a joint or beam node moves no mass '
-                   f'(free joints: {", ".join(loose)}); give each moving link a mass, or a hub_inertia')
+                   f'(free joints: {", ".join(loose)}); give each link a mass, or a hub_inertia')
         elif status == gen.TOO_BENT:
             msg = (f'{name}: at t = {t:.6g} s a link is bent by more than '
                    f'{settings.MAX_ROTATION} rad, where a linear beam means nothing; energy '
