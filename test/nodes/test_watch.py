@@ -23,8 +23,9 @@ import subprocess
 import sys
 import threading
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
-from ros_world import feed, Hand, World
+from ros_world import feed, Hand, joint_message, World
 from std_msgs.msg import Bool, String
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
@@ -103,6 +104,24 @@ def test_a_monitor_that_died(world: World, capsys: pytest.CaptureFixture[str]) -
     hand.now += 10.0
     assert 'silent for 12 s' in drawn() and 'unknown' in drawn() and 'contact' not in drawn()
     assert capsys.readouterr().out.splitlines() == [view.warning] * 2
+
+
+def test_a_monitor_that_judges_nothing(world: World) -> None:
+    """Where its diagnosis is an ERROR the level is unknown, until a sample is judged again."""
+    view = world.add(WatchNode).view
+    sender = world.probe.create_publisher(DiagnosticArray, '/diagnostics', 10)
+    ratios = world.output('strain_ratios')
+    assert world.spin(lambda: sender.get_subscription_count() and ratios.get_subscription_count())
+
+    def diagnosed(level: bytes) -> None:
+        sender.publish(DiagnosticArray(status=[DiagnosticStatus(
+            level=level, name='monitor: /', message='nothing is judged')]))
+    diagnosed(DiagnosticStatus.ERROR)
+    assert world.spin(lambda: view.warning == 'nothing is judged') and view.level == 'unknown'
+    ratios.publish(joint_message(1_000_000_000, ['link2_hub'], position=[0.5]))
+    assert world.spin(lambda: view.level == 'free')
+    diagnosed(DiagnosticStatus.WARN)
+    assert world.spin(lambda: view.warning == 'nothing is judged') and view.level == 'free'
 
 
 @pytest.mark.parametrize('text', ['', '[]', '{"onset": 1}', '{"onset": "x", "ratio": 3}'])

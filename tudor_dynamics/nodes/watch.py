@@ -28,7 +28,7 @@ import numpy as np
 from std_msgs.msg import Bool, String
 
 from tudor_dynamics.errors import forget_output
-from tudor_dynamics.nodes.common.base import latched, NAMES, OK, TudorNode
+from tudor_dynamics.nodes.common.base import ERROR, latched, NAMES, OK, STALE, TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, COLLISION_RECORD, CONTACT, DIAGNOSTICS, PAYLOAD_TOPIC, RATIOS)
 from tudor_dynamics.nodes.common.messages import JointSample
@@ -116,6 +116,7 @@ class WatchNode(TudorNode):
                 self._heard()
                 self.view.state = f'{name}: {NAMES[status.level]}'
                 self.view.warning = '' if status.level == OK else status.message
+                self.view.level = UNKNOWN if status.level in (ERROR, STALE) else self.view.level
 
     def close(self) -> None:
         """Leave the terminal as it was."""
