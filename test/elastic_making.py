@@ -26,7 +26,8 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
-from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
+from tudor_dynamics.models.elastic.model import (
+    driven_arm, ElasticModel, follow_motion, PhysicalParameter)
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.typing import FloatArray
 
@@ -127,6 +128,15 @@ def recorded(
     response = driven.follow(q, even(len(q), rate))
     random = np.random.default_rng(seed).normal(0.0, noise, response.moment.shape)
     return response.moment * GAINS + OFFSETS + random, response
+
+
+def along(
+    model: ElasticModel, motion: FloatArray, dt: FloatArray, before: FloatArray | None = None,
+) -> FloatArray:
+    """Predict along a motion from rest, or after one before."""
+    driven = driven_arm(model.arm, model.values)
+    q = motion[:, :len(model.arm.joints)]
+    return model.prepared()(follow_motion(driven, q, dt, before), motion)
 
 
 def pushed(

@@ -29,7 +29,8 @@ from tudor_dynamics.files import load_yaml
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import dump_yaml, load_bundle, save_bundle
-from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
+from tudor_dynamics.models.elastic.model import (
+    driven_arm, ElasticModel, follow_motion, PhysicalParameter)
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.online.settings import LAGS, WINDOW
@@ -171,8 +172,10 @@ class Bundles:
             for kind, model in kinds.items():
                 if getattr(model, 'payload_range', None) is not None:
                     model = model.at(0.1)
-                values = (model.along(motion, np.full(len(motion), 0.01))
-                          if isinstance(model, ElasticModel) else model.predict(motion))
+                values = (model.prepared()(follow_motion(
+                    driven_arm(model.arm, model.values), motion[:, :model.n_joints],
+                    np.full(len(motion), 0.01)), motion)
+                    if isinstance(model, ElasticModel) else model.predict(motion))
                 predicted[output, kind] = values
         return predicted
 

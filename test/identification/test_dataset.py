@@ -141,6 +141,17 @@ def test_blocks_of_several_bags() -> None:
         assert count == bags[0].samples + bags[1].samples
 
 
+def test_what_was_before_may_begin_in_motion() -> None:
+    """A part that follows a motion knows its past only where that began at standstill."""
+    t = np.arange(900) * 0.01
+    for moves, begin in ((True, 0.0), (False, 2.0)):
+        q = np.repeat(np.sin(3.0 * np.maximum(t - begin, 0.0))[:, None], 2, axis=1)
+        whole = recording_of(q, 100.0, strain=np.zeros_like(q))
+        later = cut(whole, BagChoice('bag', 4.0, 9.0, seconds=True))
+        (stretch,) = prepare(later, PreprocessingSpec())
+        assert stretch.before is not None and stretch.past_unknown == moves
+
+
 @pytest.mark.parametrize(('before', 'behind', 'note'), [
     (3.0, 4.0, 'standstill of 2.6 s at the start and 3.6 s at the end is left out'),
     (0.0, 4.0, 'standstill of 3.6 s at the end is left out'),

@@ -86,20 +86,23 @@ def test_traces_carry_time(kind: str) -> None:
 
 
 def test_an_unknown_past_is_said() -> None:
-    """Where a model with a memory begins in motion, or after a gap in it; not from standstill."""
+    """Where a bag begins in motion, or after a gap in it, and no strain shows the links."""
     class Remembering(Constant):
         has_memory = True
-    model, moving = Remembering(np.zeros(2)), _bag(3.0)
-    with pytest.warns(TudorWarning, match='bag3 begins in motion, or goes on so after a gap'):
-        trace(model, moving, 'strain')
-    q = np.zeros((300, 2))
-    q[100:] = np.linspace(0.0, 1.0, 200)[:, None]
-    recording = recording_of(q, 100.0, strain=np.zeros((300, 2)))
-    resting = BagData(BagChoice('resting'), recording, tuple(prepare(recording, SPEC)))
+
+    def read(q: FloatArray, **outputs: FloatArray) -> BagData:
+        recording = recording_of(q, 100.0, gaps=(300,), path='bag', **outputs)
+        return BagData(BagChoice('bag'), recording, tuple(prepare(recording, SPEC)))
+    model, q = Remembering(np.zeros(2)), multisine(np.arange(600) * 0.01, 2)[:, :2]
+    with pytest.warns(TudorWarning, match='bag begins in motion, or goes on so after a gap'):
+        trace(model, read(q, effort=np.zeros((600, 2))), 'effort')
+    rest = np.repeat(np.interp(np.arange(600), [100, 250, 350, 600], [0.0, 1.0, 1.0, 0.0])[
+        :, None], 2, axis=1)
     with warnings.catch_warnings():
         warnings.simplefilter('error')
-        trace(model, resting, 'strain')
-        trace(Constant(np.zeros(2)), moving, 'strain')
+        trace(model, read(rest, effort=np.zeros((600, 2))), 'effort')
+        trace(model, read(q, effort=np.zeros((600, 2)), strain=np.zeros((600, 2))), 'effort')
+        trace(Constant(np.zeros(2)), read(q, effort=np.zeros((600, 2))), 'effort')
 
 
 def test_validate() -> None:

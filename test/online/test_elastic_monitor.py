@@ -104,10 +104,9 @@ def test_live_equals_offline(
 ) -> None:
     """As ``observe`` gives it, to 1e-9, whichever of motion and strain comes first."""
     (stretch,) = prepare(recording, SPEC)
-    strain_model = bundle.models['strain']['elastic']
     found = live(Predictor(bundle, 'elastic', observer), recording, when)
     for output in ('effort', 'strain'):
-        offline = bundle.models[output]['elastic'].observe(stretch, strain_model, observer)
+        offline = bundle.models[output]['elastic'].observe(stretch, observer)
         assert difference(found[output], stretch.stamp, offline) < 1e-9
 
 

@@ -41,7 +41,7 @@ from tudor_dynamics.models.base import MemorylessModel, Model, ModelSettings, Ra
 from tudor_dynamics.models.bundle import KINDS
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import (
-    driven_arm, effort_rows, ElasticModel, follow_motion, PhysicalParameter)
+    driven_arm, effort_rows, ElasticModel, follow_stretch, PhysicalParameter)
 from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.parallel import shared_out
@@ -245,6 +245,7 @@ class ElasticTrainer:
             model.standard_errors_ = tuple(found.gauge_errors)
             model.noise_ = found.noise
         else:
+            model.strain_model = self.fit(bags, 'strain')
             self._effort(model, bags)
         return model
 
@@ -293,7 +294,7 @@ class ElasticTrainer:
             if self.payload_range is not None and bag.payload is not None:
                 driven.set_parameters({'payload': bag.payload})
             for stretch in bag.stretches:
-                response = follow_motion(driven, stretch.states.q, stretch.dt, stretch.before)
+                response = follow_stretch(driven, stretch, model.gauges)
                 made = effort_rows(model.arm, response, stretch.motion)
                 rows.append([stretch.decimation(columns) for columns in made])
                 assert stretch.effort is not None

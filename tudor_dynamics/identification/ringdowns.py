@@ -31,7 +31,7 @@ from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagData, model_for
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.model import follow_motion
+from tudor_dynamics.models.elastic.model import follow_stretch
 from tudor_dynamics.models.settings import RING_AFTER
 from tudor_dynamics.signals.filters import MotionState, ring_modes, RingMode, Vibration, zero_phase
 from tudor_dynamics.signals.preprocessing import Stretch
@@ -240,8 +240,9 @@ def standstills(t: FloatArray, dq: FloatArray) -> list[slice]:
 
 def find_ringdowns(
     driven: DrivenArm, values: Mapping[str, float], bags: Sequence[BagData],
+    gauges: FloatArray | None = None,
 ) -> tuple[Ringdown, ...]:
-    """Measure the ring-downs of some bags and predict each."""
+    """Measure the ring-downs of some bags and predict each; gauges: see ``follow_stretch``."""
     found: list[Ringdown] = []
     for bag in bags:
         own = {} if bag.payload is None else {'payload': bag.payload}
@@ -252,7 +253,7 @@ def find_ringdowns(
                 continue
             moment: FloatArray | None = None  # at the gauges along the measured motion [N m]
             with suppress(SimulationError):
-                moment = follow_motion(driven, stretch.states.q, stretch.dt, stretch.before).moment
+                moment = follow_stretch(driven, stretch, gauges).moment
             found += [one for part in parts
                       if (one := _ringdown(driven, bag, stretch, part, moment)) is not None]
     return tuple(found)

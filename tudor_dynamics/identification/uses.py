@@ -50,11 +50,10 @@ from tudor_dynamics.typing import FloatArray
 
 def free_motion(
     cases: Sequence[tuple[Model, BagData]], output: str, spec: PreprocessingSpec, *,
-    momentum: bool = False, strain: Sequence[tuple[Model, BagData]] = (),
+    momentum: bool = False,
 ) -> list[FreeMotion]:
     """Compute the residuals of every sample as the running robot has them: by causal filters."""
     live = spec.model_copy(update={'filter': 'causal', 'rate': None})
-    correcting = {id(bag): model for model, bag in strain}
     records = []
     for model, bag in cases:
         try:
@@ -66,7 +65,7 @@ def free_motion(
             if momentum:
                 residual = MomentumObserver(model).process(s.stamp, model.inputs(s), measured)
             else:
-                residual = measured - model.observe(s, correcting.get(id(bag)))
+                residual = measured - model.observe(s)
             keep = s.decimation.keep
             records.append(FreeMotion(s.stamp[keep], s.motion[keep], residual[keep],
                                       str(bag.choice)))
@@ -89,8 +88,7 @@ def learn_all(
             # the friction that may hold each joint while it stands, as all models have it
             held = np.max([model.stiction(_poses(bag, settings.STICTION_POSES))
                            for model, bag in cases], axis=0)
-        strain = next((other for what, of, other in unseen if what == 'strain' and of == kind), ())
-        records = {output: free_motion(cases, output, spec, strain=strain)}
+        records = {output: free_motion(cases, output, spec)}
         if output == 'effort' and kind == 'analytical':
             records['momentum'] = free_motion(cases, output, spec, momentum=True)
         for method, motion in records.items():

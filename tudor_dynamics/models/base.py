@@ -214,26 +214,11 @@ class Model(ABC):
         """Predict the outputs at the samples that decimation keeps, filtered as measured ones."""
         return stretch.decimation(self.follow(stretch))
 
-    def observe(
-        self, stretch: Stretch, strain_model: Model | None = None, observer: str = 'ringing',
-    ) -> FloatArray:
+    def observe(self, stretch: Stretch, observer: str = 'ringing') -> FloatArray:
         """
-        Predict as beside the robot, where measured strain may correct what comes next.
+        Predict as ``follow``, but as beside the robot, by measured strain of the samples before.
 
-        Parameters
-        ----------
-        stretch : Stretch
-            Motion without a gap, with its strain.
-        strain_model : Model, optional
-            Model of the same kind by whose strain an effort is corrected.
-        observer : {'off', 'ringing'}
-            Whether measured strain corrects the model, where the kind can make use of it.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
+        With the observer 'off', or where the kind makes no use of it, strain corrects nothing.
         """
         return self.follow(stretch)
 

@@ -87,6 +87,12 @@ class ModelBundle(Shown):
     digest: str = ''
     tool: FlexibleTool | None = None
 
+    def __post_init__(self) -> None:
+        """Let the strain model correct the effort model that was fitted with it."""
+        effort, strain = elastic_of(self, 'effort'), elastic_of(self, 'strain')
+        if effort and strain:
+            effort.strain_model = strain
+
     def __repr__(self) -> str:
         """Write the models with their verdict and their fit on unseen bags, one line each."""
         found = self.facts.get('validation')

@@ -94,6 +94,9 @@ FROM_DATA, FROM_BOTH = 0.3, 0.8
 INNER_STEP = 2e-3
 # Rate at which the observer forgets what it does not know the cause of [1/s].
 BANDWIDTH = 8.0
+# Beginning in which it learns how links oscillate, where a stretch begins in motion [s]: 2, 4, 6
+# and 8 s explain as much of bags/two_blade_test (bench/elastic_beginnings.py).
+OBSERVED = 2.0
 # The edge of a play is rounded over this part of it, where nothing better is known.
 EDGE = 0.1
 # Lag of amplifiers of gauges at most [s]: slower ones show no oscillation.

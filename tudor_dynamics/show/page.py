@@ -49,7 +49,7 @@ from tudor_dynamics.models.comparison import (
 from tudor_dynamics.models.elastic.model import driven_arm
 from tudor_dynamics.models.elastic.parameters import in_words
 from tudor_dynamics.models.regressor import output_units
-from tudor_dynamics.models.settings import INNER_STEP
+from tudor_dynamics.models.settings import INNER_STEP, OBSERVED
 from tudor_dynamics.show.figures import (
     arm_figure, coverage, decimated, density_figure, encoded, error_figure,
     event_figure, joint_axes, joint_pairs, label, liveliest, mode_figure, number, pair_figure,
@@ -308,7 +308,8 @@ def elastic_section(result: FitResult) -> dict[str, Any] | None:
     axes = joint_axes(result)
     modes = mode_map(driven, np.column_stack([axis.training for axis in axes]))
     bags = [bag for bag in (*result.training, *result.test) if bag.has('strain')]
-    ringdowns = find_ringdowns(driven, values, bags)
+    gauges = np.column_stack([found.gauges, found.noise])
+    ringdowns = find_ringdowns(driven, values, bags, gauges)
     return {
         'parameters': found.physical, 'described': described, 'not_shown': NOT_SHOWN,
         'payload': values['payload'], 'payloads': result.settings.payloads is not None,
@@ -369,7 +370,8 @@ def settings_text() -> str:
             f'with {len(STARTS)} shares of the gears in the compliance, the best '
             f'{sum(STARTS.values())} improved, two of them searched from; inner step '
             f'{1e3 * INNER_STEP:g} ms; {RUN_IN:g} s left out where a stretch begins in motion '
-            f'without its past; standard errors from clusters of {CLUSTER:g} s')
+            f'without its past, and judged there as the first {OBSERVED:g} s of strain show its '
+            f'links oscillate; standard errors from clusters of {CLUSTER:g} s')
 
 
 # -- The page of an evaluation, with loads that the model did not know of

@@ -186,9 +186,13 @@ class Stretch(Shown):
 
     @property
     def past_unknown(self) -> bool:
-        """Whether it begins in motion, and nothing is known of what was before."""
-        start = self.states.dq[self.t < self.t[0] + 0.3]
-        return self.before is None and float(np.abs(start).max()) > settings.STILL
+        """Whether all that is known of its motion begins in motion."""
+        if self.before is None:
+            start = np.abs(self.states.dq[self.t < self.t[0] + 0.3])
+        else:
+            first = self.before[np.cumsum(self.before[:, 0]) < 0.3, 1:]
+            start = np.ptp(first, axis=0) / 0.3
+        return float(start.max()) > settings.STILL
 
     @property
     def motion(self) -> FloatArray:

@@ -22,7 +22,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from elastic_making import blade_arm, even, GAINS, OFFSETS, travel
+from elastic_making import along, blade_arm, even, GAINS, OFFSETS, travel
 import numpy as np
 import pytest
 
@@ -74,7 +74,7 @@ def test_round_trip_through_a_bundle(tmp_path: Path) -> None:
         one, other = before[output]['elastic'], after.models[output]['elastic']
         assert isinstance(other, ElasticModel)
         same(one, other)
-        assert np.array_equal(one.along(motion, dt), other.along(motion, dt))
+        assert np.array_equal(along(one, motion, dt), along(other, motion, dt))
 
 
 def test_round_trip_of_all_payloads() -> None:

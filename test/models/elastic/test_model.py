@@ -16,16 +16,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-from elastic_making import blade_arm, even, GAINS, OFFSETS, recorded, travel
+from elastic_making import along, blade_arm, even, GAINS, OFFSETS, recorded, travel
 import numpy as np
 import pytest
+from sample_arms import recording_of
 
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import ElasticModel, LiveElastic, PhysicalParameter
 from tudor_dynamics.models.friction import friction_columns
+from tudor_dynamics.signals.filters import MotionState
+from tudor_dynamics.signals.preprocessing import prepare
 from tudor_dynamics.typing import FloatArray
 
 RATE = 100.0
@@ -59,7 +64,7 @@ def test_strain_is_gain_times_moment_and_offset() -> None:
     strain, _ = recorded(ARM, values, motion[:, :2], RATE, noise=0.0)
     model = model_of('strain', PhysicalParameter('bending(j1)', 14.0, 'N m^2'),
                      PhysicalParameter('payload', 0.3, 'kg'))
-    assert np.array_equal(model.along(motion, dt), strain)
+    assert np.array_equal(along(model, motion, dt), strain)
     assert model.channels == ('g1', 'g2') and model.values == values
 
 
@@ -71,7 +76,7 @@ def test_effort_is_torque_rotor_and_friction() -> None:
         ('torque', 'Ia(j2)', 'viscous+(j2)', 'viscous-(j2)', 'coulomb+(j2)', 'coulomb-(j2)'))
     motion, dt = moving()
     torque = DrivenArm(ARM).follow(motion[:, :2], dt).torque
-    found = model.along(motion, dt)
+    found = along(model, motion, dt)
     dq, ddq = motion[:, 2:4], motion[:, 4:]
     fast = np.abs(dq).min(axis=1) > 0.15
     assert fast.sum() > 20
@@ -91,7 +96,7 @@ def test_a_payload_put_in() -> None:
     assert heavy.values == {'bending(j1)': 15.0, 'payload': 0.35}
     assert heavy.coefficients_ is base.coefficients_ and heavy.noise_ is base.noise_
     strain, _ = recorded(ARM, heavy.values, motion[:, :2], RATE, noise=0.0)
-    assert np.array_equal(heavy.along(motion, dt), strain)
+    assert np.array_equal(along(heavy, motion, dt), strain)
     assert base.values == {'bending(j1)': 15.0}
     twice = heavy.at(0.1)
     assert [p.name for p in twice.physical].count('payload') == 1
@@ -108,11 +113,12 @@ def test_no_prediction_without_a_past() -> None:
     with pytest.raises(FitError, match='needs earlier samples'):
         model_of().predict(motion)
     with pytest.raises(NotFittedError, match='no coefficients'):
-        ElasticModel(ARM, 'strain').along(motion, dt)
+        along(ElasticModel(ARM, 'strain'), motion, dt)
+    three = prepare(recording_of(np.zeros((300, 3)), RATE), PreprocessingSpec())[0]
     with pytest.raises(FitError):
-        model_of().along(motion[:, :3], dt)
+        model_of().follow(three)
     with pytest.raises(ModelError, match='no parameter'):
-        model_of('strain', PhysicalParameter('spring', 1.0, 'N m')).along(motion, dt)
+        along(model_of('strain', PhysicalParameter('spring', 1.0, 'N m')), motion, dt)
     rigid = blade_arm(links=[], motors=[])
     with pytest.raises(ModelError, match='no links'):
         LiveElastic({'strain': _of(rigid)})
@@ -128,12 +134,42 @@ def test_the_motion_before_counts() -> None:
     """A stretch cut out of a motion: with what was before it, the very values of the whole."""
     motion, dt = moving(4.0)
     model = model_of()
-    whole = model.along(motion, dt)
+    whole = along(model, motion, dt)
     cut = 150
     before = np.column_stack([dt[:cut], motion[:cut, :2]])
-    assert np.array_equal(model.along(motion[cut:], dt[cut:], before), whole[cut:])
-    alone = model.along(motion[cut:], dt[cut:])
+    assert np.array_equal(along(model, motion[cut:], dt[cut:], before), whole[cut:])
+    alone = along(model, motion[cut:], dt[cut:])
     assert np.abs(alone[:50] - whole[cut:cut + 50]).max() > 2.0
+
+
+@pytest.mark.parametrize('lag', [0.0, 0.04])
+def test_strain_shows_how_it_begins(lag: float) -> None:
+    """Cut out of a motion, with nothing of what was before: 2 s of strain make up for it."""
+    rate, cut = 200.0, 800
+    q, dt = travel(11.0, rate), even(2201, rate)
+    dq = np.gradient(q, 1.0 / rate, axis=0)
+    motion = np.hstack([q, dq, np.gradient(dq, 1.0 / rate, axis=0)])
+    late = (PhysicalParameter('lag', lag, 's'),) if lag else ()
+    strain, effort = model_of('strain', *late), model_of('effort', *late)
+    effort.strain_model = strain
+    truth = {model.output: along(model, motion, dt)[cut:] for model in (strain, effort)}
+    noisy = truth['strain'] + np.random.default_rng(1).normal(0.0, 2.0, truth['strain'].shape)
+    (stretch,) = prepare(recording_of(q[cut:], rate, strain=noisy, effort=truth['effort']),
+                         PreprocessingSpec())
+    assert stretch.past_unknown
+    states = MotionState(*(part.copy() for part in np.hsplit(motion[cut:], 3)))
+    stretch, later = replace(stretch, states=states, strain=noisy), slice(round(2.5 * rate), None)
+    for model in (strain, effort):
+        true = truth[model.output]
+        plain = np.abs(along(model, stretch.motion, stretch.dt) - true)[later].max()
+        seen = np.abs(model.follow(stretch) - true)[later].max()
+        assert seen < 0.05 * plain, (model.output, seen, plain)
+    assert effort.at(0.1).gauges is not None
+    effort.strain_model = None
+    plain = along(effort, stretch.motion, stretch.dt)
+    assert np.array_equal(effort.follow(stretch), plain)
+    effort.strain_model = strain
+    assert np.array_equal(effort.observe(stretch, 'off'), plain)
 
 
 def test_live_equals_the_whole_motion() -> None:
@@ -149,7 +185,7 @@ def test_live_equals_the_whole_motion() -> None:
         for name, values in found.items():
             rows[name].append(values)
     for name, model in models.items():
-        assert np.abs(np.array(rows[name]) - model.along(motion, dt)).max() < 1e-9
+        assert np.abs(np.array(rows[name]) - along(model, motion, dt)).max() < 1e-9
 
 
 def test_live_begins_anew_after_the_impossible() -> None:
@@ -161,7 +197,7 @@ def test_live_begins_anew_after_the_impossible() -> None:
     wild[0] = 1e9
     assert live.step(0.01, wild) is None
     found = live.step(0.01, motion[2])
-    rested = model_of().along(motion[2:3], np.zeros(1))
+    rested = along(model_of(), motion[2:3], np.zeros(1))
     assert found is not None and np.array_equal(found['strain'], rested[0])
 
 

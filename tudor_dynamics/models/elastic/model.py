@@ -35,12 +35,12 @@ from tudor_dynamics.errors import ModelError, NotFittedError, SimulationError
 from tudor_dynamics.models.base import (
     AGAIN, BundlePart, check_motion, check_payload, Coefficient, CoefficientPart, Flag, Model,
     Noise, Payloads, Range, read, SLIDING, Text)
-from tudor_dynamics.models.elastic.arm import DrivenArm, Response
+from tudor_dynamics.models.elastic.arm import DrivenArm, NO_GAINS, Response
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.models.friction import (
     friction_columns, friction_names, has_constant, JointTerms, sliding)
 from tudor_dynamics.models.regressor import output_units
-from tudor_dynamics.models.settings import BANDWIDTH
+from tudor_dynamics.models.settings import BANDWIDTH, OBSERVED
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -94,6 +94,30 @@ def follow_motion(
     if not driven.begin(before):
         dt[0] = 0.0
     return driven.follow(np.asarray(q, dtype=float), dt)
+
+
+def follow_stretch(
+    driven: DrivenArm, stretch: Stretch, gauges: FloatArray | None = None,
+) -> Response:
+    """
+    Follow a stretch; where it begins in motion, gauges show how its links oscillate there.
+
+    Gauges (gauges, 3): gain, offset and noise of their strain. They correct the state for
+    OBSERVED seconds, each after its sample; what comes later follows from motion alone.
+    """
+    q, dt, before = stretch.states.q, stretch.dt, stretch.before
+    if (gauges is None or stretch.strain is None or not stretch.past_unknown
+            or not np.all(gauges[:, 0])):
+        return follow_motion(driven, q, dt, before)
+    n = int(np.searchsorted(stretch.t, stretch.t[0] + OBSERVED))
+    gain, offset, noise = gauges.T
+    measured = (stretch.strain[:n] - offset) / gain
+    gains = driven.gains_along(q[:n], dt[:n], measured, noise / np.abs(gain), BANDWIDTH, before)
+    driven.begin(before)
+    begun = driven.prompt(q[:n], dt[:n], driven.ahead(dt[:n], measured), gains)
+    rest = driven.prompt(q[n:], dt[n:], np.zeros((len(q) - n, 0)), NO_GAINS)
+    return Response(driven.late(np.vstack([begun.moment, rest.moment]), dt),
+                    np.vstack([begun.torque, rest.torque]))
 
 
 def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
@@ -153,17 +177,6 @@ class ElasticModel(Model):
         Least and largest payload of the training bags [kg]; None where it was one payload, which
         is then part of ``physical``.
 
-    Attributes
-    ----------
-    columns : tuple of tuple of str
-        Columns of each channel.
-    coefficients_ : tuple of ndarray, or None
-        Coefficients of each channel on its columns.
-    standard_errors_ : tuple of ndarray, or None
-        Their standard deviations.
-    noise_ : ndarray of shape (n_channels,), or None
-        Standard deviation of what it leaves over of the training data, in their units.
-
     """
 
     def __init__(
@@ -175,15 +188,18 @@ class ElasticModel(Model):
         self.physical = physical
         self.payload_range = payload_range
         self.n_joints = len(arm.active_joints)
+        # of each channel on its columns, with their standard deviations
         self.coefficients_: tuple[FloatArray, ...] | None = None
         self.standard_errors_: tuple[FloatArray, ...] | None = None
-        self.noise_: FloatArray | None = None
+        self.noise_: FloatArray | None = None  # deviation that it leaves, (channels,)
         self.channels = arm.channels[output]
         self.columns: tuple[tuple[str, ...], ...] = (('moment', 'offset'),) * len(self.channels)
         if output == 'effort':
             self.columns = tuple(
                 ('torque', f'Ia({joint.name})', *friction_names(joint),
                  *(() if has_constant(joint) else ('offset',))) for joint in arm.joints)
+        # by which measured strain corrects this one
+        self.strain_model: ElasticModel | None = self if output == 'strain' else None
         self._driven: DrivenArm | None = None
 
     def __repr__(self) -> str:
@@ -198,44 +214,19 @@ class ElasticModel(Model):
         """Physical parameters by name, SI units."""
         return {parameter.name: parameter.value for parameter in self.physical}
 
-    def along(
-        self, motion: FloatArray, dt: FloatArray, before: FloatArray | None = None,
-    ) -> FloatArray:
-        """
-        Predict the outputs along a gapless motion that begins at rest.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
-        dt : ndarray of shape (n_samples,)
-            Time since the sample before [s]; the first counts only with ``before``.
-        before : ndarray of shape (n_earlier, 1 + n_joints), optional
-            ``[dt, q]`` of the motion just before, without which oscillations that began there
-            are unknown.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
-        Raises
-        ------
-        NotFittedError
-            If the model has no coefficients yet.
-        FitError
-            If the motion is that of another number of joints.
-        SimulationError
-            If the parameters are impossible for this motion.
-
-        """
-        motion = np.asarray(motion, dtype=float)
-        check_motion(motion, 3 * self.n_joints)
+    def _arm(self, stretch: Stretch) -> DrivenArm:
+        check_motion(stretch.motion, 3 * self.n_joints)
         if self._driven is None:
             self._driven = driven_arm(self.arm, self.values)
-        response = follow_motion(self._driven, motion[:, :self.n_joints], dt, before)
-        return self.prepared()(response, motion)
+        return self._driven
+
+    @property
+    def gauges(self) -> FloatArray | None:
+        """Gain, offset and noise of each gauge, (gauges, 3); None where no strain is known."""
+        strain = self.strain_model
+        if strain is None or strain.coefficients_ is None or strain.noise_ is None:
+            return None
+        return np.column_stack([np.array(strain.coefficients_), strain.noise_])
 
     def prepared(self) -> Outputs:
         """Prepare what turns moments and torques into outputs."""
@@ -248,15 +239,15 @@ class ElasticModel(Model):
         return lambda response, motion: np.asarray(response.moment * gains + offsets)
 
     def follow(self, stretch: Stretch) -> FloatArray:
-        return self.along(stretch.motion, stretch.dt, stretch.before)
+        response = follow_stretch(self._arm(stretch), stretch, self.gauges)
+        return self.prepared()(response, stretch.motion)
 
-    def observe(
-        self, stretch: Stretch, strain_model: Model | None = None, observer: str = 'ringing',
-    ) -> FloatArray:
-        strain_model = self if self.output == 'strain' else strain_model
-        if stretch.strain is None or observer == 'off' or strain_model is None:
-            return self.follow(stretch)
-        live = type(strain_model).live({self.output: self, 'strain': strain_model}, observer)
+    def observe(self, stretch: Stretch, observer: str = 'ringing') -> FloatArray:
+        if stretch.strain is None or observer == 'off' or self.gauges is None:
+            driven = self._arm(stretch)
+            response = follow_motion(driven, stretch.states.q, stretch.dt, stretch.before)
+            return self.prepared()(response, stretch.motion)
+        live = LiveElastic({self.output: self}, observer)
         motion, dt = stretch.motion, stretch.dt
         dt[0] = 0.0  # an observer restarts
         predicted = np.full((len(motion), len(self.channels)), np.nan)
@@ -284,6 +275,8 @@ class ElasticModel(Model):
                              (*kept, PhysicalParameter('payload', payload, 'kg')))
         model.coefficients_, model.standard_errors_ = self.coefficients_, self.standard_errors_
         model.noise_ = self.noise_
+        if self.output != 'strain':
+            model.strain_model = self.strain_model
         return model
 
     @classmethod
@@ -363,15 +356,15 @@ class LiveElastic:
         self._driven: DrivenArm = driven_arm(first.arm, first.values)
         self._gauges: FloatArray | None = None
         if observer != 'off':
-            strain = models.get('strain')
-            if strain is None or strain.coefficients_ is None or strain.noise_ is None:
+            gauges = models.get('strain', first).gauges
+            if gauges is None:
                 raise ModelError('the observer needs an elastic model of strain; fit one to bags '
                                  'with strain, or set observer to off')
-            self._gauges = np.array(strain.coefficients_)
-            if np.any(self._gauges[:, 0] == 0.0):
-                dead = strain.channels[int(np.argmin(np.abs(self._gauges[:, 0])))]
+            if np.any(gauges[:, 0] == 0.0):
+                dead = first.arm.gauges[int(np.argmin(np.abs(gauges[:, 0])))].name
                 raise ModelError(f'elastic model: gauge {dead} has gain 0; check it and fit again')
-            self._driven.start_observer(strain.noise_ / np.abs(self._gauges[:, 0]), BANDWIDTH)
+            self._gauges = gauges
+            self._driven.start_observer(gauges[:, 2] / np.abs(gauges[:, 0]), BANDWIDTH)
         self._moment: FloatArray | None = None
         self._strain: FloatArray | None = None
         self._since = 0.0
