@@ -92,7 +92,8 @@ class Trajectory(Shown):
             if values is not None and not (np.abs(values) < LARGEST).all():
                 row, column = np.argwhere(~(np.abs(values) < LARGEST))[0].tolist()
                 raise SignalError(f'{name} of point {row + 1}: found {values[row, column]:g} for '
-                                  f'{self.joints[column]!r}; give a number below {LARGEST:g}')
+                                  f'{self.joints[column]!r}; give a finite number below '
+                                  f'{LARGEST:g}')
         known = np.abs(self.t) < LARGEST
         later = np.diff(np.where(known, self.t, np.nan)) > 0.5 / SECOND  # messages count ns
         if not known.all() or not later.all():

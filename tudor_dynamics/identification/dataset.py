@@ -443,7 +443,7 @@ def model_for(model: Model, bag: BagData) -> Model:
     """Put the payload of a bag into a model that knows of payloads; others stay as they are."""
     if model.payload_range is not None:
         if bag.payload is None:
-            raise UsageError(f'{bag.choice}: its payload is not known, and the model needs it: '
-                             'give --payload KG, or --payload-of BAG=KG')
+            raise UsageError(f'the payload of bag {bag.choice} is not known, and the model needs '
+                             'it: give --payload KG, or --payload-of BAG=KG')
         return model.at(bag.payload)
     return model

@@ -91,9 +91,10 @@ class ExtremeLearningMachine(MemorylessModel):
                    payload_range=settings.payloads)
 
     def fit_blocks(self, blocks: Blocks) -> ExtremeLearningMachine:
-        if self.hidden < 1 or not self.ridge >= 0 or self.seed < 0:
-            raise FitError(f'ELM with hidden={self.hidden}, ridge={self.ridge}, seed={self.seed}; '
-                           'expected hidden of 1 or more, ridge and seed of 0 or more')
+        for name, value, least in (
+                ('hidden', self.hidden, 1), ('ridge', self.ridge, 0), ('seed', self.seed, 0)):
+            if not value >= least:
+                raise FitError(f'ELM with {name}={value}; expected {name} of {least} or more')
         check_budget(f'{self.hidden} neurons', self.hidden, 16.0 * self.hidden, 'take fewer')
         lows: list[FloatArray] = []
         highs: list[FloatArray] = []
