@@ -38,7 +38,6 @@ from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.models.elastic.model import OBSERVERS
 from tudor_dynamics.online.black_box import MessageRing
 from tudor_dynamics.online.coverage import Coverage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, warm_up
@@ -127,11 +126,9 @@ def ros_clock() -> Callable[[], int]:
 
 
 def choices(bundle: ModelBundle) -> Iterator[MonitorSettings]:
-    """Give what is measured: every kind of model, the elastic one with each observer."""
+    """Give what is measured: every kind of model, by several methods."""
     for kind in sorted({kind for models in bundle.models.values() for kind in models}):
-        for observer in OBSERVERS if kind == 'elastic' else ('off',):
-            yield MonitorSettings(kind=kind, observer=observer, methods=('strain',))
-        every = [('strain', 'effort')]
+        every: list[tuple[str, ...]] = [('strain',), ('strain', 'effort')]
         if 'analytical' in bundle.models.get('effort', {}):
             every.append(('strain', 'effort', 'momentum'))
         for methods in every:
@@ -152,16 +149,15 @@ def main() -> None:
         recording = resampled(recording, args.rate)
     print(f'{len(recording.stamp)} samples at {1.0 / recording.dt:g} Hz, medians of {args.runs} '
           'runs, us a sample')
-    print(f'{"":46s} {"whole sample":>17s} {"prediction":>17s} {"counting":>17s} {"keeping":>17s}')
-    print(f'{"model":11s} {"observer":9s} {"methods":24s}' + f' {"median":>8s} {"p99":>8s}' * 4)
+    print(f'{"":36s} {"whole sample":>17s} {"prediction":>17s} {"counting":>17s} {"keeping":>17s}')
+    print(f'{"model":11s} {"methods":24s}' + f' {"median":>8s} {"p99":>8s}' * 4)
     for settings in choices(bundle):
         runs = [measure(bundle, recording, settings) for _ in range(args.runs)]
         figures = [float(np.median([np.percentile(values, share) for values in of]))
                    for of in ([run.whole for run in runs], [run.prediction for run in runs],
                               [run.counting for run in runs], [run.keeping for run in runs])
                    for share in (50, 99)]
-        observer = settings.observer if settings.kind == 'elastic' else ''
-        print(f'{settings.kind:11s} {observer:9s} {", ".join(settings.methods):24s}',
+        print(f'{settings.kind:11s} {", ".join(settings.methods):24s}',
               *(f'{value:8.1f}' for value in figures), flush=True)
 
 

@@ -86,7 +86,7 @@ def test_payload_of(arm: str, tmp_path: Path, capsys) -> None:
                  '--payload-of', f'{empty}=0', f'{full}=0.4', f'{third}=0.2']) == 0
     assert 'one model of all payloads from 0 to 0.4 kg' in capsys.readouterr().out
     assert main(['evaluate', '--model', str(tmp_path / 'm3'), third]) == 2
-    assert 'payload is not known' in capsys.readouterr().err
+    assert 'c is not known, and the model needs it' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('text', 'said'), [
@@ -126,7 +126,8 @@ def test_a_load_that_the_model_does_not_know(arm: str, tmp_path: Path, capsys) -
         assert one['after'] < 0.2 * one['before'] and one['share'] > 0.95
     text = page.read_text(encoding='utf-8')
     assert 'id="load"' in text and 'Centre x' in text
-    assert text.count('type="application/json"') == 1
+    # both joints and both gauges over time, their errors, and the load
+    assert 'Effort over time' in text and text.count('type="application/json"') == 7
     assert 'The arm carries a load that the model lacks' in text
     assert main(['evaluate', '--model', model, full]) == 1
     printed = ' '.join(capsys.readouterr().out.replace('\\', '').split())
@@ -134,6 +135,7 @@ def test_a_load_that_the_model_does_not_know(arm: str, tmp_path: Path, capsys) -
     assert f'tudor payload {full} --model {model}' in printed
     assert main(['evaluate', '--model', model, empty, '--report', str(page), '--json']) == 0
     assert json.loads(capsys.readouterr().out)['loads'] == {}
-    assert 'id="load"' not in page.read_text(encoding='utf-8')
+    text = page.read_text(encoding='utf-8')
+    assert 'id="load"' not in text and text.count('type="application/json"') == 6
     assert main(['evaluate', '--model', model, empty, '--report', str(tmp_path)]) == 2
     assert '--report' in capsys.readouterr().err

@@ -430,8 +430,8 @@ def watch_bag(
     """Replay one bag past all methods: one filter and one predictor, a detector for each."""
     bundle = bundle.beside_robot()
     common = next(iter(settings.values()))
-    front, predictor = StateFilter(bundle.preprocessing, common.gap), Predictor(
-        bundle, common.kind, common.observer if recording.strain is not None else 'off')
+    front, predictor = (StateFilter(bundle.preprocessing, common.gap),
+                        Predictor(bundle, common.kind))
     watches = {method: Watch(bundle, alone) for method, alone in settings.items()}
     outputs = {SOURCE[method] for method in settings}
     logs = {method: EventLog(int(recording.stamp[0]), truth) for method in settings}

@@ -214,12 +214,8 @@ class Model(ABC):
         """Predict the outputs at the samples that decimation keeps, filtered as measured ones."""
         return stretch.decimation(self.follow(stretch))
 
-    def observe(self, stretch: Stretch, observer: str = 'ringing') -> FloatArray:
-        """
-        Predict as ``follow``, but as beside the robot, by measured strain of the samples before.
-
-        With the observer 'off', or where the kind makes no use of it, strain corrects nothing.
-        """
+    def observe(self, stretch: Stretch) -> FloatArray:
+        """Predict as beside the robot, where strain of the samples before corrects some kinds."""
         return self.follow(stretch)
 
     def predict(self, motion: FloatArray) -> FloatArray:
@@ -263,13 +259,8 @@ class Model(ABC):
 
     @classmethod
     @abstractmethod
-    def live(cls: type[AnyModel], models: Mapping[str, AnyModel], observer: str = 'off') -> Live:
-        """
-        Put models of one arm, by output and all of this kind, beside the running robot.
-
-        With the observer 'ringing', measured strain corrects them, where the kind can make use of
-        it.
-        """
+    def live(cls: type[AnyModel], models: Mapping[str, AnyModel]) -> Live:
+        """Put models of one arm, by output and all of this kind, beside the running robot."""
 
     @abstractmethod
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
@@ -392,8 +383,8 @@ class MemorylessModel(Model):
         return np.asarray(0.5 * np.median(np.abs(np.einsum('jkj->kj', y[0] - y[1])), axis=0))
 
     @classmethod
-    def live(cls: type[Learner], models: Mapping[str, Learner], observer: str = 'off') -> Live:
-        """Predict row by row; there is no state that an observer could correct."""
+    def live(cls: type[Learner], models: Mapping[str, Learner]) -> Live:
+        """Predict row by row; there is no state that strain could correct."""
         return RowByRow(models)
 
 

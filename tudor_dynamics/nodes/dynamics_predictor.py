@@ -55,7 +55,7 @@ class DynamicsPredictorNode(ModelNode):
         self, bundle: ModelBundle, whole: ModelBundle,
     ) -> tuple[Predictor, CarriedLoad | None]:
         warm_up(bundle, MonitorSettings(kind=self.value('kind')))
-        return (Predictor(bundle, self.value('kind'), self.value('observer')),
+        return (Predictor(bundle, self.value('kind')),
                 self.port.prepare(whole, self.payload))
 
     def use(self, bundle: ModelBundle, prepared: tuple[Predictor, CarriedLoad | None]) -> None:
@@ -70,7 +70,7 @@ class DynamicsPredictorNode(ModelNode):
             publisher.encoder = JointStateEncoder(bundle.arm.channels[output], (FIELD[output],))
 
     def _hear_strain(self, bundle: ModelBundle) -> None:
-        """Listen to the gauges, which the observer of an elastic model needs."""
+        """Listen to the gauges, which correct an elastic model."""
         topics = bundle.arm.topics['strain']
         self._gathering = Gathering(bundle.arm.gauge_names, topics)
         for topic, channels in topics.items():

@@ -60,8 +60,6 @@ class MonitorSettings:
     ----------
     kind : str
         Kind of model whose residuals are watched.
-    observer : {'off', 'ringing'}
-        Whether measured strain corrects an elastic model.
     methods : tuple of str
         What the detector listens to, of `METHODS`; empty for all that the model has thresholds
         for, or without any thresholds for all that it has models for.
@@ -79,7 +77,6 @@ class MonitorSettings:
     """
 
     kind: str = 'analytical'
-    observer: str = 'ringing'
     methods: tuple[str, ...] = ('strain',)
     rates: Rates = Rates()
     detector: DetectorSettings = DetectorSettings()
@@ -91,8 +88,8 @@ class MonitorSettings:
     def of(cls, params: Mapping[str, Any]) -> MonitorSettings:
         """Give what the parameters of a node stand for."""
         return cls(
-            kind=params['kind'], observer=params.get('observer', 'off'),
-            methods=tuple(params['methods']), observer_gain=params['observer_gain'],
+            kind=params['kind'], methods=tuple(params['methods']),
+            observer_gain=params['observer_gain'],
             rates=Rates(params['false_alarms_per_hour'], params['contact_alarms_per_hour']),
             detector=DetectorSettings(params['debounce'], params['rearm']),
             gap=params.get('gap', 0.0), contact=params['estimate_contact'])
@@ -425,9 +422,7 @@ class Monitor:
                        **{output: len(names) for output, names in bundle.arm.channels.items()}}
         self.filter = StateFilter(bundle.preprocessing, settings.gap)
         self.watch = Watch(bundle, settings, thresholds, payload)
-        self.predictor = Predictor(
-            bundle, settings.kind,
-            settings.observer if 'strain' in self.watch.outputs else 'off')
+        self.predictor = Predictor(bundle, settings.kind)
         self.wanted = set(self.watch.outputs)
         self.payload = payload
         self.motion: Motion | None = None

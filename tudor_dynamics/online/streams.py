@@ -331,9 +331,7 @@ class Gathering:
 class Predictor:
     """Predicts every output of a bundle with one kind of model."""
 
-    def __init__(
-        self, bundle: ModelBundle, kind: str = 'analytical', observer: str = 'off',
-    ) -> None:
+    def __init__(self, bundle: ModelBundle, kind: str = 'analytical') -> None:
         self.settle = bundle.preprocessing.settle
         self.models: dict[str, Model] = {
             output: bundle.models[output][kind] for output in OUTPUTS
@@ -342,14 +340,14 @@ class Predictor:
             have = sorted({k for kinds in bundle.models.values() for k in kinds})
             msg = f'the bundle has no model of kind {kind!r}; set kind to one it has: {have}'
             raise ModelError(msg)
-        self._live = type(next(iter(self.models.values()))).live(self.models, observer)
+        self._live = type(next(iter(self.models.values()))).live(self.models)
         self.observing = self._live.observing
         self._stamp = 0
         self._strains: deque[tuple[int, FloatArray]] = deque(maxlen=STRAIN_QUEUE)
 
     def add_strain(self, stamp: int, values: FloatArray) -> None:
         """
-        Give a measured strain to the observer; of no effect without one.
+        Give a measured strain, which corrects an elastic model.
 
         It counts for the motion of the same stamp, whichever of the two comes first, if it comes
         before the next motion. Between two readings their interpolation counts.

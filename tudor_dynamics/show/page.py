@@ -266,18 +266,23 @@ def _output(result: FitResult, assessment: Assessment, output: str) -> dict[str,
     fitted = tuple(item for item in result.fitted if item.output == output)
     units = output_units(result.arm, output)
     unit = units[fitted[0].validation.channels[0]]
-    trace = fitted[0].validation.traces[0]
-    stretch = liveliest(trace, (*result.test, *result.training))
-    judged = {item.kind: item.validation for item in fitted}
     limits = (threshold_figure(result, assessment, output, item.kind) for item in fitted)
     return {
-        'key': output, 'title': TITLES[output], 'units': units,
-        'unit': unit if set(units.values()) == {unit} else '', 'fitted': fitted, 'bag': trace.bag,
-        'signals': [(name, signal_figure(result.arm, output, judged, name, stretch))
-                    for name in fitted[0].validation.channels],
-        'errors': error_figure(result.arm, output, judged),
+        **over_time(result.arm, output, {item.kind: item.validation for item in fitted}),
+        'units': units, 'unit': unit if set(units.values()) == {unit} else '', 'fitted': fitted,
         'limits': next((found for found in limits if found is not None), None),
         'groups': [group for item in fitted for group in coefficient_groups(item, result.arm)]}
+
+
+def over_time(arm: Arm, output: str, judged: Mapping[str, Validation]) -> dict[str, Any]:
+    """Collect what `signals.html.j2` shows of one output: its first bag, and all errors."""
+    first = next(iter(judged.values()))
+    stretch = liveliest(first.traces[0], [bag for _, bag in first.cases])
+    return {
+        'key': output, 'title': TITLES[output], 'bag': first.traces[0].bag,
+        'signals': [(name, signal_figure(arm, output, judged, name, stretch))
+                    for name in first.channels],
+        'errors': error_figure(arm, output, judged)}
 
 
 def _ringing(result: FitResult) -> list[dict[str, Any]]:
@@ -422,7 +427,8 @@ def evaluation_page(
               'figure': load_figure(bundle.arm, load)}
              for bag, load in evaluated.loads.items()]
     return rendered('evaluation', arm=bundle.arm.name, bags=bags, rows=rows, worse=worse,
-                    findings=evaluated.findings, loads=loads, made=made)
+                    findings=evaluated.findings, loads=loads, made=made, outputs=[
+                        over_time(bundle.arm, *item) for item in outputs.items()])
 
 
 MOST = 6  # bags whose ratios a page draws

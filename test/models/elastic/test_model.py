@@ -168,8 +168,6 @@ def test_strain_shows_how_it_begins(lag: float) -> None:
     effort.strain_model = None
     plain = along(effort, stretch.motion, stretch.dt)
     assert np.array_equal(effort.follow(stretch), plain)
-    effort.strain_model = strain
-    assert np.array_equal(effort.observe(stretch, 'off'), plain)
 
 
 def test_live_equals_the_whole_motion() -> None:
@@ -203,19 +201,17 @@ def test_live_begins_anew_after_the_impossible() -> None:
 
 def test_impossible_observers() -> None:
     """An observer needs a fitted model of the strain, of the same arm, with gains."""
-    with pytest.raises(ModelError, match='observer'):
-        LiveElastic({'strain': model_of()}, 'magic')
     with pytest.raises(ModelError, match='no elastic model'):
         LiveElastic({})
-    with pytest.raises(ModelError, match='strain'):
-        LiveElastic({'effort': model_of('effort')}, 'ringing')
+    assert LiveElastic({'strain': model_of()}).observing
+    assert not LiveElastic({'effort': model_of('effort')}).observing
     with pytest.raises(ModelError, match='effort and strain differ'):
         LiveElastic({'effort': model_of('effort', PhysicalParameter('payload', 0.1, 'kg')),
                      'strain': model_of()})
     dead = model_of()
     dead.coefficients_ = (np.array([0.0, 1.0]), np.array([50.0, 0.0]))
     with pytest.raises(ModelError, match='gain 0'):
-        LiveElastic({'strain': dead}, 'ringing')
+        LiveElastic({'strain': dead})
 
 
 def test_gauges_that_lag_are_observed() -> None:
@@ -224,8 +220,7 @@ def test_gauges_that_lag_are_observed() -> None:
     late = ElasticModel(model.arm, 'strain', (
         *(p for p in model.physical if p.name != 'lag'), PhysicalParameter('lag', 0.04, 's')))
     late.coefficients_, late.noise_ = model.coefficients_, np.ones(len(model.channels))
-    true, plain, seen = (LiveElastic({'strain': late}, observer)
-                         for observer in ('off', 'off', 'ringing'))
+    true, plain, seen = (LiveElastic({'strain': late}) for _ in range(3))
     begin, left = len(motion) // 5, []
     for k, (row, step) in enumerate(zip(motion, dt, strict=True)):
         here = true.step(step, row)

@@ -177,6 +177,17 @@ class ElasticModel(Model):
         Least and largest payload of the training bags [kg]; None where it was one payload, which
         is then part of ``physical``.
 
+    Attributes
+    ----------
+    columns : tuple of tuple of str
+        Columns of each channel.
+    coefficients_, standard_errors_ : tuple of ndarray, or None
+        Coefficients of each channel on its columns, and their standard deviations.
+    noise_ : ndarray of shape (n_channels,), or None
+        Standard deviation of what it leaves over of the training data, in their units.
+    strain_model : ElasticModel or None
+        Model of the strain by which measured strain corrects this one; a strain model's is itself.
+
     """
 
     def __init__(
@@ -188,17 +199,15 @@ class ElasticModel(Model):
         self.physical = physical
         self.payload_range = payload_range
         self.n_joints = len(arm.active_joints)
-        # of each channel on its columns, with their standard deviations
         self.coefficients_: tuple[FloatArray, ...] | None = None
         self.standard_errors_: tuple[FloatArray, ...] | None = None
-        self.noise_: FloatArray | None = None  # deviation that it leaves, (channels,)
+        self.noise_: FloatArray | None = None
         self.channels = arm.channels[output]
         self.columns: tuple[tuple[str, ...], ...] = (('moment', 'offset'),) * len(self.channels)
         if output == 'effort':
             self.columns = tuple(
                 ('torque', f'Ia({joint.name})', *friction_names(joint),
                  *(() if has_constant(joint) else ('offset',))) for joint in arm.joints)
-        # by which measured strain corrects this one
         self.strain_model: ElasticModel | None = self if output == 'strain' else None
         self._driven: DrivenArm | None = None
 
@@ -242,12 +251,10 @@ class ElasticModel(Model):
         response = follow_stretch(self._arm(stretch), stretch, self.gauges)
         return self.prepared()(response, stretch.motion)
 
-    def observe(self, stretch: Stretch, observer: str = 'ringing') -> FloatArray:
-        if stretch.strain is None or observer == 'off' or self.gauges is None:
-            driven = self._arm(stretch)
-            response = follow_motion(driven, stretch.states.q, stretch.dt, stretch.before)
-            return self.prepared()(response, stretch.motion)
-        live = LiveElastic({self.output: self}, observer)
+    def observe(self, stretch: Stretch) -> FloatArray:
+        if stretch.strain is None or self.gauges is None:
+            return self.follow(stretch)
+        live = LiveElastic({self.output: self})
         motion, dt = stretch.motion, stretch.dt
         dt[0] = 0.0  # an observer restarts
         predicted = np.full((len(motion), len(self.channels)), np.nan)
@@ -280,8 +287,8 @@ class ElasticModel(Model):
         return model
 
     @classmethod
-    def live(cls, models: Mapping[str, ElasticModel], observer: str = 'off') -> LiveElastic:
-        return LiveElastic(models, observer if 'strain' in models else 'off')
+    def live(cls, models: Mapping[str, ElasticModel]) -> LiveElastic:
+        return LiveElastic(models)
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
         if self.coefficients_ is None or self.standard_errors_ is None or self.noise_ is None:
@@ -327,10 +334,7 @@ class ElasticModel(Model):
         return model
 
 
-# -- Elastic models sample by sample, with or without an observer that measured strain corrects
-
-OBSERVERS = ('off', 'ringing')
-
+# -- Elastic models sample by sample, corrected by measured strain
 
 class LiveElastic:
     """Elastic models of one arm, sample by sample, on one simulated arm."""
@@ -339,14 +343,9 @@ class LiveElastic:
     # model that only follows the joints. The observer takes it over from measured strain: an
     # extended Kalman filter, slow enough that a collision shows in the innovation first.
 
-    def __init__(self, models: Mapping[str, ElasticModel], observer: str = 'off') -> None:
-        if observer not in OBSERVERS:
-            msg = f'observer {observer!r} is unknown; expected one of {", ".join(OBSERVERS)}'
-            raise ModelError(msg)
+    def __init__(self, models: Mapping[str, ElasticModel]) -> None:
         if not models:
             raise ModelError('no elastic model was given; pass at least one')
-        self.observer = observer
-        self.observing = observer != 'off'
         self._outputs = {output: model.prepared() for output, model in models.items()}
         first = next(iter(models.values()))
         if any(model.values != first.values for model in models.values()):
@@ -354,16 +353,12 @@ class LiveElastic:
             raise ModelError(msg)
         self._n_joints = first.n_joints
         self._driven: DrivenArm = driven_arm(first.arm, first.values)
-        self._gauges: FloatArray | None = None
-        if observer != 'off':
-            gauges = models.get('strain', first).gauges
-            if gauges is None:
-                raise ModelError('the observer needs an elastic model of strain; fit one to bags '
-                                 'with strain, or set observer to off')
+        self._gauges = gauges = models.get('strain', first).gauges
+        self.observing = gauges is not None
+        if gauges is not None:
             if np.any(gauges[:, 0] == 0.0):
                 dead = first.arm.gauges[int(np.argmin(np.abs(gauges[:, 0])))].name
                 raise ModelError(f'elastic model: gauge {dead} has gain 0; check it and fit again')
-            self._gauges = gauges
             self._driven.start_observer(gauges[:, 2] / np.abs(gauges[:, 0]), BANDWIDTH)
         self._moment: FloatArray | None = None
         self._strain: FloatArray | None = None

@@ -96,8 +96,6 @@ COMMAND_TIMEOUT = Param('timeout', 0.1, 'a reference or positions older than thi
                         0.01, 1.0, dynamic=True)
 MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
 KIND = Param('kind', 'analytical', 'model that predicts', choices=KINDS)
-OBSERVER = Param('observer', 'ringing', 'what measured strain corrects in the elastic model: '
-                 'nothing, or ringing that no motion explains', choices=('off', 'ringing'))
 PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all payloads; a detector '
                 'restarts when it changes', 'kg', 0.0, 1e3, dynamic=True)
 PAYLOAD_SOURCE = Param(
@@ -278,13 +276,13 @@ SIMULATE = (
 
 NODES: dict[str, tuple[Param, ...]] = {
     'joint_state_filter': (*FILTER, *COMMON),
-    'dynamics_predictor': (*PREDICT, LOAD_FROM, OBSERVER, *COMMON),
+    'dynamics_predictor': (*PREDICT, LOAD_FROM, *COMMON),
     'collision_detector': (*PREDICT, PAYLOAD_SOURCE, *GRIPPER, *DETECT, *COMMON),
-    'monitor': (*PREDICT, PAYLOAD_SOURCE, *GRIPPER, OBSERVER, GAP, *DETECT, EVENT_BAGS, *COMMON),
+    'monitor': (*PREDICT, PAYLOAD_SOURCE, *GRIPPER, GAP, *DETECT, EVENT_BAGS, *COMMON),
     'monitors': (*MANY, ROBOT),
     'watch': (Param('web', 0, 'port on which a page is served to this machine, 0 for none', '', 0,
                     65535), ROBOT),
-    'payload_estimator': (*PREDICT, *GRIPPER, OBSERVER, GAP, *DETECT, EVENT_BAGS, *COMMON),
+    'payload_estimator': (*PREDICT, *GRIPPER, GAP, *DETECT, EVENT_BAGS, *COMMON),
     'feedforward': (*PREDICT, LOAD_FROM, *AHEAD, ROBOT),
     'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),
     'force_controller': (*FORCE, *COMMON),
