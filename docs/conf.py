@@ -65,6 +65,11 @@ smartquotes = False  # options have two hyphens in text, too
 # The names of the library, each with a link to where it is defined.
 library = Path(__file__).parent / 'reference' / 'generated' / 'library.txt'
 library.parent.mkdir(exist_ok=True)
+sources = Path(tudor_dynamics.__file__).parents[1]
+for page in library.parent.glob('tudor_dynamics*.rst'):
+    module = sources / page.stem.replace('.', '/')
+    if not module.is_dir() and not module.with_suffix('.py').is_file():
+        page.unlink()  # otherwise a build in an old checkout ends with a warning
 library.write_text('.. autosummary::\n   :nosignatures:\n\n' + ''.join(
     f'   ~{getattr(tudor_dynamics, name).__module__}.{name}\n' for name in tudor_dynamics.__all__))
 
