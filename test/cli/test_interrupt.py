@@ -22,6 +22,7 @@ import signal
 import subprocess
 import sys
 
+from patience import PATIENCE
 import pytest
 
 COMMANDS = {
@@ -57,7 +58,7 @@ def called_by_c():
 
 def run(args):
     called_by_c()
-    time.sleep(30.0)
+    time.sleep(1000.0)
     return 0
 
 main._subcommand = lambda name: SimpleNamespace(run=run)
@@ -98,7 +99,7 @@ def test_ends_at_once(name: str, seconds: float, root: Path, tmp_path: Path) -> 
 
 
 def test_an_interrupt_that_a_callback_swallows() -> None:
-    """It comes again: numba's compiler asks Python in such callbacks."""
+    """It comes again, also where Python waits: numba's compiler asks Python in such callbacks."""
     done = subprocess.run([sys.executable, '-c', SWALLOWED], capture_output=True, text=True,
-                          timeout=60)
+                          timeout=PATIENCE)
     assert (done.returncode, done.stderr) == (130, 'tudor fit: interrupted\n')

@@ -22,7 +22,6 @@ imported only when it is called, so that ``tudor --help`` answers at once.
 
 from __future__ import annotations
 
-import _thread
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, ExitStack, redirect_stderr, redirect_stdout
@@ -256,7 +255,9 @@ def _interrupts_kept() -> Iterator[threading.Event]:
     def again(lost: sys.UnraisableHookArgs) -> None:
         if not isinstance(lost.exc_value, KeyboardInterrupt):
             return report(lost)
-        timer = threading.Timer(0.02, _thread.interrupt_main)
+        main = threading.main_thread().ident
+        # a signal, as `_thread.interrupt_main` lets a system call wait on
+        timer = threading.Timer(0.02, signal.pthread_kill, (main, signal.SIGINT))
         timer.daemon = True
         timer.start()
 
