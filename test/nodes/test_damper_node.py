@@ -286,7 +286,8 @@ def test_deactivation_brakes_and_shutdown_is_told(world: World, tudor: Path) -> 
     assert np.abs(np.diff(seen, axis=0)).max() <= 17.4532925 * 0.02
     assert len(seen) > 10 and not seen[-1].any()
     assert not len(arm.wait(0.2))
-    assert arm.told().message == 'inactive: ros2 lifecycle set oscillation_damper activate'
+    assert arm.told().message == (
+        'inactive; to go on: ros2 lifecycle set oscillation_damper activate')
     arm.node.trigger_shutdown()
     # one of before may still be under way
     assert world.spin(lambda: 'shut down' in arm.told().message)

@@ -44,7 +44,7 @@ from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.signals.shaping import Profile
 
-INACTIVE = 'inactive: ros2 lifecycle set reference_generator activate'
+INACTIVE = 'inactive; to go on: ros2 lifecycle set reference_generator activate'
 GOAL = np.array([1.2, -0.3])
 
 

@@ -349,7 +349,8 @@ class Assembly:
             at = (stamp[starts[0] - 1] - stamp[0]) * 1e-9
             self.notes.add(
                 f'{len(lengths)} gap(s) longer than {gap_limit(stamp):.3g} s, the longest '
-                f'{lengths.max():.3f} s, the first at {at:.3f} s; the record is split there')
+                f'{lengths.max():.3f} s, the first at {at:.3f} s; the record is '
+                'split there; if this recurs, look for lost messages')
         for cut in np.searchsorted(stamp, self.cuts, side='right').tolist():
             parts = tuple(piece for part in parts for piece in (
                 (slice(part.start, cut), slice(cut, part.stop))

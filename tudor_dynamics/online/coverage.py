@@ -202,7 +202,7 @@ class OutputCoverage:
                 and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
         level = CoverageLevel.ENOUGH if not faults else (
             CoverageLevel.NONE if full and lasting >= UNJUDGED_ERROR else CoverageLevel.PARTIAL)
-        return CoverageReport(level, '; '.join(faults), share, causes)
+        return CoverageReport(level, '; also: '.join(faults), share, causes)
 
     def _silent(self, new: _Counts) -> str:
         """Name the topics on which nothing came for a second; empty for none."""
@@ -316,6 +316,7 @@ def _together(found: dict[str, CoverageReport]) -> CoverageReport:
             share, outputs = texts.get(text, (0.0, ''))
             texts[text] = (max(share, verdict.share),
                            f'{outputs} and {output}' if outputs else output)
-    said = '; '.join(text.replace('OUTPUT', outputs).replace('SHARE', f'{100.0 * share:.1f} %')
-                     for text, (share, outputs) in texts.items())
+    said = '; also: '.join(
+        text.replace('OUTPUT', outputs).replace('SHARE', f'{100.0 * share:.1f} %')
+        for text, (share, outputs) in texts.items())
     return CoverageReport(level, said, max((v.share for v in found.values()), default=0.0), causes)

@@ -61,7 +61,8 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
             msg = (f'joint {joint.name!r}: efforts cannot be converted from '
                    f'{joint.effort.unit} to {unit}, as the joint has no torque constant')
             raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm descrip'
-                                         'tion and fit again, or set unit to model')
+                                         'tion and fit again, or ask for efforts in the unit of '
+                                         'the model (unit: model, --unit model)')
         result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
 
@@ -351,7 +352,7 @@ class Feedforward:
         if kind not in efforts:
             msg = (f'the bundle has no effort model of kind {kind!r}; its effort models: '
                    f'{", ".join(efforts) or "none"}')
-            raise ModelError(msg, remedy='choose one of them, or fit with --models')
+            raise ModelError(msg, remedy=f'choose one of them, or fit with --models {kind}')
         self.joints = arm.active_joints
         self.units = tuple(
             joint.effort.unit if unit == 'model' else 'A' if unit == 'current' else

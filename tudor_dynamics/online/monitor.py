@@ -295,8 +295,8 @@ class Watch:
                 for method, (factor, _) in self.widened.items() if factor > WIDENING_WARNING]
         return '' if not wide else (
             f'weak collisions are missed: the thresholds {" and ".join(wide)} in this motion, '
-            'which differs from the training; call ~/calibrate during it while nothing touches '
-            'the arm, or fit the model again with bags of this motion too')
+            'which differs from the training; call ~/calibrate while the arm moves so and '
+            'nothing touches it, or fit the model again with bags of this motion too')
 
     @property
     def settle(self) -> float:

@@ -186,5 +186,5 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         if self.controller is not None and not self.active:
             step = {'inactive': 'activate', 'unconfigured': 'configure'}.get(self.phase, '')
             return WARN, self.ended or self.phase + (
-                f': ros2 lifecycle set {self.get_name()} {step}' if step else '')
+                f'; to go on: ros2 lifecycle set {self.get_name()} {step}' if step else '')
         return level, message
