@@ -224,8 +224,8 @@ def _touch(scene: Scene) -> str:
     if found and found['seconds'] >= LEAST_TOUCH:
         place = '' if found['place'] is None else (
             f', {1e3 * found["place"]:.0f} mm from its joint')
-        return (f'{abs(found["largest_force"]):.2f} N on {found["link"]}{place}, for '
-                f'{found["seconds"]:.2f} s')
+        force = 'a force' if found['force'] is None else f'{found["force"]:.2f} N'
+        return f'{force} on {found["link"]}{place}, for {found["seconds"]:.2f} s'
     most = {method: scene.largest(until, method) for method in scene.replay.excesses}
     other = max((ratio for method, ratio in most.items()
                  if SOURCE[method] != SOURCE[event.method]), default=0.0)

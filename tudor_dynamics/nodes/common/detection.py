@@ -127,10 +127,8 @@ class ContactOutput:
 
     def values(self, watch: Watch) -> dict[str, str]:
         """Give what the diagnostics say."""
-        if watch.no_contact:
-            return {'contact': f'not estimated: {watch.no_contact}'}
         if watch.contact is None:
-            return {}
+            return {'contact': f'not estimated: {watch.no_contact}'} if watch.no_contact else {}
         last = self._last
         values = {'contact': f'by {watch.contact.source}'}
         if last is not None and last.felt:
@@ -148,7 +146,8 @@ class ContactOutput:
             found = self._summary
             where = ('place on the link unknown' if found['place'] is None else
                      f'{found["place"]:.3f} m from its joint')
-            values['last contact'] = f'{found["link"]}, {found["force"]:.2f} N, {where}'
+            force = 'force unknown' if found['force'] is None else f'{found["force"]:.2f} N'
+            values['last contact'] = f'{found["link"]}, {force}, {where}'
         return values
 
 
