@@ -148,7 +148,7 @@ def test_an_unknown_force_is_published_as_none() -> None:
     estimator = estimator_of(tudor(sensors=False), doubt=0.4)
     estimate = replace(_last(estimator), felt=True)
     assert np.isnan(estimate.force).all() and np.isnan(estimate.force_deviation)
-    assert estimate.located and 'sensors[].gain' in estimate.note
+    assert np.isfinite(estimate.place) and 'sensors[].gain' in estimate.note
 
 
 def _last(estimator: ContactEstimator) -> Any:

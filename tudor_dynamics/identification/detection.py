@@ -422,12 +422,10 @@ class EventLog:
                 None if watch.contact is None else watch.contact.record(), watch.no_contact)
             self.events.append(now)
             if now.touched is not None:
-                for estimate in self.recent:
-                    now.touched.add(estimate)
+                now.touched.add(*self.recent)
         self.recent.extend(found.contacts)
         if now is not None and now.touched is not None:
-            for estimate in found.contacts:
-                now.touched.add(estimate)
+            now.touched.add(*found.contacts)
         self.under_way = now if watch.level is Level.COLLISION else None
 
 

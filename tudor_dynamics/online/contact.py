@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 import math
 from typing import Any
@@ -63,23 +63,18 @@ class ContactEstimate:
     spread: FloatArray = field(default_factory=lambda: np.zeros((0, PRESSING, PRESSING)))
     # Logarithm of the likelihood of the newest readings, (spans,).
     likely: FloatArray = field(default_factory=lambda: np.zeros(0))
-    note: str = ''  # what cannot be said, and why; empty for nothing
-
-    @property
-    def located(self) -> bool:
-        """Whether its place is known."""
-        return not math.isnan(self.place)
+    note: str = ''  # what cannot be said, why, and what would show it; empty for nothing
 
 
-INSEPARABLE = ('the gauges cannot separate place and force of this contact: its place is unknown; '
-               'two gauges between joint and contact would show it')
+EFFORTS = 'efforts show the link alone; gauges would show them'
 
 
 def not_known(span: Span, newtons: tuple[float, float], *, placed: bool) -> str:
     """Say what is not known of a contact on a span, why, and what would show it."""
     return '; '.join([
-        INSEPARABLE if span.spread else f'one gauge on the link of {span.joint}: a push at its '
-        'end is assumed; a second gauge would show the place'] * (not placed) + [
+        'the gauges cannot separate place and force: two of them before it would show the place'
+        if span.spread else f'one gauge on the link of {span.joint}: a push at its end is '
+        'assumed; a second gauge would show the place'] * (not placed) + [
         f'a force along the link of {span.joint} shows in no gauge'] * (not span.along) + [
         f'strain and described masses give newtons to {100.0 * newtons[1]:.0f} % only: add '
         'sensors[].gain, or fit two payloads (--payload-of)'] * math.isnan(newtons[0]))
@@ -97,35 +92,29 @@ class ContactRecord:
         self._prior = np.log([span.weight for span in spans])
         self._seen: list[ContactEstimate] = []
 
-    def add(self, estimate: ContactEstimate) -> None:
-        """Take a sample of the contact, or of the moments before and after it."""
-        self._seen.append(estimate)
+    def add(self, *estimates: ContactEstimate) -> None:
+        """Take samples of the contact, or of the moments before and after it."""
+        self._seen += estimates
 
     def summary(self) -> dict[str, Any]:
-        """
-        Give link, forces [N], seconds of touch, places [m]; empty without a sample.
-
-        force: the size of the mean; across, along: its parts on the link; None where unknown.
-        """
+        """Give link, mean force [N], seconds of touch, places [m]; empty without a sample."""
         if not self._seen or not self.spans:
             return {}
         pressing = np.array([item.pressing for item in self._seen])
         likely = np.array([item.likely for item in self._seen])
-        spread = np.array([np.diagonal(item.spread, 0, 1, 2) for item in self._seen])
+        spread = np.array([item.spread for item in self._seen])
         during = slice(0, len(pressing))
         for _ in range(2):  # the touch by the likeliest link, and the link by the touch
             link, own, weights = most_likely(
                 self._prior + likely[during].sum(axis=0) / self.together, self.links)
             share = weights[own] / weights[own].sum()
             force, variance = (np.tensordot(values[:, own][:, :, [ACROSS, ALONG]], share, (1, 0))
-                               for values in (pressing, spread))
-            # along the force at its peak, by what is known of its two parts
-            white = force / np.sqrt(np.maximum(variance, 1e-12))
-            during = touch(white @ white[np.argmax((white**2).sum(axis=1))])
+                               for values in (pressing, np.diagonal(spread, 0, 2, 3)))
+            during = touch(force / np.sqrt(np.maximum(variance, 1e-12)))
         kept, best = self._seen[during], int(np.argmax(share))
         # what the residual of free motion makes of a place does not become less over a touch
-        places = [place_on(self.spans[k], pressing[during, k], np.array(
-            [item.spread[k] for item in kept]), self.together) for k in own]
+        places = [place_on(self.spans[k], pressing[during, k], spread[during, k], self.together)
+                  for k in own]
         place, unsure, known = place_among([self.spans[k] for k in own], share, places)
         if not known:  # two places that are each certain are said
             known = place_among([self.spans[k] for k in own], np.eye(len(own))[best], places)[2]
@@ -147,10 +136,18 @@ class ContactRecord:
                 'note': not_known(span, self._newtons, placed=known)}
 
 
-def touch(course: FloatArray) -> slice:
-    """Find the samples of a touch in the course of its force (samples,): around its peak."""
-    peak = int(np.argmax(np.abs(course)))
-    weak = np.flatnonzero(course * np.sign(course[peak]) <= TOUCH_SHARE * abs(course[peak]))
+def in_words(found: dict[str, Any]) -> str:
+    """Write force, link and place of a summary on a line."""
+    force = 'a force' if found['force'] is None else f'{found["force"]:.2f} N'
+    return f'{force} on {found["link"]}' + (
+        '' if found['place'] is None else f', {1e3 * found["place"]:.0f} mm from its joint')
+
+
+def touch(force: FloatArray) -> slice:
+    """Find the samples of a touch by its force in deviations (samples, parts): about its peak."""
+    peak = int(np.argmax((force**2).sum(axis=1)))
+    course = force @ force[peak]
+    weak = np.flatnonzero(course <= TOUCH_SHARE * course[peak])
     begin, end = weak[weak < peak], weak[weak > peak]
     return slice(int(begin[-1]) + 1 if len(begin) else 0, int(end[0]) if len(end) else None)
 
@@ -462,7 +459,7 @@ class TorqueEstimator:
         return ContactEstimate(
             stamp, self._links[place], self._joints[place], self.felt, np.zeros(3),
             float(np.nan_to_num(torque[place])) * self._axes[place], math.nan,
-            float(self._deviation[place]), note=INSEPARABLE * self.felt)
+            float(self._deviation[place]), note=EFFORTS * self.felt)
 
 
 AnyEstimator = ContactEstimator | TorqueEstimator
@@ -473,14 +470,11 @@ def contact_estimator(
 ) -> tuple[AnyEstimator | None, str]:
     """Choose what estimates contacts, and say why it does not find force and place."""
     why: list[str] = []
-    known: tuple[tuple[str, Callable[[], AnyEstimator], str], ...] = (
-        ('strain', lambda: ContactEstimator(bundle, kind), ''),
-        ('momentum', lambda: TorqueEstimator(bundle),
-         'efforts show the link alone; gauges would show them'))
-    for method, make, limit in known:
+    for method, limit in (('strain', ''), ('momentum', EFFORTS)):
         if method in methods:
             try:
-                return make(), '; '.join(why) or limit
+                return (TorqueEstimator(bundle) if limit else ContactEstimator(bundle, kind),
+                        '; '.join(why) or limit)
             except ModelError as err:
                 why.append(str(err))
     return None, '; '.join(why) or 'only the methods strain and momentum estimate contacts'
