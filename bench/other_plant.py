@@ -300,8 +300,8 @@ def compared(push: Push, force: float, found: dict[str, Any] | None) -> dict[str
     off = abs(found['place'] - push.place) if placed and found is not None else LENGTH
     return {'push': push, 'right': right, 'placed': placed, 'off': off,
             'deviations': off / found['place_deviation'] if placed and found else np.nan,
-            'force': abs(found['force'] / force - 1.0) if right and found else 1.0,
-            'newton': abs(found['force'] - force) if right and found else abs(force),
+            'force': abs(found['across'] / force - 1.0) if right and found else 1.0,
+            'newton': abs(found['across'] - force) if right and found else abs(force),
             'found': found}
 
 

@@ -194,7 +194,7 @@ def _row(
     reach = max(span.outer for span in estimator.spans if span.joint == push.joint)
     right = bool(found) and found['link'] == links[push.joint]
     placed = right and found['place'] is not None
-    force = found['force'] if right else 0.0
+    force = found['across'] if right else 0.0
     return {'link': links[push.joint], 'place': push.distance, 'force': truth,
             'link_right': right, 'told': placed, 'found': found['place'] if placed else None,
             'place_error': abs(found['place'] - push.distance) if placed else reach,

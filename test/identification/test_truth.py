@@ -42,7 +42,7 @@ def button(stamp: NDArray[np.int64], *value: bool) -> RawMessages:
 
 
 def test_truth_of_a_wrench(tmp_path: Path) -> None:
-    """Each stretch of force is a push, with its largest force; short pauses do not end it."""
+    """Each stretch of force is a push, with its mean force; short pauses do not end it."""
     stamp = times()
     force = np.zeros((300, 3))
     force[50:80, 0], force[84:90, 0], force[200:220, 1] = 2.0, 3.0, -4.0
@@ -51,7 +51,7 @@ def test_truth_of_a_wrench(tmp_path: Path) -> None:
         msgtype=WRENCH_STAMPED))
     found = find_truth(str(bag))
     assert found.known and found.source == 'applied_wrench'
-    assert found.pushes == (KnownPush(int(stamp[50]), int(stamp[89]), 3.0),
+    assert found.pushes == (KnownPush(int(stamp[50]), int(stamp[89]), 78.0 / 36.0),
                             KnownPush(int(stamp[200]), int(stamp[219]), 4.0))
 
 

@@ -117,7 +117,7 @@ def test_wrench_point_and_diagnosis(world: World, elastic: Path, pushed: Recordi
     behind = say(SECOND[0] - 0.1, round((FIRST[0] + 0.7) * RATE), 'last contact')
     assert 0.0 < float(during['contact place deviation [m]']) < 0.06
     assert behind['contact'] == 'by strain' and 'contact link' not in behind
-    assert behind['last contact'].startswith('link3, ')
+    assert 'N on link3' in behind['last contact']
     again = say(SECOND[0] + 0.7, round((SECOND[0] - 0.1) * RATE), 'contact link')
     assert again['contact link'] == 'link2'
 
@@ -132,7 +132,7 @@ def test_wrench_point_and_diagnosis(world: World, elastic: Path, pushed: Recordi
     across = [item.force[2] for item in expected if item.felt and FIRST[0] + 0.3 < (
         item.stamp - expected[0].stamp) * 1e-9 < FIRST[0] + 0.7]
     assert abs(np.median(across) - 5.0) < 0.5
-    located = [item for item in expected if item.located]
+    located = [item for item in expected if np.isfinite(item.place)]
     assert len(points) == len(located) > 50
     for message, item in zip(points, located, strict=True):
         assert nanoseconds(message.header.stamp) == item.stamp

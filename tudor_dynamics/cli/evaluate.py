@@ -137,8 +137,9 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
             str(score.false_alarms) if known else '-', f'{60 * score.hours:.1f}' if known else '-')
     print_table(table)
     _print_events(results)
-    say(*unknown(results), *(f'{item.method}: force and place are not known: {item.no_contact}'
-                             for item in results if item.no_contact))
+    say(*unknown(results), *dict.fromkeys(
+        f'{item.method}: {seen.note}' for item in results for bag in item.watched
+        for seen in bag.sightings if seen.note))
 
 
 def _print_verdict(
@@ -202,9 +203,10 @@ def _contact(found: dict[str, Any] | None) -> tuple[str, str]:
     """Give force and place of what touched the arm."""
     if not found:
         return '-', '-'
-    place, spread, other = found['place'], found['place_deviation'], found['or_place']
-    return (f'{found["force"]:.1f}',
-            'not known' if place is None else f'{1e3 * place:.0f} +- {1e3 * spread:.0f}'
+    force, place, other = found['force'], found['place'], found['or_place']
+    return ('not known' if force is None else f'{force:.1f} +- {found["force_deviation"]:.1f}',
+            'not known' if place is None else (
+                f'{1e3 * place:.0f} +- {1e3 * found["place_deviation"]:.0f}')
             + ('' if other is None else f' or {1e3 * other:.0f}'))
 
 

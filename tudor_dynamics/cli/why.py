@@ -110,7 +110,7 @@ def _print(found: Sequence[Cause], *, verbose: bool) -> None:
                     of=f'{time_of_day(seen.event.onset)}: ')
         say(f'  {seen.channel} of {seen.event.link}, by {seen.event.method}: '
             f'{seen.ratio:.2f} times its threshold, for {1e3 * seen.seconds:.0f} ms',
-            *(f'  {text}' for text in (cause.evidence, cause.remedy) if text))
+            *(f'  {text}' for text in (cause.evidence, cause.remedy, seen.note) if text))
         if verbose:
             say('  when it became certain, in thresholds: ' + ', '.join(
                 f'{name} {ratio:.2f}' for name, ratio in seen.event.ratios.items()))

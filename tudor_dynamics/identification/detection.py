@@ -63,7 +63,7 @@ class KnownPush:
     # Stamps of its first and last sample [ns].
     begin: int
     end: int
-    force: float = float('nan')  # largest force [N]; NaN where it is not known
+    force: float = float('nan')  # mean force [N], as of contacts; NaN where it is not known
     early: int = 0  # an event so long before belongs to it: how uncertain its mark is [ns]
 
 
@@ -109,7 +109,7 @@ def find_truth(
 def _pushes(stamp: NDArray[np.int64], size: FloatArray) -> tuple[KnownPush, ...]:
     where = np.flatnonzero(size > FORCE)
     begun = np.flatnonzero(np.diff(stamp[where]) > MERGE * 1e9) + 1
-    return tuple(KnownPush(int(stamp[push[0]]), int(stamp[push[-1]]), float(size[push].max()))
+    return tuple(KnownPush(int(stamp[push[0]]), int(stamp[push[-1]]), float(size[push].mean()))
                  for push in np.split(where, begun) if len(push))
 
 
@@ -213,18 +213,27 @@ class DetectedEvent:
     seconds: float  # from the first sample above the threshold to the last
     push: int | None = None  # place of the push that it belongs to; None without one
     touched: ContactRecord | None = None  # where contacts are estimated
+    no_contact: str = ''  # why they are not
 
     @cached_property
     def contact(self) -> dict[str, Any] | None:
         """Say what touched the arm, by `ContactRecord.summary`; None where that is unknown."""
         return None if self.touched is None else self.touched.summary() or None
 
+    @property
+    def note(self) -> str:
+        """Say what of force and place is not known, why, and what would show it; or nothing."""
+        if self.contact is not None:
+            return str(self.contact['note'])
+        return self.no_contact and f'force and place are not known: {self.no_contact}'
+
     def as_dict(self) -> dict[str, Any]:
         """Give it as JSON-ready dictionary."""
         return {'time': self.time, 'stamp': self.event.stamp, 'onset': self.event.onset,
                 'time_of_day': time_of_day(self.event.onset),
                 'link': self.event.link, 'channel': self.channel, 'ratio': self.ratio,
-                'seconds': self.seconds, 'push': self.push, 'contact': self.contact}
+                'seconds': self.seconds, 'push': self.push, 'contact': self.contact,
+                'note': self.note}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -378,7 +387,6 @@ class MethodResult(Shown):
     score: CollisionScore  # figures at the thresholds asked for
     watched: tuple[WatchedBag, ...]  # bags that were replayed
     roc: Roc  # what other thresholds would have found
-    no_contact: str = ''  # why force and place are unknown; empty otherwise
 
 
 @dataclass(slots=True)
@@ -411,15 +419,13 @@ class EventLog:
             now = DetectedEvent(
                 event, (event.stamp - self.first) * 1e-9, channel, event.ratios[channel],
                 (event.stamp - event.onset) * 1e-9, push_of(event.stamp, self.truth.pushes),
-                None if watch.contact is None else watch.contact.record())
+                None if watch.contact is None else watch.contact.record(), watch.no_contact)
             self.events.append(now)
             if now.touched is not None:
-                for estimate in self.recent:
-                    now.touched.add(estimate)
+                now.touched.add(*self.recent)
         self.recent.extend(found.contacts)
         if now is not None and now.touched is not None:
-            for estimate in found.contacts:
-                now.touched.add(estimate)
+            now.touched.add(*found.contacts)
         self.under_way = now if watch.level is Level.COLLISION else None
 
 
@@ -473,11 +479,10 @@ def evaluate_collisions(
     results = []
     seen = [watch_bag(bundle, chosen, path, recording, within(truth, recording))
             for (path, recording), truth in zip(bags, truths, strict=True)]
-    for method, alone in chosen.items():
+    for method in chosen:
         watched = tuple(item[method] for item in seen)
         found = score(watched, [item.alarms for item in watched])
-        results.append(MethodResult(method, found, watched, roc_of(watched, found.hours),
-                                    Watch(bundle.beside_robot(), alone).no_contact))
+        results.append(MethodResult(method, found, watched, roc_of(watched, found.hours)))
     return results
 
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 import math
 from typing import Any
@@ -28,8 +28,8 @@ from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.online.contact_fronts import (
-    ACROSS, ALONG, correct, ElasticFront, gauge_gain, link_axes, MOMENT, PRESSING, RigidFront,
-    Span, spans_of, strain_deviation, torque_scale, validation_rmse)
+    ACROSS, ALONG, correct, ElasticFront, gauge_gain, link_axes, MOMENT, newtons_of, PRESSING,
+    RigidFront, Span, spans_of, strain_deviation, torque_scale, validation_rmse)
 from tudor_dynamics.online.settings import (
     CONTACT_STEP, DEVIATION_STEP, ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET, EVIDENCE_MEMORY,
     FORCE_MEMORY, FREE_EVIDENCE_MEMORY, HELD_FORCE_MEMORY, INNOVATION_BOUND, LARGEST_FORCE,
@@ -50,30 +50,34 @@ class ContactEstimate:
     # On the link, about the origin of its frame, (3,) [N, N m].
     force: FloatArray
     torque: FloatArray
-    force_deviation: float  # across the link [N]; NaN where the force is not known
+    force_deviation: float  # across the link [N]; NaN where the force is not known, as the force
     torque_deviation: float  # about the axis that its gauges bend about [N m]
     # Along the link, from its joint; NaN where place and force are not identifiable [m].
     place: float = math.nan
     place_deviation: float = math.nan
     # The place in the frame of the link; NaN where it is not known, (3,) [m].
     point: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    # For each span (F, F a, A), (spans, PRESSING) [N, N m, N].
+    # For each span (F, F a, A) by the scale of the model, (spans, PRESSING) [N, N m, N].
     pressing: FloatArray = field(default_factory=lambda: np.zeros((0, PRESSING)))
-    # Covariance of (F, F a) for each span, (spans, 2, 2).
-    spread: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
+    # Covariance of these for each span, (spans, PRESSING, PRESSING).
+    spread: FloatArray = field(default_factory=lambda: np.zeros((0, PRESSING, PRESSING)))
     # Logarithm of the likelihood of the newest readings, (spans,).
     likely: FloatArray = field(default_factory=lambda: np.zeros(0))
+    note: str = ''  # what cannot be said, why, and what would show it; empty for nothing
 
-    @property
-    def located(self) -> bool:
-        """Whether its place is known."""
-        return not math.isnan(self.place)
 
-    @property
-    def note(self) -> str:
-        """Say what cannot be said; empty for nothing."""
-        return '' if self.located or not self.felt else (
-            'the gauges cannot separate place and force of this contact: its place is unknown')
+EFFORTS = 'efforts show the link alone; gauges would show them'
+
+
+def not_known(span: Span, newtons: tuple[float, float], *, placed: bool) -> str:
+    """Say what is not known of a contact on a span, why, and what would show it."""
+    return '; '.join([
+        'the gauges cannot separate place and force: two of them before it would show the place'
+        if span.spread else f'one gauge on the link of {span.joint}: a push at its end is '
+        'assumed; a second gauge would show the place'] * (not placed) + [
+        f'a force along the link of {span.joint} shows in no gauge'] * (not span.along) + [
+        f'strain and described masses give newtons to {100.0 * newtons[1]:.0f} % only: add '
+        'sensors[].gain, or fit two payloads (--payload-of)'] * math.isnan(newtons[0]))
 
 
 class ContactRecord:
@@ -82,60 +86,68 @@ class ContactRecord:
     def __init__(
         self, spans: Sequence[Span], links: Sequence[str],
         together: float = 1.0,  # samples that count as one: the residual of a moving arm rings
+        newtons: tuple[float, float] = (1.0, 0.0),  # see `newtons_of`
     ) -> None:
-        self.spans, self.links, self.together = spans, links, together
+        self.spans, self.links, self.together, self._newtons = spans, links, together, newtons
         self._prior = np.log([span.weight for span in spans])
         self._seen: list[ContactEstimate] = []
 
-    def add(self, estimate: ContactEstimate) -> None:
-        """Take a sample of the contact, or of the moments before and after it."""
-        self._seen.append(estimate)
+    def add(self, *estimates: ContactEstimate) -> None:
+        """Take samples of the contact, or of the moments before and after it."""
+        self._seen += estimates
 
     def summary(self) -> dict[str, Any]:
-        """Give link, forces [N], seconds of touch, places [m]; empty without a sample."""
+        """Give link, mean force [N], seconds of touch, places [m]; empty without a sample."""
         if not self._seen or not self.spans:
             return {}
         pressing = np.array([item.pressing for item in self._seen])
         likely = np.array([item.likely for item in self._seen])
+        spread = np.array([item.spread for item in self._seen])
         during = slice(0, len(pressing))
         for _ in range(2):  # the touch by the likeliest link, and the link by the touch
             link, own, weights = most_likely(
                 self._prior + likely[during].sum(axis=0) / self.together, self.links)
             share = weights[own] / weights[own].sum()
-            course = pressing[:, own, ACROSS] @ share
-            during = touch(course)
+            force, variance = (np.tensordot(values[:, own][:, :, [ACROSS, ALONG]], share, (1, 0))
+                               for values in (pressing, np.diagonal(spread, 0, 2, 3)))
+            during = touch(force / np.sqrt(np.maximum(variance, 1e-12)))
         kept, best = self._seen[during], int(np.argmax(share))
-        places = [self._place(k, kept) for k in own]
-        place, spread, known = place_among([self.spans[k] for k in own], share, places)
+        # what the residual of free motion makes of a place does not become less over a touch
+        places = [place_on(self.spans[k], pressing[during, k], spread[during, k], self.together)
+                  for k in own]
+        place, unsure, known = place_among([self.spans[k] for k in own], share, places)
         if not known:  # two places that are each certain are said
             known = place_among([self.spans[k] for k in own], np.eye(len(own))[best], places)[2]
         others = [places[n][0] for n in np.argsort(-share).tolist()
                   if n != best and share[n] > OTHER_SHARE]
+        span = self.spans[own[best]]
+        across, along = force[during].mean(axis=0)
+        deviation = math.sqrt(variance[during].sum(axis=1).mean() / self.together)
+        factor, doubt = self._newtons
+        mean = math.hypot(across, along)
+        forces = {'force': mean, 'across': across, 'along': along if span.along else math.nan,
+                  'force_deviation': math.hypot(deviation, doubt * mean)}
         return {'link': link, 'certain': round(float(sum(weights[k] for k in own)), 4),
-                'force': float(course[during].mean()),
-                'largest_force': float(course[during][np.argmax(np.abs(course[during]))]),
+                **{name: None if math.isnan(factor * value) else float(factor * value)
+                   for name, value in forces.items()},
                 'seconds': 1e-9 * (kept[-1].stamp - kept[0].stamp),
-                'place': place if known else None, 'place_deviation': spread if known else None,
-                'or_place': others[0] if known and others else None}
-
-    def _place(self, k: int, kept: Sequence[ContactEstimate]) -> tuple[float, float]:
-        """Give the place on a span and its standard deviation, by the line through (F, F a)."""
-        span, values = self.spans[k], np.array([item.pressing[k, :ALONG] for item in kept])
-        squares, products = values[:, ACROSS] @ values
-        if squares <= 0.0:
-            return span.middle, span.spread
-        line = np.array([-products / squares, 1.0])
-        # what the residual of free motion makes of it does not become less over a touch
-        spread = math.sqrt(sum(max(float(line @ item.spread[k] @ line), 0.0) for item in kept)
-                           / (self.together * squares))
-        near = min(max(-line[0], span.inner), span.outer)
-        return near, min(max(spread, abs(-line[0] - near)), max(span.spread, 1e-9))
+                'place': place if known else None, 'place_deviation': unsure if known else None,
+                'or_place': others[0] if known and others else None,
+                'note': not_known(span, self._newtons, placed=known)}
 
 
-def touch(course: FloatArray) -> slice:
-    """Find the samples of a touch in the course of its force (samples,): around its peak."""
-    peak = int(np.argmax(np.abs(course)))
-    weak = np.flatnonzero(course * np.sign(course[peak]) <= TOUCH_SHARE * abs(course[peak]))
+def in_words(found: dict[str, Any]) -> str:
+    """Write force, link and place of a summary on a line."""
+    force = 'a force' if found['force'] is None else f'{found["force"]:.2f} N'
+    return f'{force} on {found["link"]}' + (
+        '' if found['place'] is None else f', {1e3 * found["place"]:.0f} mm from its joint')
+
+
+def touch(force: FloatArray) -> slice:
+    """Find the samples of a touch by its force in deviations (samples, parts): about its peak."""
+    peak = int(np.argmax((force**2).sum(axis=1)))
+    course = force @ force[peak]
+    weak = np.flatnonzero(course <= TOUCH_SHARE * course[peak])
     begin, end = weak[weak < peak], weak[weak > peak]
     return slice(int(begin[-1]) + 1 if len(begin) else 0, int(end[0]) if len(end) else None)
 
@@ -159,7 +171,7 @@ def place_among(
     deviation = math.sqrt(float(share @ (deviations**2 + (means - place)**2)))
     reach = max(span.outer for span in spans) - min(span.inner for span in spans)
     prior = reach / math.sqrt(12.0)  # of a place of which only the link is known
-    return place, deviation, prior == 0.0 or deviation <= PLACE_CERTAIN * prior
+    return place, deviation, deviation < PLACE_CERTAIN * prior
 
 
 def significance(pressing: FloatArray, covariance: FloatArray) -> float:
@@ -171,15 +183,17 @@ def significance(pressing: FloatArray, covariance: FloatArray) -> float:
     return float(unit @ np.linalg.solve(white, unit))
 
 
-def place_on(span: Span, pressing: FloatArray, covariance: FloatArray) -> tuple[float, float]:
-    """Give the place on a span and its standard deviation, within the span [m]."""
-    prior, force, moment = span.spread, float(pressing[ACROSS]), float(pressing[MOMENT])
-    if prior == 0.0 or force == 0.0:
-        return span.middle, prior
-    raw = moment / force
-    line = np.array([-raw, 1.0])
-    spread = math.sqrt(max(float(line @ covariance[:ALONG, :ALONG] @ line), 0.0))
-    return min(max(raw, span.inner), span.outer), min(spread / abs(force), prior)
+def place_on(
+    span: Span, pressing: FloatArray, covariance: FloatArray, together: float = 1.0,
+) -> tuple[float, float]:
+    """Give the place on a span and its standard deviation, by the line through (F, F a)."""
+    squares, products = pressing[:, ACROSS] @ pressing[:, :ALONG]
+    if squares <= 0.0:
+        return span.middle, span.spread
+    line = np.array([-products / squares, 1.0, 0.0])
+    spread = math.sqrt(max(float((covariance @ line @ line).sum()), 0.0) / (together * squares))
+    near = min(max(-line[0], span.inner), span.outer)
+    return near, min(max(spread, abs(-line[0] - near)), span.spread)
 
 
 # Force and place of a contact from strain, sample by sample.
@@ -247,11 +261,13 @@ class ContactEstimator:
         self._covariance = np.zeros((len(self.spans), n, n))
         self._prior = np.log([span.weight for span in self.spans])
         self._last, self._restarts = 0, True
+        self._newtons = newtons_of(arm, model)
         self._restart()
 
     def record(self) -> ContactRecord:
         """Give a record for a contact that begins."""
-        return ContactRecord(self.spans, self.links, RINGING_SAMPLES if self._front.modes else 1.0)
+        return ContactRecord(self.spans, self.links, RINGING_SAMPLES if self._front.modes else 1.0,
+                             self._newtons)
 
     def _restart(self) -> None:
         """Forget the past."""
@@ -317,7 +333,7 @@ class ContactEstimator:
         kept = math.exp(-dt / (EVIDENCE_MEMORY if self.felt else FREE_EVIDENCE_MEMORY))
         self._weight = (self._weight - self._prior) * kept + self._prior + likely
         found = self._estimate(stamp, likely)
-        if not np.abs(found.force).max() < LARGEST_FORCE:  # not a number, too
+        if not np.abs(found.pressing).max() < LARGEST_FORCE:  # not a number, too
             self._restarts, self.felt = True, False
             return None
         return found
@@ -376,21 +392,22 @@ class ContactEstimator:
         self.felt = size > (self._ended if self.felt else self._detected)
         share = weights[own] / weights[own].sum()
         values = share @ pressing[own]
-        off = pressing - values
-        spread = sum((part * (covariance[k] + np.outer(off[k], off[k]))
-                      for part, k in zip(share, own, strict=True)), np.zeros((PRESSING, PRESSING)))
+        variance = share @ (np.diagonal(covariance[own], 0, 1, 2) + (pressing[own] - values)**2)
         place, unsure, known = place_among(
             [self.spans[k] for k in own], share,
-            [place_on(self.spans[k], pressing[k], covariance[k]) for k in own])
+            [place_on(self.spans[k], pressing[k, None], covariance[k, None]) for k in own])
         axes = self._axes[best]
         if not (self.felt and known):
             place = unsure = math.nan
+        factor, doubt = self._newtons
+        values *= factor
+        deviation = np.hypot(factor * np.sqrt(np.maximum(variance, 0.0)), doubt * values)
         return ContactEstimate(
             stamp, self.links[best], joint, self.felt,
             values[ACROSS] * axes.across + values[ALONG] * axes.along,
-            values[MOMENT] * axes.bending, math.sqrt(max(float(spread[ACROSS, ACROSS]), 0.0)),
-            math.sqrt(max(float(spread[MOMENT, MOMENT]), 0.0)), place, unsure,
-            place * axes.along, pressing, covariance[:, :ALONG, :ALONG], likely)
+            values[MOMENT] * axes.bending, float(deviation[ACROSS]), float(deviation[MOMENT]),
+            place, unsure, place * axes.along, pressing, covariance, likely,
+            not_known(self.spans[best], self._newtons, placed=known) * self.felt)
 
 
 # Which link is touched, and with what torque about its joint, from efforts alone.
@@ -442,22 +459,22 @@ class TorqueEstimator:
         return ContactEstimate(
             stamp, self._links[place], self._joints[place], self.felt, np.zeros(3),
             float(np.nan_to_num(torque[place])) * self._axes[place], math.nan,
-            float(self._deviation[place]))
+            float(self._deviation[place]), note=EFFORTS * self.felt)
 
 
 AnyEstimator = ContactEstimator | TorqueEstimator
 
 
-def contact_estimator(bundle: ModelBundle, kind: str, methods: Collection[str]) -> AnyEstimator:
-    """Choose what estimates contacts."""
-    why = []
-    known: dict[str, Callable[[], AnyEstimator]] = {
-        'strain': lambda: ContactEstimator(bundle, kind),
-        'momentum': lambda: TorqueEstimator(bundle)}
-    for method, make in known.items():
+def contact_estimator(
+    bundle: ModelBundle, kind: str, methods: Collection[str],
+) -> tuple[AnyEstimator | None, str]:
+    """Choose what estimates contacts, and say why it does not find force and place."""
+    why: list[str] = []
+    for method, limit in (('strain', ''), ('momentum', EFFORTS)):
         if method in methods:
             try:
-                return make()
+                return (TorqueEstimator(bundle) if limit else ContactEstimator(bundle, kind),
+                        '; '.join(why) or limit)
             except ModelError as err:
                 why.append(str(err))
-    raise ModelError('; '.join(why) or 'only the methods strain and momentum estimate contacts')
+    return None, '; '.join(why) or 'only the methods strain and momentum estimate contacts'

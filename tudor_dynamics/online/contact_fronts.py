@@ -29,6 +29,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import gauge_axis, gauge_point, link_reach, unit_vector
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import ModelError, SimulationError
+from tudor_dynamics.load.settings import GAIN_STD, UNKNOWN_STD
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import add, Chain, times
 from tudor_dynamics.mechanics.equations import put_force, unsaid
@@ -56,6 +57,19 @@ def gauge_gain(arm: Arm, model: Model | None) -> FloatArray:
         return np.array([values[0] for values in model.coefficients_])
     sensors = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
     return np.array([sensors.get(name, np.nan) for name in arm.gauge_names])
+
+
+def newtons_of(arm: Arm, model: Model) -> tuple[float, float]:
+    """Give true newtons over those of a model, NaN if unknown, and what part of it is in doubt."""
+    if not isinstance(model, ElasticModel):
+        return 1.0, GAIN_STD
+    # strain alone cannot see a factor that all masses and stiffnesses have too much
+    gain, given = np.abs(gauge_gain(arm, model)), np.abs(gauge_gain(arm, None))
+    doubt = max((float(error[0] / own) for error, own in zip(
+        model.standard_errors_ or (), gain, strict=False)), default=0.0)
+    if doubt > GAIN_STD and np.isfinite(given).any():
+        return float(np.nanmedian(gain / given)), GAIN_STD
+    return 1.0 if doubt < UNKNOWN_STD else math.nan, doubt
 
 
 def validation_rmse(bundle: ModelBundle, output: str, kind: str) -> FloatArray | None:
@@ -121,7 +135,7 @@ class Span:
     @property
     def weight(self) -> float:
         """How likely a contact is here before anything is known, up to a factor [m]."""
-        return max(self.outer - self.inner, SPAN_LENGTH)
+        return self.outer - self.inner or self.outer  # an end stands for the whole link
 
     @property
     def covariance(self) -> FloatArray:

@@ -228,12 +228,10 @@ class Watch:
         self.observer = (MomentumObserver(kinds['effort']['analytical'], settings.observer_gain,
                                           spec.settle) if 'momentum' in self.methods else None)
         self.contact: AnyEstimator | None = None  # none if not asked for, or not possible
-        self.no_contact = ''  # why it is not possible
+        self.no_contact = ''  # why force and place are not known
         if settings.contact:
-            try:
-                self.contact = contact_estimator(bundle, settings.kind, self.methods)
-            except ModelError as err:
-                self.no_contact = str(err)
+            self.contact, self.no_contact = contact_estimator(
+                bundle, settings.kind, self.methods)
         self.ringing = (None if bundle.tool is None or 'effort' not in self.outputs else
                         RingObserver(bundle.arm, bundle.tool))
         self._load_method = None if payload is None else self._follows(payload)

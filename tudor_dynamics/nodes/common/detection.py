@@ -40,7 +40,7 @@ from tudor_dynamics.nodes.common.messages import (
     time_message, wrench_stamped)
 from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
 from tudor_dynamics.online.black_box import record_of
-from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
+from tudor_dynamics.online.contact import ContactEstimate, ContactRecord, in_words
 from tudor_dynamics.online.coverage import Coverage, CoverageLevel, MEANING, SensorHealth
 from tudor_dynamics.online.detector import CollisionEvent, Level
 from tudor_dynamics.online.monitor import (
@@ -108,17 +108,16 @@ class ContactOutput:
         """Publish an estimate: a wrench at each sample, the point while it is known."""
         self._last = estimate
         if estimate.felt:
-            if self._record is None and watch.contact is not None:
-                self._record = watch.contact.record()
-            if self._record is not None:
-                self._record.add(estimate)
+            assert watch.contact is not None  # which made it
+            self._record = self._record or watch.contact.record()
+            self._record.add(estimate)
         elif self._record is not None:
             self._summary, self._record = self._record.summary(), None
         wrench = wrench_stamped(
             time_message(estimate.stamp), estimate.link,
             *((estimate.force, estimate.torque) if estimate.felt else ()))
         self._wrench.publish(wrench)
-        if estimate.located:
+        if not math.isnan(estimate.place):
             point = PointStamped(header=wrench.header)
             set_vector(point.point, estimate.point)
             self._point.publish(point)
@@ -127,10 +126,8 @@ class ContactOutput:
 
     def values(self, watch: Watch) -> dict[str, str]:
         """Give what the diagnostics say."""
-        if watch.no_contact:
-            return {'contact': f'not estimated: {watch.no_contact}'}
         if watch.contact is None:
-            return {}
+            return {'contact': f'not estimated: {watch.no_contact}'} if watch.no_contact else {}
         last = self._last
         values = {'contact': f'by {watch.contact.source}'}
         if last is not None and last.felt:
@@ -145,10 +142,8 @@ class ContactOutput:
             if last.note:
                 values['contact note'] = last.note
         if self._summary:
-            found = self._summary
-            where = ('place on the link unknown' if found['place'] is None else
-                     f'{found["place"]:.3f} m from its joint')
-            values['last contact'] = f'{found["link"]}, {found["force"]:.2f} N, {where}'
+            values['last contact'] = '; '.join(
+                filter(None, (in_words(self._summary), self._summary['note'])))
         return values
 
 

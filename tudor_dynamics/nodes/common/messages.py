@@ -83,7 +83,7 @@ def wrench_stamped(
 def force_marker(header: Header, contact: ContactEstimate) -> Marker:
     """Make an arrow of 10 mm/N whose head is the place of a contact; without one, it goes."""
     marker = Marker(header=header, ns='contact', type=Marker.ARROW, action=Marker.DELETE)
-    if contact.felt and contact.located:
+    if contact.felt and np.isfinite([*contact.point, *contact.force]).all():
         marker.action = Marker.ADD
         for values in (contact.point - 0.01 * contact.force, contact.point):
             marker.points.append(Point(**dict(zip('xyz', values.tolist(), strict=True))))
