@@ -26,8 +26,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
-from tudor_dynamics.models.elastic.model import (
-    driven_arm, ElasticModel, follow_motion, PhysicalParameter)
+from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel, PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.typing import FloatArray
 
@@ -134,9 +133,10 @@ def along(
     model: ElasticModel, motion: FloatArray, dt: FloatArray, before: FloatArray | None = None,
 ) -> FloatArray:
     """Predict along a motion from rest, or after one before."""
-    driven = driven_arm(model.arm, model.values)
-    q = motion[:, :len(model.arm.joints)]
-    return model.prepared()(follow_motion(driven, q, dt, before), motion)
+    driven, dt = driven_arm(model.arm, model.values), dt.copy()
+    if not driven.begin(before):
+        dt[0] = 0.0
+    return model.prepared()(driven.follow(motion[:, :len(model.arm.joints)], dt), motion)
 
 
 def pushed(

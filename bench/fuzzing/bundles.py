@@ -29,8 +29,7 @@ from tudor_dynamics.files import load_yaml
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import dump_yaml, load_bundle, save_bundle
-from tudor_dynamics.models.elastic.model import (
-    driven_arm, ElasticModel, follow_motion, PhysicalParameter)
+from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel, PhysicalParameter
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.online.settings import LAGS, WINDOW
@@ -172,9 +171,9 @@ class Bundles:
             for kind, model in kinds.items():
                 if getattr(model, 'payload_range', None) is not None:
                     model = model.at(0.1)
-                values = (model.prepared()(follow_motion(
-                    driven_arm(model.arm, model.values), motion[:, :model.n_joints],
-                    np.full(len(motion), 0.01)), motion)
+                values = (model.prepared()(driven_arm(model.arm, model.values).follow(
+                    motion[:, :model.n_joints],
+                    np.where(np.arange(len(motion)), 0.01, 0.0)), motion)
                     if isinstance(model, ElasticModel) else model.predict(motion))
                 predicted[output, kind] = values
         return predicted

@@ -86,21 +86,11 @@ def effort_outputs(arm: Arm, coefficients: tuple[FloatArray, ...]) -> Outputs:
     return outputs
 
 
-def follow_motion(
-    driven: DrivenArm, q: FloatArray, dt: FloatArray, before: FloatArray | None = None,
-) -> Response:
-    """Follow a gapless motion from rest; ``before``: ``[dt, q]`` (earlier, 1 + joints)."""
-    dt = np.array(dt, dtype=float)
-    if not driven.begin(before):
-        dt[0] = 0.0
-    return driven.follow(np.asarray(q, dtype=float), dt)
-
-
 def follow_stretch(
     driven: DrivenArm, stretch: Stretch, gauges: FloatArray | None = None,
 ) -> Response:
     """
-    Follow a stretch; where it begins in motion, gauges show how its links oscillate there.
+    Follow a stretch from rest; where it begins in motion, gauges show how its links oscillate.
 
     Gauges (gauges, 3): gain, offset and noise of their strain. They correct the state for
     OBSERVED seconds, each after its sample; what comes later follows from motion alone.
@@ -108,7 +98,8 @@ def follow_stretch(
     q, dt, before = stretch.states.q, stretch.dt, stretch.before
     if (gauges is None or stretch.strain is None or not stretch.past_unknown
             or not np.all(gauges[:, 0])):
-        return follow_motion(driven, q, dt, before)
+        driven.begin(before)
+        return driven.follow(q, dt)
     n = int(np.searchsorted(stretch.t, stretch.t[0] + OBSERVED))
     gain, offset, noise = gauges.T
     measured = (stretch.strain[:n] - offset) / gain
