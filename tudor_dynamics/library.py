@@ -16,13 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 import hashlib
 from pathlib import Path
 import time
-from typing import NamedTuple, TYPE_CHECKING, TypeVar
+from typing import NamedTuple, TYPE_CHECKING
 import warnings
 
 from tudor_dynamics.arm.description import Arm
@@ -296,8 +296,6 @@ def _by_path(payloads: Mapping[str, float], bags: Sequence[BagChoice]) -> dict[s
 
 # -- Bags against models: what ``tudor evaluate`` and ``td.predict`` have in common
 
-T = TypeVar('T')
-
 
 @dataclass(frozen=True, eq=False)
 class Prediction(Shown):
@@ -325,10 +323,9 @@ class Prediction(Shown):
 
         target = None if path is None else picture_path(path)
         output = output or ('strain' if 'strain' in self.outputs else next(iter(self.outputs)))
-        kinds = _known(self.outputs, output, 'output')
+        kinds = self.outputs[_known(self.outputs, output, 'output')]
         first = next(iter(kinds.values()))
-        name = _known({name: name for name in first.channels}, channel or first.channels[0],
-                      'channel')
+        name = _known(first.channels, channel or first.channels[0], 'channel')
         with style():
             figure = draw(signal_figure(self.arm, output, kinds, name,
                                         liveliest(first.traces[0], self.data)))
@@ -337,10 +334,10 @@ class Prediction(Shown):
         return figure
 
 
-def _known(items: dict[str, T], name: str, what: str) -> T:
-    if name not in items:
-        raise UsageError(f'the prediction has no {what} {name!r}; it has {", ".join(items)}')
-    return items[name]
+def _known(names: Collection[str], name: str, what: str) -> str:
+    if name not in names:
+        raise UsageError(f'the prediction has no {what} {name!r}; it has {", ".join(names)}')
+    return name
 
 
 def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:

@@ -94,7 +94,7 @@ def test_an_unknown_past_is_said() -> None:
         recording = recording_of(q, 100.0, gaps=(300,), path='bag', **outputs)
         return BagData(BagChoice('bag'), recording, tuple(prepare(recording, SPEC)))
     model, q = Remembering(np.zeros(2)), multisine(np.arange(600) * 0.01, 2)[:, :2]
-    with pytest.warns(TudorWarning, match='bag begins in motion, or goes on so after a gap'):
+    with pytest.warns(TudorWarning, match='begins in motion, or goes on so after a gap, w'):
         trace(model, read(q, effort=np.zeros((600, 2))), 'effort')
     rest = np.repeat(np.interp(np.arange(600), [100, 250, 350, 600], [0.0, 1.0, 1.0, 0.0])[
         :, None], 2, axis=1)

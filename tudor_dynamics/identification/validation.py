@@ -308,10 +308,9 @@ def trace(model: Model, data: BagData, output: str) -> Trace:
     """Predict an output over a bag; nothing but motion goes into the model."""
     if model.has_memory and not data.has('strain') and any(
             s.past_unknown for s in data.stretches):
-        warnings.warn(f'{data.choice} begins in motion, or goes on so after a gap, and has no '
-                      'strain: how its links oscillate there is unknown, and an elastic model is '
-                      'judged too low; judge by bags with strain, or that begin at standstill',
-                      TudorWarning, stacklevel=1)
+        warnings.warn(f'{data.choice} begins in motion, or goes on so after a gap, without strain:'
+                      ' an elastic model is judged too low, as its links may oscillate there; '
+                      'judge by bags with strain, or from standstill', TudorWarning, stacklevel=1)
     parts = [(s.t[s.decimation.keep], s.stamp[s.decimation.keep],
               s.decimation(getattr(s, output)), model.follow_kept(s),
               np.abs(s.states.dq[s.decimation.keep]))
