@@ -32,7 +32,6 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.files import provenance
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
@@ -79,9 +78,7 @@ class BlackBox:
             return
         if not self._pending:
             self._due = self._ring.last + round(RECORDED_AFTER * 1e9)
-        settings = {name: self._node.value(name) for name in self._node.params}
-        settings['model'] = str(Path(settings['model']).absolute())  # readers are elsewhere
-        self._pending.append({**record, 'state': self._node.status()[2], 'settings': settings})
+        self._pending.append(record)
 
     def _look(self) -> None:
         """Write what is due, also where messages have ended."""
@@ -93,12 +90,12 @@ class BlackBox:
             self._writer.start()
 
     def _write(self, messages: tuple[Message, ...], records: list[dict[str, Any]]) -> None:
-        home, made = os.environ.get('ROS_HOME') or '~/.ros', {'made': provenance()}
+        home = os.environ.get('ROS_HOME') or '~/.ros'
         folder = Path(self._node.value('event_bags') or f'{home}/tudor_dynamics/events')
         try:
             path = write_events(
                 folder.expanduser().absolute() / self._node.get_namespace().strip('/'),
-                self._paced(messages), [record | made for record in records])
+                self._paced(messages), records)
             command = shlex.join(['tudor', 'why', str(path)])
             self._node.get_logger().info(f'to see why: {command} (the last 30 s)')
         except BagError as err:

@@ -35,7 +35,7 @@ from tudor_dynamics.bags.writer import write_messages
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.detector import CollisionEvent, Excess, time_of_day
 from tudor_dynamics.online.monitor import FIELD, Found, Monitor
-from tudor_dynamics.online.settings import RECORDED, RING_BYTES, RING_TIME
+from tudor_dynamics.online.settings import LATELY, RECORDED, RING_BYTES, RING_TIME, SHOWN
 from tudor_dynamics.online.streams import Gathering
 from tudor_dynamics.typing import FloatArray
 
@@ -45,23 +45,35 @@ EVENTS = 'tudor_events'
 """Key of the records of events among the custom data of a bag: JSON, a list of `record_of`."""
 
 
-def record_of(event: CollisionEvent, excess: Excess) -> dict[str, Any]:
+def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
     """
     Give all that was known at the sample that made an event certain, as JSON has it.
 
-    excess: that of the event's method. Stamps in ns, ``time``: the onset in UTC; by channel
-    in its unit; channel: of the largest ratio; motion: q, dq, ddq of active joints [rad or m, s].
+    past: samples of the event's method. Stamps in ns, ``time``: the onset in UTC; by channel
+    in its unit; channel: of the largest ratio; motion: q, dq, ddq of active joints [rad or m, s];
+    last_second: the same of the channel until then, at most 50 samples.
     """
-    channels = list(event.ratios)
-    found = {'measured': excess.residual.measured, 'expected': excess.residual.predicted,
-             'residual': excess.residual.value, 'threshold': excess.threshold,
-             'ratio': np.array([event.ratios[name] for name in channels])}
+    near = [item for item in past
+            if 0 <= event.stamp - item.residual.motion.stamp <= LATELY * 1e9]
+    channels, last = list(event.ratios), near[-1]
+    channel = max(channels, key=event.ratios.__getitem__)
+    shown = near[::-1][::-(-len(near) // SHOWN)][::-1]
+    series = {name: [values[name][channels.index(channel)] for values in map(_values, shown)]
+              for name in _values(last)}
+    series['seconds'] = [(item.residual.motion.stamp - event.stamp) * 1e-9 for item in shown]
     return {'onset': event.onset, 'stamp': event.stamp, 'time': time_of_day(event.onset),
-            'method': event.method, 'link': event.link,
-            'channel': max(channels, key=event.ratios.__getitem__),
+            'method': event.method, 'link': event.link, 'channel': channel,
             **{name: dict(zip(channels, values.tolist(), strict=True))
-               for name, values in found.items()},
-            'motion': excess.residual.motion.row.tolist()}
+               for name, values in _values(last).items()},
+            'motion': last.residual.motion.row.tolist(),
+            'last_second': {name: [float(f'{value:.6g}') for value in values]
+                            for name, values in series.items()}}
+
+
+def _values(excess: Excess) -> dict[str, FloatArray]:
+    return {'measured': excess.residual.measured, 'expected': excess.residual.predicted,
+            'residual': excess.residual.value, 'threshold': excess.threshold,
+            'ratio': excess.collision}
 
 
 def records_of(bag: Bag) -> list[dict[str, Any]]:
