@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cached_property, partial
 import os
 from pathlib import Path
 import shlex
@@ -26,6 +26,8 @@ from threading import Thread
 import time
 from typing import Any
 
+import numpy as np
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState
@@ -37,7 +39,7 @@ from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublisher, MotionEncoder, NamedReader)
-from tudor_dynamics.online.black_box import Message, MessageRing, write_events
+from tudor_dynamics.online.black_box import ASKED, ASKS, Message, MessageRing, write_events
 from tudor_dynamics.online.monitor import FIELD, Monitor
 from tudor_dynamics.online.settings import RECORDED_AFTER
 
@@ -54,6 +56,7 @@ class BlackBox:
         self._due = 0
         self._writer: Thread | None = None
         self._closing = False  # no sample waits any more
+        self.asked = self.keeping(JointState, ASKED, len)
         self._timer = node.every(0.5, self._look)
 
     def keeping(self, kind: Any, topic: str, take: Callable[[bytes], Any]) -> Any:
@@ -124,7 +127,6 @@ class MonitorNode(DetectNode):
 
     def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        self._box = BlackBox(self)
         self.monitor: Monitor | None = None
         self._motion = ListenedPublisher(self.publish_on(JointTrajectory, JOINT_MOTION))
         self._predicted = {output: ListenedPublisher(self.publish_on(JointState, topic))
@@ -177,8 +179,20 @@ class MonitorNode(DetectNode):
 
     def subscribe(self, kind: Any, topic: str, callback: Any, **options: Any) -> Subscription:
         """Keep the messages, too."""
-        kept = self._box.keeping(kind, topic, callback) if options.get('raw') else callback
-        return super().subscribe(kind, topic, kept, **options)
+        take = callback if options.pop('raw', False) else (
+            lambda data: callback(deserialize_message(data, kind)))
+        return super().subscribe(
+            kind, topic, self._box.keeping(kind, topic, take), raw=True, **options)
+
+    @cached_property
+    def _box(self) -> BlackBox:  # already for what the constructor subscribes to
+        return BlackBox(self)
+
+    def asked(self, what: str) -> None:
+        """Keep it among the messages."""
+        load = self.port.load
+        self._box.asked(JointStateEncoder(ASKS, ('position',)).encode(0, np.array([
+            0.0 if load is None else load.mass, what == 'expect', what == 'reset'])))
 
     def keep(self, record: dict[str, Any]) -> None:
         """Let a bag of the event be written."""

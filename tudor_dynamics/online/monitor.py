@@ -277,6 +277,12 @@ class Watch:
         kind = 'analytical' if method == 'momentum' else self.settings.kind
         return self.bundle.models[SOURCE[method]][kind].stiction(q)
 
+    def reset(self) -> None:
+        """Restart, with the load as well: nothing touches the arm now."""
+        self.detector.reset()
+        if isinstance(self.payload, PayloadStage):
+            self.payload.observer.reset()
+
     @property
     def level(self) -> Level:
         """State of the arm."""
