@@ -103,9 +103,7 @@ def test_a_record_has_what_was_known() -> None:
     assert record['residual'] == {'hub': 3.0, 'mid': -1.0}
     assert record['threshold'] == {'hub': 2.0, 'mid': 4.0}
     assert record['ratio'] == {'hub': 1.5, 'mid': 0.25} and record['motion'] == [0.1, 0.2, 0.3]
-    assert record['last_second'] == {
-        'measured': [4.0], 'expected': [1.0], 'residual': [3.0], 'threshold': [2.0],
-        'ratio': [1.5], 'seconds': [0.0]}
+    assert record['last_second'] == [[0.0, 4.0, 1.0, 2.0, 1.5]]
 
 
 @pytest.mark.parametrize('rate', [30, 100, 333, 1000])
@@ -121,7 +119,7 @@ def test_a_record_has_the_last_second(rate: int) -> None:
     stamp = excesses[at].residual.motion.stamp
     shown = record_of(CollisionEvent(stamp, stamp, 'strain', 'link3', {'hub': 1.0},
                                      {'hub': float(at)}), excesses)['last_second']
-    seconds, values = np.array(shown['seconds']), np.array(shown['ratio'])
+    seconds, *_, values = np.array(shown).T
     assert min(rate, 25) <= len(seconds) <= 50 and seconds[-1] == 0.0
     assert values[-1] == at and np.ptp(np.diff(values)) == 0.0
     assert -1.0 <= seconds[0] < -0.9 and np.allclose(seconds, (values - at) / rate, atol=1e-5)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from functools import cached_property, partial
+from functools import partial
 import os
 from pathlib import Path
 import shlex
@@ -56,8 +56,6 @@ class BlackBox:
         self._due = 0
         self._writer: Thread | None = None
         self._closing = False  # no sample waits any more
-        self.asked = self.keeping(JointState, ASKED, len)
-        self._timer = node.every(0.5, self._look)
 
     def keeping(self, kind: Any, topic: str, take: Callable[[bytes], Any]) -> Any:
         """Keep the messages of a topic before something takes them."""
@@ -83,7 +81,7 @@ class BlackBox:
             self._due = self._ring.last + round(RECORDED_AFTER * 1e9)
         self._pending.append(record)
 
-    def _look(self) -> None:
+    def look(self) -> None:
         """Write what is due, also where messages have ended."""
         busy = self._writer is not None and self._writer.is_alive()
         now = self._node.get_clock().now().nanoseconds
@@ -126,7 +124,9 @@ class MonitorNode(DetectNode):
     CHAIN = Monitor
 
     def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
+        self._box = BlackBox(self)  # hears what the base subscribes to
         super().__init__(name, **kwargs)
+        self._looking = self.every(0.5, self._box.look)
         self.monitor: Monitor | None = None
         self._motion = ListenedPublisher(self.publish_on(JointTrajectory, JOINT_MOTION))
         self._predicted = {output: ListenedPublisher(self.publish_on(JointState, topic))
@@ -184,15 +184,11 @@ class MonitorNode(DetectNode):
         return super().subscribe(
             kind, topic, self._box.keeping(kind, topic, take), raw=True, **options)
 
-    @cached_property
-    def _box(self) -> BlackBox:  # already for what the constructor subscribes to
-        return BlackBox(self)
-
     def asked(self, what: str) -> None:
         """Keep it among the messages."""
-        load = self.port.load
-        self._box.asked(JointStateEncoder(ASKS, ('position',)).encode(0, np.array([
-            0.0 if load is None else load.mass, what == 'expect', what == 'reset'])))
+        mass = 0.0 if self.port.load is None else self.port.load.mass
+        self._box.keeping(JointState, ASKED, len)(JointStateEncoder(ASKS, ('position',)).encode(
+            0, np.array([mass, what == 'expect', what == 'reset'])))
 
     def keep(self, record: dict[str, Any]) -> None:
         """Let a bag of the event be written."""

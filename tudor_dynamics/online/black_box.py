@@ -54,29 +54,26 @@ def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
 
     past: samples of the event's method. Stamps in ns, ``time``: the onset in UTC; by channel
     in its unit; channel: of the largest ratio; motion: q, dq, ddq of active joints [rad or m, s];
-    last_second: the same of the channel until then, at most 50 samples.
+    last_second: of the channel until then, at most 50 rows of seconds until
+    the event, measured, expected, threshold, ratio.
     """
     near = [item for item in past
             if 0 <= event.stamp - item.residual.motion.stamp <= LATELY * 1e9]
-    channels, last = list(event.ratios), near[-1]
+    excess, channels = near[-1], list(event.ratios)
     channel = max(channels, key=event.ratios.__getitem__)
-    shown = near[::-1][::-(-len(near) // SHOWN)][::-1]
-    series = {name: [values[name][channels.index(channel)] for values in map(_values, shown)]
-              for name in _values(last)}
-    series['seconds'] = [(item.residual.motion.stamp - event.stamp) * 1e-9 for item in shown]
+    place, found = channels.index(channel), {
+        'measured': excess.residual.measured, 'expected': excess.residual.predicted,
+        'residual': excess.residual.value, 'threshold': excess.threshold,
+        'ratio': excess.collision}
+    rows = [((item.residual.motion.stamp - event.stamp) * 1e-9, *(values[place] for values in (
+        item.residual.measured, item.residual.predicted, item.threshold, item.collision)))
+        for item in near[::-1][::-(-len(near) // SHOWN)][::-1]]
     return {'onset': event.onset, 'stamp': event.stamp, 'time': time_of_day(event.onset),
             'method': event.method, 'link': event.link, 'channel': channel,
             **{name: dict(zip(channels, values.tolist(), strict=True))
-               for name, values in _values(last).items()},
-            'motion': last.residual.motion.row.tolist(),
-            'last_second': {name: [float(f'{value:.6g}') for value in values]
-                            for name, values in series.items()}}
-
-
-def _values(excess: Excess) -> dict[str, FloatArray]:
-    return {'measured': excess.residual.measured, 'expected': excess.residual.predicted,
-            'residual': excess.residual.value, 'threshold': excess.threshold,
-            'ratio': excess.collision}
+               for name, values in found.items()},
+            'motion': excess.residual.motion.row.tolist(),
+            'last_second': [[float(f'{value:.7g}') for value in row] for row in rows]}
 
 
 def records_of(bag: Bag) -> list[dict[str, Any]]:

@@ -25,14 +25,13 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PointStamped, WrenchStamped
-from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Header, String
 
 from tudor_dynamics.arm.kinematics import base_frame
 from tudor_dynamics.compiled import largest_size
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.files import installed, provenance
+from tudor_dynamics.files import provenance
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
@@ -180,10 +179,7 @@ class DetectNode(ModelNode):
         self.watch: Watch | None = None
         self._calibration: Calibration | None = None
         self._moving = False
-        self._past: dict[str, deque[Excess]] = {}  # by method
-        # once: it takes 30 ms
-        self._made = {**provenance(), 'ros': (
-            f'rclpy {installed("rclpy")}, {get_rmw_implementation_identifier()}')}
+        self._made = provenance()  # once: it takes 30 ms
         self.coverage = Coverage()
         self._residuals, self._thresholds, self._ratios = (
             {method: ListenedPublisher(self.publish_on(JointState, topics[method]))
@@ -221,7 +217,8 @@ class DetectNode(ModelNode):
         self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
                          for output, of in topics.items() for topic, channels in of.items()}
         self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
-        self._past = {method: deque(maxlen=RECENT) for method in watch.methods}
+        self._past: dict[str, deque[Excess]] = {
+            method: deque(maxlen=RECENT) for method in watch.methods}
         self.health = {output: SensorHealth(names[output]) for output in watch.outputs}
         for method in watch.methods:
             for publishers in (self._residuals, self._thresholds, self._ratios):
@@ -307,7 +304,12 @@ class DetectNode(ModelNode):
         for stamp, amplitude in found.rings:
             self._ringing.publish(stamp, amplitude)
         for event in found.events:
-            record = record_of(event, self._past[event.method]) | self._known(event.stamp)
+            record = record_of(event, self._past[event.method]) | {
+                'digest': self.bundle.digest if self.bundle else '', 'made': self._made,
+                'settings': {**{name: self.value(name) for name in self.params},
+                             'model': str(Path(self.source).absolute())},  # readers are elsewhere
+                'state': {**self.status()[2], 'message': self.verdict()[1],
+                          'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
             self.keep(record)
         for estimate in found.contacts:
@@ -319,15 +321,6 @@ class DetectNode(ModelNode):
             self.get_logger().info(f'the load changed, no collision: it is now {load.mass:.3f} kg')
         if found.residuals:
             self.port.publish(found.residuals[-1][1].motion.stamp, len(found.loads))
-
-    def _known(self, stamp: int) -> dict[str, Any]:
-        """Give what the record of an event says of the node: stamp of the sample [ns]."""
-        _, message, figures = self.status()
-        settings = {name: self.value(name) for name in self.params}
-        settings['model'] = str(Path(settings['model']).absolute())  # readers are elsewhere
-        age = f'{(self.ros_time() - stamp) * 1e-6:.1f}'
-        return {'digest': self.bundle.digest if self.bundle else '', 'settings': settings,
-                'made': self._made, 'state': {'message': message, 'age [ms]': age, **figures}}
 
     def keep(self, record: dict[str, Any]) -> None:
         """Take note of an event."""
