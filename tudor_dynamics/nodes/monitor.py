@@ -186,9 +186,8 @@ class MonitorNode(DetectNode):
 
     def asked(self, what: str) -> None:
         """Keep it among the messages."""
-        mass = 0.0 if self.port.load is None else self.port.load.mass
         self._box.keeping(JointState, ASKED, len)(JointStateEncoder(ASKS, ('position',)).encode(
-            0, np.array([mass, what == 'expect', what == 'reset'])))
+            0, np.array([self.port.mass, what == 'expect', what == 'reset'])))
 
     def keep(self, record: dict[str, Any]) -> None:
         """Let a bag of the event be written."""

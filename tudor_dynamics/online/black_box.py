@@ -44,7 +44,7 @@ Message = tuple[int, str, str, bytes]
 EVENTS = 'tudor_events'
 """Key of the records of events among the custom data of a bag: JSON, a list of `record_of`."""
 ASKED = 'tudor_asked'
-"""Topic of what a monitor was asked for, as joint states: in the ring alone."""
+"""Topic of what a monitor was asked for, in the ring alone: joint states with these names."""
 ASKS = ('load', 'expect', 'reset')
 
 
@@ -54,23 +54,21 @@ def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
 
     past: samples of the event's method. Stamps in ns, ``time``: the onset in UTC; by channel
     in its unit; channel: of the largest ratio; motion: q, dq, ddq of active joints [rad or m, s];
-    last_second: of the channel until then, at most 50 rows of seconds until
-    the event, measured, expected, threshold, ratio.
+    last_second: rows of seconds to then, measured, expected, threshold, ratio of the channel.
     """
     near = [item for item in past
             if 0 <= event.stamp - item.residual.motion.stamp <= LATELY * 1e9]
-    excess, channels = near[-1], list(event.ratios)
-    channel = max(channels, key=event.ratios.__getitem__)
-    place, found = channels.index(channel), {
-        'measured': excess.residual.measured, 'expected': excess.residual.predicted,
-        'residual': excess.residual.value, 'threshold': excess.threshold,
-        'ratio': excess.collision}
-    rows = [((item.residual.motion.stamp - event.stamp) * 1e-9, *(values[place] for values in (
-        item.residual.measured, item.residual.predicted, item.threshold, item.collision)))
-        for item in near[::-1][::-(-len(near) // SHOWN)][::-1]]
+    channel = max(event.ratios, key=event.ratios.__getitem__)
+    place, excess = list(event.ratios).index(channel), near[-1]
+    found = {'measured': excess.residual.measured, 'expected': excess.residual.predicted,
+             'residual': excess.residual.value, 'threshold': excess.threshold,
+             'ratio': excess.collision}
+    rows = [((item.residual.motion.stamp - event.stamp) * 1e-9, item.residual.measured[place],
+             item.residual.predicted[place], item.threshold[place], item.collision[place])
+            for item in near[::-1][::-(-len(near) // SHOWN)][::-1]]
     return {'onset': event.onset, 'stamp': event.stamp, 'time': time_of_day(event.onset),
             'method': event.method, 'link': event.link, 'channel': channel,
-            **{name: dict(zip(channels, values.tolist(), strict=True))
+            **{name: dict(zip(event.ratios, values.tolist(), strict=True))
                for name, values in found.items()},
             'motion': excess.residual.motion.row.tolist(),
             'last_second': [[float(f'{value:.7g}') for value in row] for row in rows]}
@@ -191,13 +189,8 @@ def replayed(
                  for output in monitor.watch.outputs}
     for message in messages:
         fields = message.fields
-        load, expect, reset = fields.get(ASKED, (None, False, False))
-        if load is not None and monitor.payload is not None:
-            monitor.payload.carry(float(load))
-        if expect and monitor.payload is not None:
-            monitor.payload.expect()
-        if reset:
-            monitor.watch.reset()
+        if ASKED in fields:
+            monitor.watch.answer(*fields[ASKED].tolist())
         if message.topic == arm.spec.joint_topic:
             if 'q' not in fields:
                 continue

@@ -277,11 +277,16 @@ class Watch:
         kind = 'analytical' if method == 'momentum' else self.settings.kind
         return self.bundle.models[SOURCE[method]][kind].stiction(q)
 
-    def reset(self) -> None:
-        """Restart, with the load as well: nothing touches the arm now."""
-        self.detector.reset()
-        if isinstance(self.payload, PayloadStage):
-            self.payload.observer.reset()
+    def answer(self, mass: float, expect: float, reset: float) -> None:
+        """Take a load from others [kg], let one come, or restart all: nothing touches the arm."""
+        if reset:
+            self.detector.reset()
+        if self.payload is not None:
+            self.payload.carry(mass)
+            if expect:
+                self.payload.expect()
+            if reset and isinstance(self.payload, PayloadStage):
+                self.payload.observer.reset()
 
     @property
     def level(self) -> Level:

@@ -32,6 +32,7 @@ from tudor_dynamics.arm.kinematics import base_frame
 from tudor_dynamics.compiled import largest_size
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.files import provenance
+from tudor_dynamics.load.live import carried_load
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
@@ -199,8 +200,10 @@ class DetectNode(ModelNode):
         return MonitorSettings.of({name: self.value(name) for name in self.params})
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Any:
-        warm_up(bundle, self.settings())
-        return self.CHAIN(bundle, self.settings(), payload=self.port.prepare(whole, self.payload))
+        settings = self.settings()
+        warm_up(bundle, settings)
+        return self.CHAIN(bundle, settings, payload=carried_load(
+            self.port.source, whole, self.payload))
 
     def adopt(
         self, bundle: ModelBundle, chain: Monitor | Watch, motion: str,
@@ -329,7 +332,7 @@ class DetectNode(ModelNode):
         """Restart, with the load as well: nothing touches the arm now."""
         self.asked('reset')
         if self.watch is not None:
-            self.watch.reset()
+            self.watch.answer(self.port.mass, 0.0, 1.0)
         self.collision_output.level(Level.FREE)
         return 'armed'
 
