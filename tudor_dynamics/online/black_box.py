@@ -26,8 +26,6 @@ from pathlib import Path
 import shutil
 from typing import Any
 
-import numpy as np
-
 from tudor_dynamics.arm.description import Arm, array_places
 from tudor_dynamics.bags.messages import DATA, JOINT_STATE, load_topics
 from tudor_dynamics.bags.storage import Bag, METADATA, one_line, read_metadata

@@ -200,9 +200,8 @@ class DetectNode(ModelNode):
         return MonitorSettings.of({name: self.value(name) for name in self.params})
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Any:
-        settings = self.settings()
-        warm_up(bundle, settings)
-        return self.CHAIN(bundle, settings, payload=carried_load(
+        warm_up(bundle, self.settings())
+        return self.CHAIN(bundle, self.settings(), payload=carried_load(
             self.port.source, whole, self.payload))
 
     def adopt(
@@ -220,8 +219,7 @@ class DetectNode(ModelNode):
         self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
                          for output, of in topics.items() for topic, channels in of.items()}
         self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
-        self._past: dict[str, deque[Excess]] = {
-            method: deque(maxlen=RECENT) for method in watch.methods}
+        self._past = {method: deque[Excess](maxlen=RECENT) for method in watch.methods}
         self.health = {output: SensorHealth(names[output]) for output in watch.outputs}
         for method in watch.methods:
             for publishers in (self._residuals, self._thresholds, self._ratios):
@@ -236,16 +234,12 @@ class DetectNode(ModelNode):
                 [self._sensor_drops[output], *self.gathering[output].drops,
                  watch.pairing[output].drops], watch.settle)
         self._calibration = None
-        self._note = self._say_missing(watch)
-
-    def _say_missing(self, watch: Watch) -> str:
-        """Say which methods were asked for in vain, and which have no thresholds."""
         unserved = [m for m in self.value('methods') if m not in watch.methods]
         self._unserved = '' if not unserved else (
             f'methods {", ".join(unserved)}: the bundle has no model of kind {self.value("kind")} '
             '(analytical for momentum) for them; change the parameter methods or kind')
         missing = [m for m in watch.methods if m not in watch.stages]
-        return '' if not missing else (
+        self._note = '' if not missing else (
             MEANING['no_thresholds'].replace(':', f' for {", ".join(missing)}:', 1))
 
     def came(self, topic: str, stamp: int) -> None:
@@ -385,16 +379,10 @@ class DetectNode(ModelNode):
     def verdict(self) -> tuple[bytes, str]:
         """Say what is not judged, and why."""
         level, message = super().verdict()
-        if self.watch is None:
+        watch = self.watch
+        if watch is None:
             return level, message
         self.coverage.look(self.steady())
-        own, text = self._judge_itself(self.watch)
-        if level in (OK, WARN) and own > level:
-            return own, text
-        return level, f'{message}; {text}' if level == own == WARN else message
-
-    def _judge_itself(self, watch: Watch) -> tuple[bytes, str]:
-        """Give level and message of a detector that has a model and input."""
         rivals = self.rivals(self.collision_output.flags[Level.COLLISION])
         dead = [name for health in self.health.values()
                 for name in health.dead(self.value('stuck_time'))]
@@ -410,7 +398,8 @@ class DetectNode(ModelNode):
             '' if 'no_thresholds)' in text and 'no thresholds' in self._note else self._note,
             f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
             'namespace, or remap the topic' if rivals else '']
-        for level, texts in ((ERROR, errors), (WARN, warnings)):
-            if any(texts):
-                return level, '; also: '.join(text for text in texts if text)
-        return OK, 'running'
+        own, said = next(((of, '; also: '.join(filter(None, texts))) for of, texts in (
+            (ERROR, errors), (WARN, warnings)) if any(texts)), (OK, ''))
+        if level in (OK, WARN) and own > level:
+            return own, said
+        return level, f'{message}; {said}' if level == own == WARN else message
