@@ -32,7 +32,7 @@ from tudor_dynamics.identification.settings import (
     STOOD_BEFORE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.online.black_box import ASKED, Heard, messages_of, replayed
+from tudor_dynamics.online.black_box import Heard, messages_of, replayed
 from tudor_dynamics.online.contact import ContactEstimate
 from tudor_dynamics.online.detector import Excess, ExcessStage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, SOURCE
@@ -54,8 +54,7 @@ class Replay:
 
 def replay(messages: list[Heard], monitor: Monitor) -> Replay:
     """Let a monitor take messages, and keep what it found."""
-    begin = next(message.stamp for message in messages if ASKED not in message.fields)
-    seen, watch = Replay(EventLog(begin, FREE)), monitor.watch
+    seen, watch = Replay(EventLog(messages[0].stamp, FREE)), monitor.watch
     for message, found in replayed(messages, watch.bundle.arm, monitor):
         for method, excess in found.excesses:
             seen.excesses.setdefault(method, []).append(excess)
@@ -295,7 +294,7 @@ def explain(
 
     def monitor(how: str) -> Monitor:
         return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
-    own, sensed = monitor(source), [item for item in messages if ASKED not in item.fields]
+    own = monitor(source)
     seen = replay(messages, own)
     loads = seen.loads
     if source != 'estimate':
@@ -310,7 +309,7 @@ def explain(
             continue
         load = next((one for one in loads if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9),
                     None)
-        scene = Scene(item, sensed, seen, load, *seen.certain[place],
+        scene = Scene(item, messages, seen, load, *seen.certain[place],
                       own.watch.stages[event.method], bundle.arm.topics)
         name, text, remedy = next(((name, text, remedy) for look, name, remedy in CAUSES
                                    if (text := look(scene))), (UNEXPLAINED, '', ''))

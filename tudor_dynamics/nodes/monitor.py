@@ -26,8 +26,6 @@ from threading import Thread
 import time
 from typing import Any
 
-import numpy as np
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState
@@ -39,7 +37,7 @@ from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublisher, MotionEncoder, NamedReader)
-from tudor_dynamics.online.black_box import ASKED, ASKS, Message, MessageRing, write_events
+from tudor_dynamics.online.black_box import Message, MessageRing, write_events
 from tudor_dynamics.online.monitor import FIELD, Monitor
 from tudor_dynamics.online.settings import RECORDED_AFTER
 
@@ -124,8 +122,8 @@ class MonitorNode(DetectNode):
     CHAIN = Monitor
 
     def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
-        self._box = BlackBox(self)  # hears what the base subscribes to
         super().__init__(name, **kwargs)
+        self._box = BlackBox(self)
         self._looking = self.every(0.5, self._box.look)
         self.monitor: Monitor | None = None
         self._motion = ListenedPublisher(self.publish_on(JointTrajectory, JOINT_MOTION))
@@ -179,15 +177,8 @@ class MonitorNode(DetectNode):
 
     def subscribe(self, kind: Any, topic: str, callback: Any, **options: Any) -> Subscription:
         """Keep the messages, too."""
-        take = callback if options.pop('raw', False) else (
-            lambda data: callback(deserialize_message(data, kind)))
-        return super().subscribe(
-            kind, topic, self._box.keeping(kind, topic, take), raw=True, **options)
-
-    def asked(self, what: str) -> None:
-        """Keep it among the messages."""
-        self._box.keeping(JointState, ASKED, len)(JointStateEncoder(ASKS, ('position',)).encode(
-            0, np.array([self.port.mass, what == 'expect', what == 'reset'])))
+        kept = self._box.keeping(kind, topic, callback) if options.get('raw') else callback
+        return super().subscribe(kind, topic, kept, **options)
 
     def keep(self, record: dict[str, Any]) -> None:
         """Let a bag of the event be written."""

@@ -324,9 +324,9 @@ class DetectNode(ModelNode):
 
     def _reset(self) -> str:
         """Restart, with the load as well: nothing touches the arm now."""
-        self.asked('reset')
+        self.port.restart()
         if self.watch is not None:
-            self.watch.answer(self.port.mass, 0.0, 1.0)
+            self.watch.detector.reset()
         self.collision_output.level(Level.FREE)
         return 'armed'
 
