@@ -26,6 +26,7 @@ from threading import Thread
 import time
 from typing import Any
 
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState
@@ -122,8 +123,8 @@ class MonitorNode(DetectNode):
     CHAIN = Monitor
 
     def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
+        self._box = BlackBox(self)  # hears what the base subscribes to
         super().__init__(name, **kwargs)
-        self._box = BlackBox(self)
         self._looking = self.every(0.5, self._box.look)
         self.monitor: Monitor | None = None
         self._motion = ListenedPublisher(self.publish_on(JointTrajectory, JOINT_MOTION))
@@ -177,8 +178,10 @@ class MonitorNode(DetectNode):
 
     def subscribe(self, kind: Any, topic: str, callback: Any, **options: Any) -> Subscription:
         """Keep the messages, too."""
-        kept = self._box.keeping(kind, topic, callback) if options.get('raw') else callback
-        return super().subscribe(kind, topic, kept, **options)
+        take = callback if options.pop('raw', False) else (
+            lambda data: callback(deserialize_message(data, kind)))
+        return super().subscribe(
+            kind, topic, self._box.keeping(kind, topic, take), raw=True, **options)
 
     def keep(self, record: dict[str, Any]) -> None:
         """Let a bag of the event be written."""

@@ -97,8 +97,8 @@ class PayloadPort:
             self._publisher = node.publish_on(InertiaStamped, PAYLOAD_TOPIC, latch=True)
             node.serve(EXPECT_PAYLOAD, self._expect)
         elif source == 'topic':
-            self._subscription = node.create_subscription(
-                InertiaStamped, PAYLOAD_TOPIC, self._heard, latched())
+            self._subscription = node.subscribe(
+                InertiaStamped, PAYLOAD_TOPIC, self._heard, qos=latched())
 
     def use(self, load: CarriedLoad | None) -> None:
         """Put another one into use; a load that is known stays."""
