@@ -74,9 +74,9 @@ CONTENT = {
                       'while it is identifiable'),
     'collision_event': ('std_msgs/Header', 'stamp = first sample above the threshold, frame_id = '
                         'link named'),
-    'collision_record': ('std_msgs/String', 'JSON of the last event, latched: its channel; '
-                         'measured, expected, thresholds, ratios of all; motion; digest of '
-                         'the model'),
+    'collision_record': ('std_msgs/String', 'JSON of the last event, latched: its channel and '
+                         'its last second; measured, expected, thresholds, ratios of all; motion; '
+                         'state; parameters; digest of the model; versions'),
     'payload': ('geometry_msgs/InertiaStamped', 'mass of the load [kg] and its place, in the '
                 'frame of the last link; latched'),
     'wanted_trajectory': (MOTION, 'wanted motion; velocities and accelerations may be empty; '

@@ -375,7 +375,7 @@ def unpacked_file(path: Path) -> Iterator[Path]:
 # -- What computed something: a digest of the sources; version, commit, date, libraries
 
 PACKAGE = Path(__file__).resolve().parent
-LIBRARIES = ('numpy', 'scipy', 'pin', 'numba', 'pydantic', 'rosbags')
+LIBRARIES = ('numpy', 'scipy', 'pin', 'numba', 'pydantic', 'rosbags', 'rclpy')
 """Those that numbers come from."""
 
 

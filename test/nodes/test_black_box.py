@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from printed import unwrapped
 import pytest
-from ros_world import feed, World
+from ros_world import feed, GAUGES, World
 from std_msgs.msg import String
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
@@ -147,22 +147,47 @@ def pushes(root: Path) -> Recording:
 
 def played(
     world: World, model: Path, recording: Recording, folder: Path, change: Change = without_some,
-    *, first: int = BEGIN, last: int | None = END, **params: object,
+    *, first: int = BEGIN, last: int | None = END, busy: bool = False,
+    gauges: list[str] = GAUGES, **params: object,
 ) -> list[dict]:
-    """Play a part to a monitor that is ended after it; gives the records on its topic."""
+    """
+    Play a part to a monitor that is ended after it; gives the records on its topic.
+
+    Beside a busy machine all comes in bunches of 12 samples, strains late after all others.
+    """
     node = world.add(MonitorNode, model=str(model), event_bags=str(folder), **params)
     records = world.listen('collision_record', String, latched())
-    world.meet('joint_states', 'motor_currents', 'link_strains')
-    sent = [0]
+    world.meet('joint_states', 'link_strains', *['motor_currents'] * (
+        recording.effort is not None))
+    sent, waiting = [0], []
 
     def each(k: int, messages: dict[str, Any]) -> None:
         change(k, messages)
+        if busy and 'link_strains' in messages:
+            waiting.append(messages.pop('link_strains'))
         sent[0] += len(messages)
+        if busy and k % 12 == 5:
+            sent[0] += len(waiting)
+            for message in waiting:
+                world.output('link_strains').publish(message)
+            waiting.clear()
     feed(world, recording, lambda: 10**9 if node.meter.count >= sent[0] else 0, first=first,
-         last=last, change=each, batch=1)
+         last=last, change=each, batch=12 if busy else 1, gauges=gauges)
     assert world.spin(lambda: bool(records))
     world.end(node)
     return [json.loads(message.data) for message in records]
+
+
+def whole_of(record: dict[str, Any]) -> None:
+    """Check that a record on the topic says all that was known, and is small."""
+    assert len(json.dumps(record)) < 10_000
+    last = record['last_second']
+    assert 25 <= len(last) <= 50 and last[-1] == pytest.approx([0.0, *(
+        record[name][record['channel']] for name in (
+            'measured', 'expected', 'threshold', 'ratio'))], rel=1e-5)
+    assert -1.0 <= last[0][0] < -0.9 and last[0][-1] < 1.0 <= last[-1][-1]
+    assert {'level', 'dropped', 'message', 'age [ms]', 'methods'} <= record['state'].keys()
+    assert record['settings']['rearm'] == 0.3
 
 
 def test_replayed_to_the_last_bit(
@@ -176,7 +201,9 @@ def test_replayed_to_the_last_bit(
     assert [{key: item[key] for key in records[0]} for item in kept] == records
     assert kept[0]['settings']['model'] == str(model) and kept[0]['state']['arm']
     bundle = load_bundle(model)
-    assert kept[0]['digest'] == bundle.digest != '' and 'numpy' in kept[0]['made']['libraries']
+    assert kept[0]['digest'] == bundle.digest != '' and 'numba' in kept[0]['made']['libraries']
+    assert 'rclpy' in kept[0]['made']['libraries'] and kept[0]['made']['version']
+    whole_of(records[0])
     monkeypatch.setattr('tudor_dynamics.cli.console.SILENCE', TIMEOUT_MAX)
     assert main(['why', str(bag)]) == 0
     said = capsys.readouterr().out
@@ -226,6 +253,7 @@ def test_the_logged_step_runs_from_any_folder(
     assert words[0] == 'tudor' and main(words[1:]) == 0
 
 
+@pytest.mark.parametrize('busy', [False, True])
 @pytest.mark.parametrize(('cause', 'make', 'change', 'params'), [
     ('clock', as_it_is, late, {}),
     ('gap', as_it_is, thinned, {}), ('unexplained', drifting, complete, {}),
@@ -236,15 +264,28 @@ def test_the_logged_step_runs_from_any_folder(
         'contact_alarms_per_hour': 3600.0, 'false_alarms_per_hour': 3600.0})])
 def test_each_cause_comes_again(
     world: World, model: Path, free: Recording, tmp_path: Path, cause: str,
-    make: Callable[[Recording], Recording], change: Change, params: dict[str, float],
+    make: Callable[[Recording], Recording], change: Change, params: dict[str, float], busy: bool,
 ) -> None:
     """Whatever made the monitor alarm: the same event to the last bit, and its cause by name."""
-    records = played(world, model, make(free), tmp_path, change, first=0, last=None, **params)
+    records = played(world, model, make(free), tmp_path, change, first=0, last=None, busy=busy,
+                     **params)
     (bag,) = tmp_path.iterdir()
     found = causes(build_parser('why').parse_args(['why', str(bag)]))
     assert [item.event.event.onset for item in found] == [item['onset'] for item in records]
     assert all(item.same for item in found)
+    if busy and cause == 'clock':
+        pytest.xfail('steps of arrivals in bunches hide the leap')
     assert cause in {item.name for item in found}
+
+
+def test_a_touch_beside_a_busy_machine(
+    world: World, model: Path, pushes: Recording, tmp_path: Path,
+) -> None:
+    """Late and in bunches, no gap and no clock is seen where there is none."""
+    records = played(world, model, pushes, tmp_path, complete, busy=True)
+    (bag,) = tmp_path.iterdir()
+    found = causes(build_parser('why').parse_args(['why', str(bag)]))
+    assert [(item.name, item.same) for item in found] == [('touch', True)] * len(records)
 
 
 def test_a_folder_that_takes_nothing(

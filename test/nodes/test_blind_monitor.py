@@ -185,7 +185,7 @@ def test_without_thresholds(watched: Watched) -> None:
     """A monitor that only shows residuals is blind, and says what to do; learning is a WARN."""
     node = watched.node
     node.watch.use_thresholds({}, node.settings())
-    node._note = node._say_missing(node.watch)
+    node.adopt(node.bundle, node.monitor, node._own, (), {})
     assert node._note.startswith('the model has no thresholds for strain: fit it')
     watched.feed(0, 60)
     level, message, _ = watched.told()

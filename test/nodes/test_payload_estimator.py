@@ -29,11 +29,12 @@ import pytest
 from ros_world import feed, values_of, World
 from sample_arms import LENGTH_2, multisine, recording_of
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.main import build_parser
 from tudor_dynamics.cli.why import causes
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -191,6 +192,30 @@ def test_why_it_alarmed(world: World, bundle: Path, seen: Recording, tmp_path: P
     assert (found.name, found.same) == ('load', True)
     kilograms = re.search(r'(\S+) kg at the tip', found.evidence)
     assert kilograms is not None and float(kilograms[1]) == pytest.approx(LOAD, abs=0.03)
+
+
+def test_the_bag_has_what_was_heard_of_a_load(
+    world: World, bundle: Path, seen: Recording, tmp_path: Path,
+) -> None:
+    """The load on its topic, and the gripper: as messages, like those of the sensors."""
+    node = world.add(MonitorNode, model=str(bundle), event_bags=str(tmp_path),
+                     payload_source='topic', gripper_topic='gripper')
+    world.output('gripper', Bool)
+    world.outputs['payload'] = world.probe.create_publisher(InertiaStamped, 'payload', latched())
+    world.meet('joint_states', 'link_strains', 'gripper', 'payload')
+    heard = InertiaStamped()
+    heard.inertia.m = 0.1
+    world.output('payload').publish(heard)
+    world.output('gripper').publish(Bool(data=True))
+    assert world.spin(lambda: node.port.load.mass == 0.1 and node.gripper._closed is True)
+    records = world.listen('collision_record', String, latched())
+    feed(world, seen, lambda: node.meter.count // 2, change=named, batch=1, gauges=['g1', 'g2'])
+    assert world.spin(lambda: bool(records))
+    world.end(node)
+    (path,) = tmp_path.iterdir()
+    bag = open_bag(path)
+    assert (bag.topics['/payload'].count, bag.topics['/gripper'].count) == (1, 1)
+    assert bag.topics['/payload'].msgtype == 'geometry_msgs/msg/InertiaStamped'
 
 
 def test_touched(world: World, bundle: Path) -> None:

@@ -80,10 +80,10 @@ def test_a_record_has_what_was_known() -> None:
     """Each channel by its name, with what was measured and expected; JSON as it stands."""
     motion = Motion(7, 1.0, 0.01, np.array([0.1, 0.2, 0.3]))
     value, threshold = np.array([3.0, -1.0]), np.array([2.0, 4.0])
-    excess = Excess(Residual(motion, value + 1.0, np.ones(2), value), value, value, value, value,
-                    threshold)
+    residual = Residual(motion, value + 1.0, np.ones(2), value)
+    excess = Excess(residual, value, value, np.array([1.5, 0.25]), value, threshold)
     record = record_of(CollisionEvent(
-        5, 7, 'strain', 'link3', {'hub': 3.0, 'mid': -1.0}, {'hub': 1.5, 'mid': 0.25}), excess)
+        5, 7, 'strain', 'link3', {'hub': 3.0, 'mid': -1.0}, {'hub': 1.5, 'mid': 0.25}), [excess])
     assert json.loads(json.dumps(record)) == record
     assert (record['onset'], record['stamp'], record['link']) == (5, 7, 'link3')
     assert record['channel'] == 'hub'
@@ -92,6 +92,26 @@ def test_a_record_has_what_was_known() -> None:
     assert record['residual'] == {'hub': 3.0, 'mid': -1.0}
     assert record['threshold'] == {'hub': 2.0, 'mid': 4.0}
     assert record['ratio'] == {'hub': 1.5, 'mid': 0.25} and record['motion'] == [0.1, 0.2, 0.3]
+    assert record['last_second'] == [[0.0, 4.0, 1.0, 2.0, 1.5]]
+
+
+@pytest.mark.parametrize('rate', [30, 100, 333, 1000])
+def test_a_record_has_the_last_second(rate: int) -> None:
+    """At most 50 samples, evenly until that of the event: none after it, none of before."""
+    count, at = 3 * rate, 2 * rate
+    excesses = []
+    for k in range(count):
+        row, value = np.zeros(3), np.array([float(k)])
+        motion = Motion(k * (10**9 // rate), 1.0, 1.0 / rate, row)
+        excesses.append(Excess(Residual(motion, value, value, value), value, value, value, value,
+                               value))
+    stamp = excesses[at].residual.motion.stamp
+    shown = record_of(CollisionEvent(stamp, stamp, 'strain', 'link3', {'hub': 1.0},
+                                     {'hub': float(at)}), excesses)['last_second']
+    seconds, *_, values = np.array(shown).T
+    assert min(rate, 25) <= len(seconds) <= 50 and seconds[-1] == 0.0
+    assert values[-1] == at and np.ptp(np.diff(values)) == 0.0
+    assert -1.0 <= seconds[0] < -0.9 and np.allclose(seconds, (values - at) / rate, atol=1e-5)
 
 
 def test_the_oldest_goes_and_foreign_folders_stay(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from typing import Any
 
 from sensor_msgs.msg import JointState
 
-from tudor_dynamics.load.live import CarriedLoad
+from tudor_dynamics.load.live import carried_load, CarriedLoad
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import Figure
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
@@ -56,7 +56,7 @@ class DynamicsPredictorNode(ModelNode):
     ) -> tuple[Predictor, CarriedLoad | None]:
         warm_up(bundle, MonitorSettings(kind=self.value('kind')))
         return (Predictor(bundle, self.value('kind')),
-                self.port.prepare(whole, self.payload))
+                carried_load(self.port.source, whole, self.payload))
 
     def use(self, bundle: ModelBundle, prepared: tuple[Predictor, CarriedLoad | None]) -> None:
         self.bundle = bundle

@@ -26,7 +26,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.load.live import CarriedLoad
+from tudor_dynamics.load.live import carried_load, CarriedLoad
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import Figure, OK, strong, WARN
 from tudor_dynamics.nodes.common.interfaces import (
@@ -77,7 +77,7 @@ class FeedforwardNode(ModelNode):
             payload=None if whole.payload_range is None else self.payload)
         rest = np.zeros((2, len(ahead.joints)))
         ahead.along(Trajectory(ahead.joints, np.array([0.0, 1.0]), rest, rest))
-        return ahead, self.port.prepare(whole, self.payload)
+        return ahead, carried_load(self.port.source, whole, self.payload)
 
     def use(self, bundle: ModelBundle, prepared: tuple[Feedforward, CarriedLoad | None]) -> None:
         self.bundle = bundle

@@ -26,13 +26,13 @@ from threading import Thread
 import time
 from typing import Any
 
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.files import provenance
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
@@ -55,7 +55,6 @@ class BlackBox:
         self._due = 0
         self._writer: Thread | None = None
         self._closing = False  # no sample waits any more
-        self._timer = node.every(0.5, self._look)
 
     def keeping(self, kind: Any, topic: str, take: Callable[[bytes], Any]) -> Any:
         """Keep the messages of a topic before something takes them."""
@@ -79,11 +78,9 @@ class BlackBox:
             return
         if not self._pending:
             self._due = self._ring.last + round(RECORDED_AFTER * 1e9)
-        settings = {name: self._node.value(name) for name in self._node.params}
-        settings['model'] = str(Path(settings['model']).absolute())  # readers are elsewhere
-        self._pending.append({**record, 'state': self._node.status()[2], 'settings': settings})
+        self._pending.append(record)
 
-    def _look(self) -> None:
+    def look(self) -> None:
         """Write what is due, also where messages have ended."""
         busy = self._writer is not None and self._writer.is_alive()
         now = self._node.get_clock().now().nanoseconds
@@ -93,12 +90,12 @@ class BlackBox:
             self._writer.start()
 
     def _write(self, messages: tuple[Message, ...], records: list[dict[str, Any]]) -> None:
-        home, made = os.environ.get('ROS_HOME') or '~/.ros', {'made': provenance()}
+        home = os.environ.get('ROS_HOME') or '~/.ros'
         folder = Path(self._node.value('event_bags') or f'{home}/tudor_dynamics/events')
         try:
             path = write_events(
                 folder.expanduser().absolute() / self._node.get_namespace().strip('/'),
-                self._paced(messages), [record | made for record in records])
+                self._paced(messages), records)
             command = shlex.join(['tudor', 'why', str(path)])
             self._node.get_logger().info(f'to see why: {command} (the last 30 s)')
         except BagError as err:
@@ -126,8 +123,9 @@ class MonitorNode(DetectNode):
     CHAIN = Monitor
 
     def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
+        self._box = BlackBox(self)  # hears what the base subscribes to
         super().__init__(name, **kwargs)
-        self._box = BlackBox(self)
+        self._looking = self.every(0.5, self._box.look)
         self.monitor: Monitor | None = None
         self._motion = ListenedPublisher(self.publish_on(JointTrajectory, JOINT_MOTION))
         self._predicted = {output: ListenedPublisher(self.publish_on(JointState, topic))
@@ -180,8 +178,10 @@ class MonitorNode(DetectNode):
 
     def subscribe(self, kind: Any, topic: str, callback: Any, **options: Any) -> Subscription:
         """Keep the messages, too."""
-        kept = self._box.keeping(kind, topic, callback) if options.get('raw') else callback
-        return super().subscribe(kind, topic, kept, **options)
+        take = callback if options.pop('raw', False) else (
+            lambda data: callback(deserialize_message(data, kind)))
+        return super().subscribe(
+            kind, topic, self._box.keeping(kind, topic, take), raw=True, **options)
 
     def keep(self, record: dict[str, Any]) -> None:
         """Let a bag of the event be written."""

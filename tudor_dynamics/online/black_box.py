@@ -26,8 +26,6 @@ from pathlib import Path
 import shutil
 from typing import Any
 
-import numpy as np
-
 from tudor_dynamics.arm.description import Arm, array_places
 from tudor_dynamics.bags.messages import DATA, JOINT_STATE, load_topics
 from tudor_dynamics.bags.storage import Bag, METADATA, one_line, read_metadata
@@ -35,7 +33,7 @@ from tudor_dynamics.bags.writer import write_messages
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.detector import CollisionEvent, Excess, time_of_day
 from tudor_dynamics.online.monitor import FIELD, Found, Monitor
-from tudor_dynamics.online.settings import RECORDED, RING_BYTES, RING_TIME
+from tudor_dynamics.online.settings import LATELY, RECORDED, RING_BYTES, RING_TIME, SHOWN
 from tudor_dynamics.online.streams import Gathering
 from tudor_dynamics.typing import FloatArray
 
@@ -45,23 +43,30 @@ EVENTS = 'tudor_events'
 """Key of the records of events among the custom data of a bag: JSON, a list of `record_of`."""
 
 
-def record_of(event: CollisionEvent, excess: Excess) -> dict[str, Any]:
+def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
     """
     Give all that was known at the sample that made an event certain, as JSON has it.
 
-    excess: that of the event's method. Stamps in ns, ``time``: the onset in UTC; by channel
-    in its unit; channel: of the largest ratio; motion: q, dq, ddq of active joints [rad or m, s].
+    past: samples of the event's method. Stamps in ns, ``time``: the onset in UTC; by channel
+    in its unit; channel: of the largest ratio; motion: q, dq, ddq of active joints [rad or m, s];
+    last_second: rows of seconds to then, measured, expected, threshold, ratio of the channel.
     """
-    channels = list(event.ratios)
+    near = [item for item in past
+            if 0 <= event.stamp - item.residual.motion.stamp <= LATELY * 1e9]
+    channel = max(event.ratios, key=event.ratios.__getitem__)
+    place, excess = list(event.ratios).index(channel), near[-1]
     found = {'measured': excess.residual.measured, 'expected': excess.residual.predicted,
              'residual': excess.residual.value, 'threshold': excess.threshold,
-             'ratio': np.array([event.ratios[name] for name in channels])}
+             'ratio': excess.collision}
+    rows = [((item.residual.motion.stamp - event.stamp) * 1e-9, item.residual.measured[place],
+             item.residual.predicted[place], item.threshold[place], item.collision[place])
+            for item in near[::-1][::-(-len(near) // SHOWN)][::-1]]
     return {'onset': event.onset, 'stamp': event.stamp, 'time': time_of_day(event.onset),
-            'method': event.method, 'link': event.link,
-            'channel': max(channels, key=event.ratios.__getitem__),
-            **{name: dict(zip(channels, values.tolist(), strict=True))
+            'method': event.method, 'link': event.link, 'channel': channel,
+            **{name: dict(zip(event.ratios, values.tolist(), strict=True))
                for name, values in found.items()},
-            'motion': excess.residual.motion.row.tolist()}
+            'motion': excess.residual.motion.row.tolist(),
+            'last_second': [[float(f'{value:.7g}') for value in row] for row in rows]}
 
 
 def records_of(bag: Bag) -> list[dict[str, Any]]:

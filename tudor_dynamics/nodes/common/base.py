@@ -78,8 +78,8 @@ class Meter:
         """Say whether nothing has come for a while, or ever [s]."""
         return self.last_arrival is None or self._steady() - self.last_arrival > timeout
 
-    def report(self, drops: Iterable[Counter[str]] = ()) -> dict[str, str]:
-        """Give rate, latency and drops as texts."""
+    def report(self) -> dict[str, str]:
+        """Give rate and latency as texts."""
         now = self._steady()
         seconds = max(now - self._since, 1e-9)
         values = {'rate [Hz]': f'{(self.count - self._reported) / seconds:.1f}',
@@ -92,9 +92,6 @@ class Meter:
             ordered = np.partition(self._latencies[:known], places)
             for name, place in zip(('p50', 'p99'), places, strict=True):
                 values[f'latency {name} [ms]'] = f'{1e3 * ordered[place]:.3f}'
-        total = sum(drops, Counter[str]())
-        values['dropped'] = str(sum(total.values()))
-        values.update({f'dropped: {cause}': str(n) for cause, n in sorted(total.items()) if n})
         return values
 
 
@@ -422,7 +419,9 @@ class TudorNode(Node):
     def status(self) -> tuple[bytes, str, dict[str, str]]:
         """Give level, message and figures."""
         level, message = self.verdict()
-        values: dict[str, str] = {}
+        total = sum(self.counters(), Counter[str]())
+        values = {'dropped': str(total.total()),
+                  **{f'dropped: {cause}': str(n) for cause, n in sorted(total.items()) if n}}
         for kind in reversed(type(self).__mro__):
             for figure in kind.__dict__.get('FIGURES', ()):
                 values.update(figure.read(self))
@@ -451,7 +450,7 @@ class TudorNode(Node):
             level, message = WARN, unusable
         elif self._unknown:  # it may be why nothing arrives
             message = f'{message}; {self._unknown}'
-        values = {**self.meter.report(self.counters()), **more}
+        values = {**self.meter.report(), **more}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,
             hardware_id=self.hardware(),

@@ -16,10 +16,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -30,6 +31,8 @@ from std_msgs.msg import Bool, Header, String
 from tudor_dynamics.arm.kinematics import base_frame
 from tudor_dynamics.compiled import largest_size
 from tudor_dynamics.errors import TudorError
+from tudor_dynamics.files import provenance
+from tudor_dynamics.load.live import carried_load
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
@@ -42,10 +45,10 @@ from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPo
 from tudor_dynamics.online.black_box import record_of
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord, in_words
 from tudor_dynamics.online.coverage import Coverage, CoverageLevel, MEANING, SensorHealth
-from tudor_dynamics.online.detector import CollisionEvent, Level
+from tudor_dynamics.online.detector import CollisionEvent, Excess, Level
 from tudor_dynamics.online.monitor import (
     FIELD, Found, METHODS, Monitor, MonitorSettings, SOURCE, warm_up, Watch)
-from tudor_dynamics.online.settings import SENSOR_SPEED
+from tudor_dynamics.online.settings import RECENT, SENSOR_SPEED
 from tudor_dynamics.online.streams import Gathering, Residual
 from tudor_dynamics.online.threshold_learning import Calibration
 from visualization_msgs.msg import Marker
@@ -172,6 +175,7 @@ class DetectNode(ModelNode):
         self.watch: Watch | None = None
         self._calibration: Calibration | None = None
         self._moving = False
+        self._made = provenance()  # once: it takes 30 ms
         self.coverage = Coverage()
         self._residuals, self._thresholds, self._ratios = (
             {method: ListenedPublisher(self.publish_on(JointState, topics[method]))
@@ -192,7 +196,8 @@ class DetectNode(ModelNode):
 
     def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Any:
         warm_up(bundle, self.settings())
-        return self.CHAIN(bundle, self.settings(), payload=self.port.prepare(whole, self.payload))
+        return self.CHAIN(bundle, self.settings(), payload=carried_load(
+            self.port.source, whole, self.payload))
 
     def adopt(
         self, bundle: ModelBundle, chain: Monitor | Watch, motion: str,
@@ -209,6 +214,7 @@ class DetectNode(ModelNode):
         self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
                          for output, of in topics.items() for topic, channels in of.items()}
         self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
+        self._past = {method: deque[Excess](maxlen=RECENT) for method in watch.methods}
         self.health = {output: SensorHealth(names[output]) for output in watch.outputs}
         for method in watch.methods:
             for publishers in (self._residuals, self._thresholds, self._ratios):
@@ -223,16 +229,12 @@ class DetectNode(ModelNode):
                 [self._sensor_drops[output], *self.gathering[output].drops,
                  watch.pairing[output].drops], watch.settle)
         self._calibration = None
-        self._note = self._say_missing(watch)
-
-    def _say_missing(self, watch: Watch) -> str:
-        """Say which methods were asked for in vain, and which have no thresholds."""
         unserved = [m for m in self.value('methods') if m not in watch.methods]
         self._unserved = '' if not unserved else (
             f'methods {", ".join(unserved)}: the bundle has no model of kind {self.value("kind")} '
             '(analytical for momentum) for them; change the parameter methods or kind')
         missing = [m for m in watch.methods if m not in watch.stages]
-        return '' if not missing else (
+        self._note = '' if not missing else (
             MEANING['no_thresholds'].replace(':', f' for {", ".join(missing)}:', 1))
 
     def came(self, topic: str, stamp: int) -> None:
@@ -290,13 +292,16 @@ class DetectNode(ModelNode):
             stamp = excess.residual.motion.stamp
             self._thresholds[method].publish(stamp, excess.threshold)
             self._ratios[method].publish(stamp, excess.collision)
+            self._past[method].append(excess)
         for stamp, amplitude in found.rings:
             self._ringing.publish(stamp, amplitude)
         for event in found.events:
-            record = record_of(event, next(
-                excess for method, excess in found.excesses if method == event.method
-                and excess.residual.motion.stamp == event.stamp))
-            record['digest'] = self.bundle.digest if self.bundle else ''
+            record = record_of(event, self._past[event.method]) | {
+                'digest': self.bundle.digest if self.bundle else '', 'made': self._made,
+                'settings': {**{name: self.value(name) for name in self.params},
+                             'model': str(Path(self.source).absolute())},  # readers are elsewhere
+                'state': {**self.status()[2], 'message': self.verdict()[1],
+                          'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
             self.keep(record)
         for estimate in found.contacts:
@@ -369,16 +374,10 @@ class DetectNode(ModelNode):
     def verdict(self) -> tuple[bytes, str]:
         """Say what is not judged, and why."""
         level, message = super().verdict()
-        if self.watch is None:
+        watch = self.watch
+        if watch is None:
             return level, message
         self.coverage.look(self.steady())
-        own, text = self._judge_itself(self.watch)
-        if level in (OK, WARN) and own > level:
-            return own, text
-        return level, f'{message}; {text}' if level == own == WARN else message
-
-    def _judge_itself(self, watch: Watch) -> tuple[bytes, str]:
-        """Give level and message of a detector that has a model and input."""
         rivals = self.rivals(self.collision_output.flags[Level.COLLISION])
         dead = [name for health in self.health.values()
                 for name in health.dead(self.value('stuck_time'))]
@@ -394,7 +393,8 @@ class DetectNode(ModelNode):
             '' if 'no_thresholds)' in text and 'no thresholds' in self._note else self._note,
             f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
             'namespace, or remap the topic' if rivals else '']
-        for level, texts in ((ERROR, errors), (WARN, warnings)):
-            if any(texts):
-                return level, '; also: '.join(text for text in texts if text)
-        return OK, 'running'
+        own, said = next(((of, '; also: '.join(filter(None, texts))) for of, texts in (
+            (ERROR, errors), (WARN, warnings)) if any(texts)), (OK, ''))
+        if level in (OK, WARN) and own > level:
+            return own, said
+        return level, f'{message}; {said}' if level == own == WARN else message

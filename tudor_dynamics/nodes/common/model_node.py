@@ -29,7 +29,7 @@ from std_msgs.msg import Bool
 
 from tudor_dynamics.arm.description import Arm, array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
-from tudor_dynamics.load.live import carried_load, CarriedLoad, PayloadStage
+from tudor_dynamics.load.live import CarriedLoad, PayloadStage
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, TudorNode, WARN
@@ -97,12 +97,8 @@ class PayloadPort:
             self._publisher = node.publish_on(InertiaStamped, PAYLOAD_TOPIC, latch=True)
             node.serve(EXPECT_PAYLOAD, self._expect)
         elif source == 'topic':
-            self._subscription = node.create_subscription(
-                InertiaStamped, PAYLOAD_TOPIC, self._heard, latched())
-
-    def prepare(self, bundle: ModelBundle, payload: float) -> CarriedLoad | None:
-        """Build what follows the load: payload [kg]; None where the load is a parameter."""
-        return carried_load(self.source, bundle, payload)
+            self._subscription = node.subscribe(
+                InertiaStamped, PAYLOAD_TOPIC, self._heard, qos=latched())
 
     def use(self, load: CarriedLoad | None) -> None:
         """Put another one into use; a load that is known stays."""
