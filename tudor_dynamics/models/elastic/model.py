@@ -273,8 +273,7 @@ class ElasticModel(Model):
                              (*kept, PhysicalParameter('payload', payload, 'kg')))
         model.coefficients_, model.standard_errors_ = self.coefficients_, self.standard_errors_
         model.noise_ = self.noise_
-        if self.output != 'strain':
-            model.strain_model = self.strain_model
+        model.strain_model = self.strain_model
         return model
 
     @classmethod
