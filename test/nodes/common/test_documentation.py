@@ -91,7 +91,8 @@ def test_tables(name: str, world: World, root: Path, model: Path) -> None:
     shown = [row[0].rsplit(' ', 1)[0] if row[0].split()[-1].isupper() else row[0]
              for row in section(name, 'Diagnostics')]
     for key in node.status()[2]:
-        assert any(key.startswith(item) for item in shown), key
+        if not key.startswith('dropped'):  # of every node: docs/reference/nodes.md
+            assert any(key.startswith(item) for item in shown), key
 
 
 def type_of_service(item: Service) -> str:
