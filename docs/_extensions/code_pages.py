@@ -119,9 +119,9 @@ FORMATS: tuple[tuple[str, str, tuple[type, ...]], ...] = (
      'topic `collision_record` publishes it: `onset` and `stamp` [ns], `time`, `method`, `link`, '
      '`channel`; by channel `measured`, `expected`, `residual`, `threshold`, `ratio`; `motion` '
      '(q, dq, ddq of the active joints); `last_second`, of `channel`, at most 50 rows of seconds '
-     'from `stamp` on, measured, expected, threshold, ratio; `state`, the diagnostics with `message` and `age [ms]` of the '
-     'stamps: level, load, gauges, clocks, drops; `settings`, the parameters; `digest` of the '
-     'model; `made`, versions. `tudor why` reads it.', ()),
+     'from `stamp` on, measured, expected, threshold, ratio; `state`, the diagnostics with '
+     '`message` and `age [ms]` of the stamps: level, load, gauges, clocks, drops; `settings`, the '
+     'parameters; `digest` of the model; `made`, versions. `tudor why` reads it.', ()),
     ('Recordings', 'rosbag2, MCAP or SQLite, of the topics that the arm description names. '
      '`tudor record` adds `/applied_wrench` or `/applied_payload` (the truth), `payload` [kg] in '
      '`custom_data`, and `campaign.yaml`: arm, digest, seed and what was asked for, and for each '
