@@ -33,7 +33,7 @@ from tudor_dynamics.identification.settings import (
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.black_box import Heard, messages_of, replayed
-from tudor_dynamics.online.contact import ContactEstimate, in_words
+from tudor_dynamics.online.contact import contact_text, ContactEstimate
 from tudor_dynamics.online.detector import Excess, ExcessStage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, SOURCE
 from tudor_dynamics.online.settings import LOST_STEP, STANDING
@@ -222,7 +222,7 @@ def _touch(scene: Scene) -> str:
     if not during or np.mean(during) < FELT:
         return ''
     if found and found['seconds'] >= LEAST_TOUCH:
-        return f'{in_words(found)}, for {found["seconds"]:.2f} s'
+        return f'{contact_text(found)}, for {found["seconds"]:.2f} s'
     most = {method: scene.largest(until, method) for method in scene.replay.excesses}
     other = max((ratio for method, ratio in most.items()
                  if SOURCE[method] != SOURCE[event.method]), default=0.0)

@@ -33,7 +33,8 @@ from tudor_dynamics.bags.writer import write_messages
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.detector import CollisionEvent, Excess, time_of_day
 from tudor_dynamics.online.monitor import FIELD, Found, Monitor
-from tudor_dynamics.online.settings import LATELY, RECORDED, RING_BYTES, RING_TIME, SHOWN
+from tudor_dynamics.online.settings import (
+    RECORD_ROWS, RECORD_TIME, RECORDED, RING_BYTES, RING_TIME)
 from tudor_dynamics.online.streams import Gathering
 from tudor_dynamics.typing import FloatArray
 
@@ -49,18 +50,20 @@ def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
 
     past: samples of the event's method. Stamps in ns, ``time``: the onset in UTC; by channel
     in its unit; channel: of the largest ratio; motion: q, dq, ddq of active joints [rad or m, s];
-    last_second: rows of seconds to then, measured, expected, threshold, ratio of the channel.
+    last_second: rows of the channel, evenly chosen: time less ``stamp`` [s], measured, expected,
+    threshold, ratio.
     """
     near = [item for item in past
-            if 0 <= event.stamp - item.residual.motion.stamp <= LATELY * 1e9]
+            if 0 <= event.stamp - item.residual.motion.stamp <= RECORD_TIME * 1e9]
     channel = max(event.ratios, key=event.ratios.__getitem__)
     place, excess = list(event.ratios).index(channel), near[-1]
+    every = -(-len(near) // RECORD_ROWS)
     found = {'measured': excess.residual.measured, 'expected': excess.residual.predicted,
              'residual': excess.residual.value, 'threshold': excess.threshold,
              'ratio': excess.collision}
     rows = [((item.residual.motion.stamp - event.stamp) * 1e-9, item.residual.measured[place],
              item.residual.predicted[place], item.threshold[place], item.collision[place])
-            for item in near[::-1][::-(-len(near) // SHOWN)][::-1]]
+            for item in near[(len(near) - 1) % every::every]]
     return {'onset': event.onset, 'stamp': event.stamp, 'time': time_of_day(event.onset),
             'method': event.method, 'link': event.link, 'channel': channel,
             **{name: dict(zip(event.ratios, values.tolist(), strict=True))

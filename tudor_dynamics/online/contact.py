@@ -66,7 +66,7 @@ class ContactEstimate:
     note: str = ''  # what cannot be said, why, and what would show it; empty for nothing
 
 
-EFFORTS = 'efforts show the link alone; gauges would show them'
+LINK_ALONE = 'efforts show the link alone; gauges would show them'
 
 
 def not_known(span: Span, newtons: tuple[float, float], *, placed: bool) -> str:
@@ -136,7 +136,7 @@ class ContactRecord:
                 'note': not_known(span, self._newtons, placed=known)}
 
 
-def in_words(found: dict[str, Any]) -> str:
+def contact_text(found: dict[str, Any]) -> str:
     """Write force, link and place of a summary on a line."""
     force = 'a force' if found['force'] is None else f'{found["force"]:.2f} N'
     return f'{force} on {found["link"]}' + (
@@ -407,7 +407,7 @@ class ContactEstimator:
             values[ACROSS] * axes.across + values[ALONG] * axes.along,
             values[MOMENT] * axes.bending, float(deviation[ACROSS]), float(deviation[MOMENT]),
             place, unsure, place * axes.along, pressing, covariance, likely,
-            not_known(self.spans[best], self._newtons, placed=known) * self.felt)
+            not_known(self.spans[best], self._newtons, placed=known) if self.felt else '')
 
 
 # Which link is touched, and with what torque about its joint, from efforts alone.
@@ -459,7 +459,7 @@ class TorqueEstimator:
         return ContactEstimate(
             stamp, self._links[place], self._joints[place], self.felt, np.zeros(3),
             float(np.nan_to_num(torque[place])) * self._axes[place], math.nan,
-            float(self._deviation[place]), note=EFFORTS * self.felt)
+            float(self._deviation[place]), note=LINK_ALONE if self.felt else '')
 
 
 AnyEstimator = ContactEstimator | TorqueEstimator
@@ -470,7 +470,7 @@ def contact_estimator(
 ) -> tuple[AnyEstimator | None, str]:
     """Choose what estimates contacts, and say why it does not find force and place."""
     why: list[str] = []
-    for method, limit in (('strain', ''), ('momentum', EFFORTS)):
+    for method, limit in (('strain', ''), ('momentum', LINK_ALONE)):
         if method in methods:
             try:
                 return (TorqueEstimator(bundle) if limit else ContactEstimator(bundle, kind),

@@ -72,6 +72,7 @@ MEANING = {
     'no_thresholds': 'the model has no thresholds: fit it with more motion without contact, or '
                      'call ~/calibrate while the arm moves without contact'}
 """Causes for which a sample is not judged; ``on``: the topics that they are about."""
+ALSO = '; also: '  # between two texts of one level
 OF_OTHERS = 'other_names'  # what another device sends on the same topic; counts where it is all
 OF_MOTIONS = ('no_measurement', 'no_neighbour')  # of a pairing; count motions, not measurements
 
@@ -202,7 +203,7 @@ class OutputCoverage:
                 and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
         level = CoverageLevel.ENOUGH if not faults else (
             CoverageLevel.NONE if full and lasting >= UNJUDGED_ERROR else CoverageLevel.PARTIAL)
-        return CoverageReport(level, '; also: '.join(faults), share, causes)
+        return CoverageReport(level, ALSO.join(faults), share, causes)
 
     def _silent(self, new: _Counts) -> str:
         """Name the topics on which nothing came for a second; empty for none."""
@@ -316,7 +317,7 @@ def _together(found: dict[str, CoverageReport]) -> CoverageReport:
             share, outputs = texts.get(text, (0.0, ''))
             texts[text] = (max(share, verdict.share),
                            f'{outputs} and {output}' if outputs else output)
-    said = '; also: '.join(
+    said = ALSO.join(
         text.replace('OUTPUT', outputs).replace('SHARE', f'{100.0 * share:.1f} %')
         for text, (share, outputs) in texts.items())
     return CoverageReport(level, said, max((v.share for v in found.values()), default=0.0), causes)

@@ -249,7 +249,7 @@ RING_TIME = 30.0
 RING_BYTES = 64 << 20
 """Messages that are kept at most [bytes]: 30 s of 1 kHz on four topics are 20 MB."""
 RECORDED = 20  # bags of events in a folder, after which the oldest goes
-LATELY, SHOWN = 1.0, 50  # time of the channel in an event's record [s], in so many samples
-RECENT = 1000  # samples of each method that are kept for it: those of a second at 1 kHz
+RECORD_TIME, RECORD_ROWS = 1.0, 50  # time of the channel in an event's record [s], rows of it
+RECORD_SAMPLES = 1000  # samples of each method that are kept for it: a second of 1 kHz
 RECORDED_AFTER = 3.0
 """A bag goes on for so long after the event [s]: a touch has ended then, a load has not."""

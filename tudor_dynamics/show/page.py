@@ -374,9 +374,9 @@ def settings_text() -> str:
             f'{low:.2g} to {high:.2g} times the description tried on up to {EXCERPT:g} s, '
             f'with {len(STARTS)} shares of the gears in the compliance, the best '
             f'{sum(STARTS.values())} improved, two of them searched from; inner step '
-            f'{1e3 * INNER_STEP:g} ms; {RUN_IN:g} s left out where a stretch begins in motion '
-            f'without its past, and judged there as the first {OBSERVED:g} s of strain show its '
-            f'links oscillate; standard errors from clusters of {CLUSTER:g} s')
+            f'{1e3 * INNER_STEP:g} ms; where a stretch begins in motion, its first {RUN_IN:g} s '
+            f'are not fitted, and its validation takes the links from its first {OBSERVED:g} s of '
+            f'strain; standard errors from clusters of {CLUSTER:g} s')
 
 
 # -- The page of an evaluation, with loads that the model did not know of

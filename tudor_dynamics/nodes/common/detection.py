@@ -43,12 +43,13 @@ from tudor_dynamics.nodes.common.messages import (
     time_message, wrench_stamped)
 from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
 from tudor_dynamics.online.black_box import record_of
-from tudor_dynamics.online.contact import ContactEstimate, ContactRecord, in_words
-from tudor_dynamics.online.coverage import Coverage, CoverageLevel, MEANING, SensorHealth
+from tudor_dynamics.online.contact import contact_text, ContactEstimate, ContactRecord
+from tudor_dynamics.online.coverage import (
+    ALSO, Coverage, CoverageLevel, MEANING, SensorHealth)
 from tudor_dynamics.online.detector import CollisionEvent, Excess, Level
 from tudor_dynamics.online.monitor import (
     FIELD, Found, METHODS, Monitor, MonitorSettings, SOURCE, warm_up, Watch)
-from tudor_dynamics.online.settings import RECENT, SENSOR_SPEED
+from tudor_dynamics.online.settings import RECORD_SAMPLES, SENSOR_SPEED
 from tudor_dynamics.online.streams import Gathering, Residual
 from tudor_dynamics.online.threshold_learning import Calibration
 from visualization_msgs.msg import Marker
@@ -146,7 +147,7 @@ class ContactOutput:
                 values['contact note'] = last.note
         if self._summary:
             values['last contact'] = '; '.join(
-                filter(None, (in_words(self._summary), self._summary['note'])))
+                filter(None, (contact_text(self._summary), self._summary['note'])))
         return values
 
 
@@ -214,7 +215,7 @@ class DetectNode(ModelNode):
         self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
                          for output, of in topics.items() for topic, channels in of.items()}
         self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
-        self._past = {method: deque[Excess](maxlen=RECENT) for method in watch.methods}
+        self._past = {method: deque[Excess](maxlen=RECORD_SAMPLES) for method in watch.methods}
         self.health = {output: SensorHealth(names[output]) for output in watch.outputs}
         for method in watch.methods:
             for publishers in (self._residuals, self._thresholds, self._ratios):
@@ -296,11 +297,12 @@ class DetectNode(ModelNode):
         for stamp, amplitude in found.rings:
             self._ringing.publish(stamp, amplitude)
         for event in found.events:
+            _, message, values = self.status()
             record = record_of(event, self._past[event.method]) | {
                 'digest': self.bundle.digest if self.bundle else '', 'made': self._made,
                 'settings': {**{name: self.value(name) for name in self.params},
                              'model': str(Path(self.source).absolute())},  # readers are elsewhere
-                'state': {**self.status()[2], 'message': self.verdict()[1],
+                'state': {**values, 'message': message,
                           'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
             self.keep(record)
@@ -393,7 +395,7 @@ class DetectNode(ModelNode):
             '' if 'no_thresholds)' in text and 'no thresholds' in self._note else self._note,
             f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
             'namespace, or remap the topic' if rivals else '']
-        own, said = next(((of, '; also: '.join(filter(None, texts))) for of, texts in (
+        own, said = next(((of, ALSO.join(filter(None, texts))) for of, texts in (
             (ERROR, errors), (WARN, warnings)) if any(texts)), (OK, ''))
         if level in (OK, WARN) and own > level:
             return own, said
