@@ -296,7 +296,6 @@ def _by_path(payloads: Mapping[str, float], bags: Sequence[BagChoice]) -> dict[s
 
 # -- Bags against models: what ``tudor evaluate`` and ``td.predict`` have in common
 
-
 @dataclass(frozen=True, eq=False)
 class Prediction(Shown):
     """What the models of a bundle make of bags."""
@@ -469,9 +468,8 @@ def detect(
     """
     check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
     check_type(settings, MonitorSettings, 'settings', "such as MonitorSettings(kind='elastic')")
-    chosen = choices(bags)
     recordings = [(choice.path, load(choice, bundle.arm, bundle.preprocessing).recording)
-                  for choice in chosen]
+                  for choice in choices(bags)]
     return evaluate_collisions(bundle, recordings, settings,
                                [find_truth(path) for path, _ in recordings])
 
@@ -574,10 +572,8 @@ def excitation(
 
     """
     check_type(subject, (Arm, ModelBundle), 'subject', 'an arm, or the result of fit')
-    if isinstance(subject, Arm):
-        target = target_of_arm(subject)
-    else:
-        target = target_of_model(subject, subject.arm)
+    target = (target_of_arm(subject) if isinstance(subject, Arm) else
+              target_of_model(subject, subject.arm))
     if motion is not None:
         check_type(motion, Trajectory, 'motion', 'such as Trajectory(joints, t, q, dq, ddq)')
         motion = motion.of(target.arm.active_joints)

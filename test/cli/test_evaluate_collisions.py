@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+import re
 
 import pytest
 from tudor_dynamics.arm.description import load_arm
@@ -68,3 +69,20 @@ def test_gaps_are_no_free_time(
     assert strain['hours'] + strain['unjudged'] == pytest.approx(whole.t[-1] / 3600.0, rel=0.1)
     assert main([*command[:3], str(root / 'bags/two_blade_test'), *command[4:]]) == 0
     assert 'not judged' not in capsys.readouterr().out
+
+
+def test_the_page_has_the_events_of_the_terminal(
+    root: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A row for each, with the time of day at which the bag begins."""
+    command = ['evaluate', '--model', str(model), str(root / 'bags/two_blade_pushes'),
+               '--collisions']
+    assert main([*command, '--report', str(tmp_path / 'r.html')]) == 0
+    printed = capsys.readouterr().out
+    page = (tmp_path / 'r.html').read_text().partition('id="events"')[2].partition('</table>')[0]
+    begin, = re.findall('Time 0 s is (.*?)[.]<', page)
+    assert f'0 s is {begin}\n' in printed
+    rows = [re.findall('<td.*?>(.*?)</td>', row) for row in page.split('<tr>')[2:]]
+    assert len(rows) >= 2
+    for row in rows:
+        assert ' '.join(row[:6]).replace('±', '+-') in ' '.join(printed.split())

@@ -22,7 +22,10 @@ from pathlib import Path
 import sys
 
 import pytest
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli import watch
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.identification.causes import explain
@@ -53,6 +56,19 @@ def test_a_bag(
     assert capsys.readouterr().out.splitlines()[1:] == ['1 event']
     assert main([*command, '--json']) == 0
     assert [item['onset'] for item in json.loads(capsys.readouterr().out)['events']] == onsets
+
+
+def test_a_gauge_that_stands_still(root: Path, model: Path, tmp_path: Path) -> None:
+    """The view names it, as the diagnostics of the node do."""
+    arm = load_arm(root / 'config/two_blade_arm.yaml')
+    whole = read_recording(root / 'bags/two_blade_test', arm)
+    whole.strain[-300:, 1] = whole.strain[-300, 1]
+    write_bag(tmp_path / 'bag', whole, arm=arm)
+    assert main(['watch', str(tmp_path / 'bag'), '--model', str(model), '--picture',
+                 str(tmp_path / 'view.svg')]) == 0
+    picture = (tmp_path / 'view.svg').read_text().replace('&#160;', ' ')
+    assert f'{arm.gauge_names[1]}: no change for 1 s' in picture
+    assert f'{arm.gauge_names[0]}: no change' not in picture
 
 
 @pytest.mark.parametrize('options, said', [

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-import math
 from pathlib import Path
 import shlex
 from typing import Any
@@ -36,8 +35,8 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import dump_npz, provenance
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
-    evaluate_collisions, find_truth, FREE, MethodResult, Truth, truth_of_file,
-    WatchedBag, within)
+    best_of, evaluate_collisions, EVENT_FIGURES, event_notes, EVENT_NAMES, event_rows, find_truth,
+    FREE, MethodResult, Truth, truth_of_file, within)
 from tudor_dynamics.identification.doctor.between import examine_evaluation
 from tudor_dynamics.identification.next_steps import changes, fit_with, touched
 from tudor_dynamics.identification.validation import Grade, rounded, Validation
@@ -46,7 +45,7 @@ from tudor_dynamics.models.bundle import KINDS, ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.black_box import records_of
-from tudor_dynamics.online.detector import DetectorSettings, Rates, time_of_day
+from tudor_dynamics.online.detector import DetectorSettings, Rates
 from tudor_dynamics.online.monitor import MonitorSettings
 
 
@@ -136,20 +135,23 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
             _milliseconds(score.latency_median), _milliseconds(score.latency_p95),
             str(score.false_alarms) if known else '-', f'{60 * score.hours:.1f}' if known else '-')
     print_table(table)
-    _print_events(results)
-    say(*unknown(results), *dict.fromkeys(
-        f'{item.method}: {seen.note}' for item in results for bag in item.watched
-        for seen in bag.sightings if seen.note))
+    for place, bag in enumerate(results[0].watched):
+        begin, rows = event_rows(results, place)
+        table = new_table(f'events in {bag.bag}, 0 s is {begin}', EVENT_NAMES, EVENT_FIGURES)
+        for row in rows:
+            table.add_row(*row)
+        if rows:
+            print_table(table)
+    say(*unknown(results), *event_notes(results))
 
 
 def _print_verdict(
     results: Sequence[MethodResult], args: argparse.Namespace, bundle: ModelBundle,
 ) -> None:
     """Say what the best method finds, how many times what was promised came, and what to do."""
-    best = max((item.score for item in results if item.score.pushes and item.score.hours),
-               default=None, key=lambda score: (score.found, -(score.false_alarms or 0)))
-    if best is not None:
-        method = next(item.method for item in results if item.score is best)
+    judged = [item for item in results if item.score.pushes and item.score.hours]
+    if judged:
+        method, best = best_of(judged).method, best_of(judged).score
         level = Grade.USABLE if best.found else Grade.DO_NOT_USE
         if best.found == best.pushes and not best.false_alarms:
             level = Grade.GOOD
@@ -181,54 +183,10 @@ def _milliseconds(value: float | None) -> str:
     return '-' if value is None else f'{1e3 * value:.0f}'
 
 
-def _print_events(results: Sequence[MethodResult]) -> None:
-    for place, bag in enumerate(results[0].watched):
-        rows = [(item.method, seen, item.watched[place])
-                for item in results for seen in item.watched[place].sightings]
-        if not rows:
-            continue
-        first = rows[0][1]
-        begin = time_of_day(first.event.stamp - round(1e9 * first.time))
-        table = new_table(f'events in {bag.bag}, 0 s is {begin}',
-                          ('method', 'channel', 'push', 'link'),
-                          ('time [s]', 'ratio', 'force [N]', 'place [mm]'))
-        for method, seen, watched in sorted(rows, key=lambda row: row[1].time):
-            link = seen.contact['link'] if seen.contact else seen.event.link
-            table.add_row(method, seen.channel, _push(watched, seen.push), link,
-                          f'{seen.time:.2f}', f'{seen.ratio:.1f}', *_contact(seen.contact))
-        print_table(table)
-
-
-def _contact(found: dict[str, Any] | None) -> tuple[str, str]:
-    """Give force and place of what touched the arm."""
-    if not found:
-        return '-', '-'
-    force, place, other = found['force'], found['place'], found['or_place']
-    return ('not known' if force is None else f'{force:.1f} +- {found["force_deviation"]:.1f}',
-            'not known' if place is None else (
-                f'{1e3 * place:.0f} +- {1e3 * found["place_deviation"]:.0f}')
-            + ('' if other is None else f' or {1e3 * other:.0f}'))
-
-
-def _push(watched: WatchedBag, place: int | None) -> str:
-    if not watched.truth.known:
-        return '?'
-    if place is None:
-        return 'none: false'
-    force = watched.truth.pushes[place].force
-    return f'{place + 1}' + ('' if math.isnan(force) else f' ({force:.3g} N)')
-
-
 def unknown(results: Sequence[MethodResult]) -> list[str]:
-    """Say of which bags it is not known what happened, with the number of events in each."""
-    said = []
-    for place, bag in enumerate(results[0].watched):
-        if not bag.truth.known:
-            counts = ', '.join(f'{len(item.watched[place].sightings)} by {item.method}'
-                               for item in results)
-            said.append(f'{bag.bag}: events: {counts}; no truth in this bag: give --pushes '
-                        'FILE.csv or --truth TOPIC, or --free if nothing touched the arm')
-    return said
+    """Say of which bags it is not known what happened."""
+    return [f'{bag.bag}: no truth in this bag: give --pushes FILE.csv or --truth TOPIC, or --free '
+            'if nothing touched the arm' for bag in results[0].watched if not bag.truth.known]
 
 
 def collision_values(item: MethodResult, allowed: float) -> dict[str, Any]:

@@ -45,6 +45,7 @@ topics of a monitor that runs are shown (ROS 2 is needed). Where no terminal wat
 at once, and each event is a line. --web serves the same view to browsers of this machine.
 """
 LAST_PORT = 65535
+STUCK = 1.0  # as the parameter `stuck_time` of the monitor [s]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -144,4 +145,4 @@ def _look(view: LiveView, monitor: Monitor) -> None:
     count = sum(counter.total() for counter in watch.counts.values())
     judged = sum(counter['judged'] for counter in watch.counts.values())
     view.state = f'{100.0 * judged / max(count, 1):.0f} % judged'
-    view.warning = watch.outside_training
+    view.warning = watch.stuck(STUCK) or watch.outside_training

@@ -21,6 +21,7 @@ from collections.abc import Iterator, Sequence
 import csv
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+import math
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -484,6 +485,47 @@ def evaluate_collisions(
         found = score(watched, [item.alarms for item in watched])
         results.append(MethodResult(method, found, watched, roc_of(watched, found.hours)))
     return results
+
+
+def best_of(results: Sequence[MethodResult]) -> MethodResult:
+    """Choose the method that finds most pushes, of those the one of the fewest false alarms."""
+    return max(results, key=lambda item: (item.score.found, -(item.score.false_alarms or 0)))
+
+
+EVENT_NAMES = ('method', 'channel', 'push', 'link')
+EVENT_FIGURES = ('time [s]', 'ratio', 'force [N]', 'place [mm]')
+
+
+def event_rows(results: Sequence[MethodResult], place: int) -> tuple[str, list[tuple[str, ...]]]:
+    """Give the time of day at which a bag begins, and a row of texts for each of its events."""
+    found = sorted(((item.method, seen, item.watched[place].truth) for item in results
+                    for seen in item.watched[place].sightings), key=lambda row: row[1].time)
+    begin = time_of_day(found[0][1].event.stamp - round(1e9 * found[0][1].time)) if found else ''
+    rows = []
+    for method, seen, truth in found:
+        push, contact = '?' if not truth.known else 'none: false', seen.contact
+        if seen.push is not None:
+            force = truth.pushes[seen.push].force
+            push = f'{seen.push + 1}' + ('' if math.isnan(force) else f' ({force:.3g} N)')
+        rows.append((method, seen.channel, push, contact['link'] if contact else seen.event.link,
+                     f'{seen.time:.2f}', f'{seen.ratio:.1f}', *_force_and_place(contact)))
+    return begin, rows
+
+
+def _force_and_place(contact: dict[str, Any] | None) -> tuple[str, str]:
+    if not contact:
+        return '-', '-'
+    force, place, other = contact['force'], contact['place'], contact['or_place']
+    return ('not known' if force is None else f'{force:.1f} +- {contact["force_deviation"]:.1f}',
+            'not known' if place is None else (
+                f'{1e3 * place:.0f} +- {1e3 * contact["place_deviation"]:.0f}')
+            + ('' if other is None else f' or {1e3 * other:.0f}'))
+
+
+def event_notes(results: Sequence[MethodResult]) -> list[str]:
+    """Say what of forces and places is not known, each reason once."""
+    return list(dict.fromkeys(f'{item.method}: {seen.note}' for item in results
+                              for bag in item.watched for seen in bag.sightings if seen.note))
 
 
 class Detector(Protocol):

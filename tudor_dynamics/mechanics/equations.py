@@ -42,6 +42,7 @@ from tudor_dynamics.mechanics.chain import (
 # the mass matrix is regular.
 
 Four = tuple[float, float, float, float]
+Six = tuple[float, ...]  # of a node
 
 
 @compiled
@@ -83,7 +84,7 @@ def shape_function(j: int) -> Four:
 
 
 @compiled
-def node_values(v: NDArray, first: int, node: int) -> tuple[float, ...]:
+def node_values(v: NDArray, first: int, node: int) -> Six:
     """Read the six values of a node; the clamped node 0 has none."""
     if node == 0:
         return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -133,6 +134,26 @@ def rate_matrix(omega: Vector, angular: Vector) -> Rotation:
 
 
 @compiled
+def element_motion(
+    u1: Six, u2: Six, v1: Six, v2: Six, w1: Six, w2: Six, e: int, length: float, alpha: float,
+    a0: Vector, c: Rotation, omega: Vector,
+) -> tuple[Four, ...]:
+    """Give x, y, z, y', z' and the accelerations of element ``e`` by its shape functions."""
+    x = along(e * length + u1[0], (e + 1) * length + u2[0], length)
+    dx = along(v1[0], v2[0], length)
+    y, dy = (u1[1], u1[5], u2[1], u2[5]), (v1[1], v1[5], v2[1], v2[5])
+    s, ds = (u1[2], -u1[4], u2[2], -u2[4]), (v1[2], -v1[4], v2[2], -v2[4])
+    ax = plus(along(w1[0], w2[0], length), alpha, dx)
+    ay = plus((w1[1], w1[5], w2[1], w2[5]), alpha, dy)
+    az = plus((w1[2], -w1[4], w2[2], -w2[4]), alpha, ds)
+    wx, wy, wz = 2.0 * omega[0], 2.0 * omega[1], 2.0 * omega[2]
+    return (x, y, s, dy, ds,
+            blend(a0[0], (c[0], c[1], c[2]), x, y, s, (0.0, -wz, wy), dx, dy, ds, ax),
+            blend(a0[1], (c[3], c[4], c[5]), x, y, s, (wz, 0.0, -wx), dx, dy, ds, ay),
+            blend(a0[2], (c[6], c[7], c[8]), x, y, s, (-wy, wx, 0.0), dx, dy, ds, az))
+
+
+@compiled
 def add_node(force: NDArray, first: int, node: int, values: tuple[float, ...]) -> None:
     """Add six values to the rows of a node; the clamped node has none."""
     if node > 0:
@@ -152,26 +173,13 @@ def beam_forces(
     a0, omega = vector_at(here, at.ACCELERATION), vector_at(here, at.OMEGA)
     angular = vector_at(here, at.ANGULAR)
     c = rate_matrix(omega, angular)
-    wx, wy, wz = 2.0 * omega[0], 2.0 * omega[1], 2.0 * omega[2]
     push, moment = vector_at(here, at.FORCE), vector_at(here, at.MOMENT)
     for e in range(ints[at.ELEMENTS]):
         u1, u2 = node_values(z, first, e), node_values(z, first, e + 1)
         v1, v2 = node_values(dz, first, e), node_values(dz, first, e + 1)
         w1, w2 = node_values(ddz, first, e), node_values(ddz, first, e + 1)
-        x = along(e * length + u1[0], (e + 1) * length + u2[0], length)
-        y = (u1[1], u1[5], u2[1], u2[5])
-        s = (u1[2], -u1[4], u2[2], -u2[4])
-        dx = along(v1[0], v2[0], length)
-        dy = (v1[1], v1[5], v2[1], v2[5])
-        ds = (v1[2], -v1[4], v2[2], -v2[4])
-        ax = along(w1[0] + alpha * v1[0], w2[0] + alpha * v2[0], length)
-        ay = (w1[1] + alpha * v1[1], w1[5] + alpha * v1[5],
-              w2[1] + alpha * v2[1], w2[5] + alpha * v2[5])
-        az = (w1[2] + alpha * v1[2], -w1[4] - alpha * v1[4],
-              w2[2] + alpha * v2[2], -w2[4] - alpha * v2[4])
-        px = blend(a0[0], (c[0], c[1], c[2]), x, y, s, (0.0, -wz, wy), dx, dy, ds, ax)
-        py = blend(a0[1], (c[3], c[4], c[5]), x, y, s, (wz, 0.0, -wx), dx, dy, ds, ay)
-        pz = blend(a0[2], (c[6], c[7], c[8]), x, y, s, (-wy, wx, 0.0), dx, dy, ds, az)
+        x, y, s, dy, ds, px, py, pz = element_motion(
+            u1, u2, v1, v2, w1, w2, e, length, alpha, a0, c, omega)
         hx = hermite_mass(px, length, density)
         hy = hermite_mass(py, length, density)
         hz = hermite_mass(pz, length, density)
@@ -350,25 +358,14 @@ def section_loads(
         a0, omega = vector_at(here, at.ACCELERATION), vector_at(here, at.OMEGA)
         angular = vector_at(here, at.ANGULAR)
         c = rate_matrix(omega, angular)
-        wx, wy, wz = 2.0 * omega[0], 2.0 * omega[1], 2.0 * omega[2]
         push, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         point, turned = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         for e in range(cut, count):
             u1, u2 = node_values(z, first, e), node_values(z, first, e + 1)
             v1, v2 = node_values(dz, first, e), node_values(dz, first, e + 1)
             w1, w2 = node_values(ddz, first, e), node_values(ddz, first, e + 1)
-            x = along(e * length + u1[0], (e + 1) * length + u2[0], length)
-            y, q = (u1[1], u1[5], u2[1], u2[5]), (u1[2], -u1[4], u2[2], -u2[4])
-            dx = along(v1[0], v2[0], length)
-            dy, dq = (v1[1], v1[5], v2[1], v2[5]), (v1[2], -v1[4], v2[2], -v2[4])
-            ax = along(w1[0] + alpha * v1[0], w2[0] + alpha * v2[0], length)
-            ay = (w1[1] + alpha * v1[1], w1[5] + alpha * v1[5],
-                  w2[1] + alpha * v2[1], w2[5] + alpha * v2[5])
-            aq = (w1[2] + alpha * v1[2], -w1[4] - alpha * v1[4],
-                  w2[2] + alpha * v2[2], -w2[4] - alpha * v2[4])
-            px = blend(a0[0], (c[0], c[1], c[2]), x, y, q, (0.0, -wz, wy), dx, dy, dq, ax)
-            py = blend(a0[1], (c[3], c[4], c[5]), x, y, q, (wz, 0.0, -wx), dx, dy, dq, ay)
-            pz = blend(a0[2], (c[6], c[7], c[8]), x, y, q, (-wy, wx, 0.0), dx, dy, dq, aq)
+            x, y, q, dy, dq, px, py, pz = element_motion(
+                u1, u2, v1, v2, w1, w2, e, length, alpha, a0, c, omega)
             low = begin if e == cut else 0.0
             for g in range(4):
                 xi = low + (1.0 - low) * GAUSS[g]

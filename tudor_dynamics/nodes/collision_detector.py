@@ -70,7 +70,6 @@ class CollisionDetectorNode(DetectNode):
         motion = self._motion_reader.read(message)
         if motion is None:
             return
-        self.moving(motion.row)
         for output, waiting in self._motions.items():
             predicted = self._predictions[output].pop(motion.stamp, None)
             if predicted is not None or not motion.settled(self.watch.bundle.preprocessing.settle):

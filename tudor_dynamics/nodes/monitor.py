@@ -168,7 +168,6 @@ class MonitorNode(DetectNode):
         found = monitor.add_joints(message.stamp, q, velocity)
         motion = monitor.motion
         if motion is not None:
-            self.moving(motion.row)
             self._motion.publish(motion.stamp, round(motion.elapsed * 1e9), motion.row)
             for output, values in (monitor.predicted or {}).items():
                 self._predicted[output].publish(motion.stamp, values)

@@ -50,8 +50,7 @@ def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
 
     past: samples of the event's method. Stamps in ns, ``time``: the onset in UTC; by channel
     in its unit; channel: of the largest ratio; motion: q, dq, ddq of active joints [rad or m, s];
-    last_second: rows of the channel, evenly chosen: time less ``stamp`` [s], measured, expected,
-    threshold, ratio.
+    last_second: rows: seconds from ``stamp``, measured, expected, threshold, ratio of the channel.
     """
     near = [item for item in past
             if 0 <= event.stamp - item.residual.motion.stamp <= RECORD_TIME * 1e9]

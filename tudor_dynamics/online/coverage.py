@@ -25,9 +25,11 @@ from statistics import median
 
 import numpy as np
 
+from tudor_dynamics.compiled import largest_size
 from tudor_dynamics.online.settings import (
-    COVERAGE_PERIOD, COVERAGE_TIME, PERIODS_APART, STAMPS_APART, UNJUDGED_ERROR, UNJUDGED_WARNING)
-from tudor_dynamics.typing import FloatArray
+    COVERAGE_PERIOD, COVERAGE_TIME, PERIODS_APART, SENSOR_SPEED, STAMPS_APART, UNJUDGED_ERROR,
+    UNJUDGED_WARNING)
+from tudor_dynamics.online.streams import PairedSample
 
 
 class SensorHealth:
@@ -37,15 +39,13 @@ class SensorHealth:
         self.names = tuple(names)
         self._values = np.full(len(self.names), np.nan)
         self._still = np.zeros(len(self.names))
-        self._last: int | None = None
 
-    def step(self, stamp: int, values: FloatArray, *, moving: bool) -> None:
-        """Take a reading (channels,) into account; time counts only while the arm moves."""
-        dt = 0.0 if self._last is None or not moving else (
-            min(max((stamp - self._last) * 1e-9, 0.0), 1.0))
-        self._last = stamp
-        self._still = np.where(values == self._values, self._still + dt, 0.0)
-        self._values = values.copy()
+    def step(self, pair: PairedSample) -> None:
+        """Take a reading into account; time counts only while the arm moves."""
+        row, n = pair.motion.row, len(pair.motion.row) // 3
+        dt = min(pair.motion.dt, 1.0) if largest_size(row, n, 2 * n) > SENSOR_SPEED else 0.0
+        self._still = np.where(pair.measured == self._values, self._still + dt, 0.0)
+        self._values = pair.measured
 
     def dead(self, stuck_time: float) -> list[str]:
         """Name the channels that have not changed for longer than a time [s]."""

@@ -32,6 +32,7 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.flexible_tool import RingObserver
 from tudor_dynamics.online.contact import AnyEstimator, contact_estimator, ContactEstimate
+from tudor_dynamics.online.coverage import SensorHealth
 from tudor_dynamics.online.detector import (
     channel_links, CollisionDetector, CollisionEvent, DetectorSettings, Excess, ExcessStage, Level,
     Rates)
@@ -223,6 +224,8 @@ class Watch:
         self.outputs = tuple(dict.fromkeys(SOURCE[name] for name in self.methods))
         self.pairing = {output: Pairing() for output in self.outputs}
         self.counts: dict[str, Counter[str]] = {output: Counter() for output in self.outputs}
+        self._health = {output: SensorHealth(bundle.arm.channels[output])
+                        for output in self.outputs}
         self._residual = {output: ResidualStage(spec.output_cutoff, spec.settle)
                           for output in self.outputs}
         self.observer = (MomentumObserver(kinds['effort']['analytical'], settings.observer_gain,
@@ -296,6 +299,12 @@ class Watch:
             'which differs from the training; call ~/calibrate while the arm moves so and '
             'nothing touches it, or fit the model again with bags of this motion too')
 
+    def stuck(self, seconds: float) -> str:
+        """Say which channels have not changed for a time, while the arm moved; empty for none."""
+        dead = [name for health in self._health.values() for name in health.dead(seconds)]
+        return '' if not dead else (f'{", ".join(dead)}: no change for {seconds:g} s while the arm '
+                                    'moves; check the sensor and its driver')
+
     @property
     def settle(self) -> float:
         """Time after a beginning for which nothing is judged [s]."""
@@ -326,6 +335,7 @@ class Watch:
     def _judge(self, output: str, pairs: Sequence[PairedSample], found: Found) -> None:
         for pair in pairs:
             before = len(found.excesses)
+            self._health[output].step(pair)
             plain = self._residual[output].step(pair)
             if self.ringing is not None and output == 'effort' and plain is not None:
                 motion = plain.motion

@@ -29,7 +29,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Header, String
 
 from tudor_dynamics.arm.kinematics import base_frame
-from tudor_dynamics.compiled import largest_size
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.files import provenance
 from tudor_dynamics.load.live import carried_load
@@ -44,12 +43,11 @@ from tudor_dynamics.nodes.common.messages import (
 from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
 from tudor_dynamics.online.black_box import record_of
 from tudor_dynamics.online.contact import contact_text, ContactEstimate, ContactRecord
-from tudor_dynamics.online.coverage import (
-    ALSO, Coverage, CoverageLevel, MEANING, SensorHealth)
+from tudor_dynamics.online.coverage import ALSO, Coverage, CoverageLevel, MEANING
 from tudor_dynamics.online.detector import CollisionEvent, Excess, Level
 from tudor_dynamics.online.monitor import (
     FIELD, Found, METHODS, Monitor, MonitorSettings, SOURCE, warm_up, Watch)
-from tudor_dynamics.online.settings import RECORD_SAMPLES, SENSOR_SPEED
+from tudor_dynamics.online.settings import RECORD_SAMPLES
 from tudor_dynamics.online.streams import Gathering, Residual
 from tudor_dynamics.online.threshold_learning import Calibration
 from visualization_msgs.msg import Marker
@@ -175,7 +173,6 @@ class DetectNode(ModelNode):
         super().__init__(name, **kwargs)
         self.watch: Watch | None = None
         self._calibration: Calibration | None = None
-        self._moving = False
         self._made = provenance()  # once: it takes 30 ms
         self.coverage = Coverage()
         self._residuals, self._thresholds, self._ratios = (
@@ -216,7 +213,6 @@ class DetectNode(ModelNode):
                          for output, of in topics.items() for topic, channels in of.items()}
         self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
         self._past = {method: deque[Excess](maxlen=RECORD_SAMPLES) for method in watch.methods}
-        self.health = {output: SensorHealth(names[output]) for output in watch.outputs}
         for method in watch.methods:
             for publishers in (self._residuals, self._thresholds, self._ratios):
                 publishers[method].encoder = JointStateEncoder(
@@ -275,13 +271,7 @@ class DetectNode(ModelNode):
             if values is None:
                 continue
             for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
-                self.health[output].step(stamp, whole, moving=self._moving)
                 self.report(self._chain.add_measured(output, stamp, whole))
-
-    def moving(self, row: Any) -> None:
-        """Keep for the health of the sensors whether the arm moves."""
-        n = len(row) // 3
-        self._moving = largest_size(row, n, 2 * n) > SENSOR_SPEED
 
     def report(self, found: Found) -> None:
         """Publish what was found, and the load."""
@@ -381,14 +371,10 @@ class DetectNode(ModelNode):
             return level, message
         self.coverage.look(self.steady())
         rivals = self.rivals(self.collision_output.flags[Level.COLLISION])
-        dead = [name for health in self.health.values()
-                for name in health.dead(self.value('stuck_time'))]
         verdict = self.coverage.verdict
         text = '' if self._calibration is not None and not watch.stages else verdict.text
         errors = [
-            f'{", ".join(dead)}: no change for {self.value("stuck_time"):g} s while the arm '
-            'moves; check the sensor and its driver' if dead else '',
-            self._unserved if not watch.methods else '',
+            watch.stuck(float(self.value('stuck_time'))), self._unserved if not watch.methods else '',
             text if verdict.level is CoverageLevel.NONE else '']
         warnings = [
             text, self._unserved, watch.outside_training,
