@@ -30,7 +30,7 @@ import re
 from lying import (
     acceleration, BEYOND, Case, cases, DRIVES, false_motion, FASTER, Liar, LIES, NOISY, resting,
     run, STARTS)
-from motion_machine import FIRST, go, moving, SECOND, tudor
+from motion_machine import FIRST, go, MotionMachine, moving, SECOND, tudor
 import numpy as np
 import pytest
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
@@ -167,6 +167,26 @@ def test_swapped_in_a_move_beside_an_oracle(rate: float, delay: float, inside: f
     best = passed(rate, delay, inside, oracle=True)
     assert passed(rate, delay, inside, oracle=False) < best + 0.05
     assert best < 1.0 + 90.0 * (delay + 1.0 / rate)
+
+
+@pytest.mark.parametrize('rate', [40.0, 50.0, 100.0, 500.0])
+def test_standstill_is_commanded_at_any_rate(rate: float) -> None:
+    """Drives that hear nothing go on for their timeout: two commands, in case one is lost."""
+    rig = moving(rate=rate)
+    Liar(rig).begin(NAMED['drive swaps'])
+    rig.run(0.6)
+    assert rig.controller.state is State.FAULT
+    assert not np.any([command for _, _, command in rig.trace.sent[-2:]])
+    assert not np.any(rig.trace.command[-1])
+
+
+def test_a_lost_sample_hides_no_stop() -> None:
+    """A sequence that hypothesis found: where one sample was lost, no stop was commanded."""
+    machine = MotionMachine()
+    machine.start(payload=0.0, delay=0.0, loss=0.05, seed=26)
+    machine.lie_in_a_move(lie=NAMED['drive swaps'], velocity='along', shares=(0.0, 0.0),
+                          sign=-1.0, before=1.3125)
+    machine.within_limits()
 
 
 @pytest.mark.parametrize('rate, payload', [(100.0, 0.4), (500.0, 0.0)])

@@ -184,7 +184,7 @@ class MotionController:
         self._budget = 0.0
         self._unknown = True  # the speed of the arm
         self.missing = False  # positions: commands are given without them
-        self._stood = 0.0  # for which a fault has commanded standstill [s]
+        self._stops = self._enough = 0  # commands of standstill at a fault, and how many it takes
         self.required = self.tested = False  # whether joint_test has to be passed first, and is
         self._origin = np.zeros(len(self.joints))
         self.takeovers = 0
@@ -272,7 +272,7 @@ class MotionController:
                            max(2.0 * gains.period, settings.WATCH_PERIOD))
         self._gave = now
         command = self._command(now, dt, q, speed, strain, fresh)
-        self._stood = self._stood + dt if self.state is State.FAULT and not command.any() else 0.0
+        self._stops = self._stops + 1 if self.state is State.FAULT and not command.any() else 0
         return None if self._silent else command
 
     def watch(self, now: float) -> FloatArray | None:
@@ -335,8 +335,8 @@ class MotionController:
 
     @property
     def _silent(self) -> bool:
-        """Say whether a fault has commanded standstill for long enough."""
-        return self.state is State.FAULT and self._stood >= settings.SILENT_AFTER
+        """Say whether a fault has commanded standstill often enough."""
+        return self.state is State.FAULT and self._stops > self._enough
 
     @property
     def _latest(self) -> float:
@@ -422,6 +422,7 @@ class MotionController:
         # Zero at once is the shortest way; each further command would make a runaway faster.
         if astray and ((self.watched.state[:, AHEAD] > 1.0).any() or slow.all()):
             self.envelope.begin(np.zeros_like(speed))
+        self._enough = max(1 if slow.all() else 2, int(settings.STOPPING_TIME / self.gains.period))
         quick = speed / (settings.ASTRAY_STOP_TIME if astray else settings.FAULT_STOP_TIME)
         self._hold = MotionPlanner(replace(
             self.planned, acceleration=np.maximum(self.planned.acceleration, quick)), self._q)

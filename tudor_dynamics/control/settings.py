@@ -157,9 +157,9 @@ FAULT_STOP_TIME, ASTRAY_STOP_TIME = 0.3, 0.05
 # After positions did not come, commands may not have come either: for so long nothing is judged
 # [s], in which drives brake by themselves or take them up again.
 FREE_AFTER = 0.3
-# For so long standstill is commanded after a fault; then nothing is, and drives hold by themselves
-# [s], also one that creeps.
-SILENT_AFTER = 0.015
+# For so long standstill is commanded after a fault [s], once at least, and twice in a fast motion,
+# as a message may be lost; then nothing is, and drives hold by themselves, also one that creeps.
+STOPPING_TIME = 0.015
 # Time of readings from which a cause is named [s].
 TELLING_TIME = 0.6
 # For so long after a fault its cause is named again with what was seen meanwhile [s].
