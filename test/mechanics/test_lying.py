@@ -189,6 +189,23 @@ def test_a_lost_sample_hides_no_stop() -> None:
     machine.within_limits()
 
 
+def test_what_seemed_a_jump_is_a_runaway() -> None:
+    """Once readings tell so, standstill is commanded at once, not by and by: 320 deg became 78."""
+    rig = Rig(tudor(), rate=25.0, payload=0.2, delay=0.04, loss=0.05, seed=431)
+    rig.run(0.5)
+    go(rig, np.radians([144.4, -38.7]))
+    rig.run(0.64)
+    Liar(rig).begin(NAMED['drive takes rad for deg'], 'absent', -1.0)
+    causes = []
+    while rig.t < 2.1:
+        rig.step()
+        causes.append(rig.controller.cause)
+    first = next(cause for cause in causes if rig.controller.joints[0] in cause and ':' in cause)
+    assert 'jumped' in first and 'takes radians for degrees' in causes[-1]
+    begin = rig.trace.state.index(State.FAULT)
+    assert np.degrees(np.ptp(rig.trace.array('q', begin), axis=0).max()) < 90.0
+
+
 @pytest.mark.parametrize('rate, payload', [(100.0, 0.4), (500.0, 0.0)])
 def test_a_count_of_noise_is_no_lie(rate: float, payload: float) -> None:
     """No fault, the move is driven, and by its own definition hardly any motion is false."""

@@ -35,7 +35,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import dump_npz, provenance
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
-    best_of, evaluate_collisions, EVENT_FIGURES, event_notes, EVENT_NAMES, event_rows, find_truth,
+    best_of, evaluate_collisions, EVENT_FIGURES, EVENT_NAMES, event_notes, event_rows, find_truth,
     FREE, MethodResult, Truth, truth_of_file, within)
 from tudor_dynamics.identification.doctor.between import examine_evaluation
 from tudor_dynamics.identification.next_steps import changes, fit_with, touched

@@ -264,8 +264,11 @@ class MotionController:
             self._explain_at = clock + settings.TELLING_EVERY
         elif fault and self._explain_at < clock < self._explain_until:
             self._explain_at = clock + settings.TELLING_EVERY
-            self._explain([self.watched.tell(doubt.joint, gains.delay.commands, gains.lags)
-                           if doubt.later else doubt for doubt in self._doubts])
+            later = [self.watched.tell(doubt.joint, gains.delay.commands, gains.lags)
+                     if doubt.later else doubt for doubt in self._doubts]
+            worse = any(doubt.astray for doubt in later) > any(
+                doubt.astray for doubt in self._doubts)
+            (self._fault if worse else self._explain)(later)
         self._hold.step(dt)
         self._choose(now, q)
         self._budget = min(self._budget + now - self._gave,

@@ -302,8 +302,8 @@ class Watch:
     def stuck(self, seconds: float) -> str:
         """Say which channels have not changed for a time, while the arm moved; empty for none."""
         dead = [name for health in self._health.values() for name in health.dead(seconds)]
-        return '' if not dead else (f'{", ".join(dead)}: no change for {seconds:g} s while the arm '
-                                    'moves; check the sensor and its driver')
+        return '' if not dead else (f'{", ".join(dead)}: no change for {seconds:g} s while the '
+                                    'arm moves; check the sensor and its driver')
 
     @property
     def settle(self) -> float:

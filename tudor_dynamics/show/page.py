@@ -31,7 +31,7 @@ import numpy as np
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.detection import (
-    best_of, EVENT_FIGURES, event_notes, EVENT_NAMES, event_rows, MethodResult)
+    best_of, EVENT_FIGURES, EVENT_NAMES, event_notes, event_rows, MethodResult)
 from tudor_dynamics.identification.doctor.between import Evaluated
 from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, RUN_IN, Start
 from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, STARTS

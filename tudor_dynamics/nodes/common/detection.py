@@ -374,7 +374,8 @@ class DetectNode(ModelNode):
         verdict = self.coverage.verdict
         text = '' if self._calibration is not None and not watch.stages else verdict.text
         errors = [
-            watch.stuck(float(self.value('stuck_time'))), self._unserved if not watch.methods else '',
+            watch.stuck(float(self.value('stuck_time'))),
+            self._unserved if not watch.methods else '',
             text if verdict.level is CoverageLevel.NONE else '']
         warnings = [
             text, self._unserved, watch.outside_training,
