@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,11 +68,11 @@ def arm_in_motion(seconds: float, seed: int) -> Recording:
     return recording_of(q, RATE, strain=recorded(ARM, TRUTH, q, RATE, seed=seed)[0])
 
 
-def touched() -> Recording:
-    """Simulate the true arm, its tip pushed by 6 N for a second."""
+def touched(seconds: float = 1.0) -> Recording:
+    """Simulate the true arm, its tip pushed by 6 N."""
     q = travel(11.0, RATE, 7)
     force = np.zeros((len(q), 3))
-    force[K:K + 100] = [4.2, 4.2, 0.0]
+    force[K:K + round(seconds * RATE)] = [4.2, 4.2, 0.0]
     noise = np.random.default_rng(7).normal(0.0, 2.0, (len(q), 2))
     return recording_of(
         q, RATE, strain=pushed(ARM, q, RATE, force, TRUTH) * GAINS + OFFSETS + noise)
@@ -97,8 +98,15 @@ def late(k: int, messages: dict[str, Any]) -> None:
         stamp.sec, stamp.nanosec = divmod(stamp.sec * 10**9 + stamp.nanosec + 250_000_000, 10**9)
 
 
+def leaps(k: int, messages: dict[str, Any]) -> None:
+    """Let the first gauge leap, and stay there."""
+    if k >= K:
+        messages['link_strains'].position[0] += 300.0
+
+
 @pytest.mark.parametrize(('cause', 'make', 'change'), [
-    ('touch', touched, None), ('clock', free, late),
+    ('touch', touched, None), ('touch', partial(touched, 0.3), None), ('clock', free, late),
+    ('gauge', free, leaps),
     ('motion outside training', quick, None)])
 def test_each_cause(
     world: World, elastic: Path, tmp_path: Path, cause: str, make: Callable[[], Recording],

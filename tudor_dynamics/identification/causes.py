@@ -29,7 +29,7 @@ from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FRE
 from tudor_dynamics.identification.settings import (
     BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_BEFORE, LATE_LOAD, LEAP, LEAST_TOUCH,
     LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, SAME_ONSET, SHARED_TOUCH, STARTED,
-    STOOD_BEFORE, UNLIKE, USUAL)
+    STOOD_BEFORE, SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.black_box import Heard, messages_of, replayed
@@ -133,8 +133,10 @@ def _clock(scene: Scene) -> str:
 
 
 def _gap(scene: Scene) -> str:
-    if scene.seen.seconds > BRIEF:
-        return ''
+    return '' if scene.seen.seconds > BRIEF else _losses(scene)
+
+
+def _losses(scene: Scene) -> str:
     for topic, stamp, _ in scene.steps(LOST_BEFORE):
         lost = int(np.sum(np.round(stamp[stamp > LOST_STEP]) - 1))
         if lost:
@@ -144,26 +146,24 @@ def _gap(scene: Scene) -> str:
 
 def _gauge(scene: Scene) -> str:
     """One channel leaps from a sample to the next, or stands, and no other shows anything."""
-    event, channel = scene.seen.event, scene.seen.channel
-    output = SOURCE[event.method]
+    event, output = scene.seen.event, SOURCE[scene.seen.event.method]
+    channel = max(event.ratios, key=event.ratios.__getitem__)  # then; another may follow it
     for name in event.ratios:
-        lately, ever = (scene.readings(output, name, -before, 0.0)
-                        for before in (JUST_BEFORE, np.inf))
-        if len(lately) > 2 and not np.ptp(lately) and np.ptp(ever):
-            return f'{name} stands at {lately[0]:.4g} to the last digit'
+        now, ever = (scene.readings(output, name, *at) for at in ((0.0, BRIEF), (-np.inf, 0.0)))
+        if len(now) > 2 and not np.ptp(now) and np.ptp(ever):
+            return f'{name} stands at {now[0]:.4g} to the last digit'
     if event.method == 'momentum':
         return ''
     place = list(event.ratios).index(channel)
     rest = max((float(np.max(np.delete(np.abs(item.residual.value / item.threshold), place),
-                             initial=0.0)) for item in scene.excesses(-JUST_BEFORE, BRIEF)),
-               default=0.0)
+                             initial=0.0)) for item in scene.excesses(-JUST_BEFORE, 0.0)),
+               default=0.0)  # later an elastic model follows the reading
     value = scene.readings(output, channel, -JUST_BEFORE, BRIEF)
     whole, leap = float(np.ptp(value)), float(np.abs(np.diff(value)).max(initial=0.0))
     if rest > QUIET_CHANNEL or not leap > LEAP * whole:
         return ''
-    return (
-        f'{channel} leaps by {leap:.3g} from one sample to the next, {leap / whole:.0%} of all it '
-        f'does; no other channel is above {rest:.2f} of its threshold')
+    return (f'{channel} leaps by {leap:.3g} from one sample to the next, {leap / whole:.0%} of '
+            f'all it does; no other channel is above {rest:.2f} of its threshold before')
 
 
 def _load(scene: Scene) -> str:
@@ -219,7 +219,8 @@ def _touch(scene: Scene) -> str:
     until = max(scene.seen.seconds, BRIEF)
     during = [item.felt for item in scene.replay.contacts
               if 0.0 <= (item.stamp - event.onset) * 1e-9 <= until]
-    if not during or np.mean(during) < FELT:
+    sure = bool(found and found['force'] and found['force'] > SURE * found['force_deviation'])
+    if not during or np.mean(during) < FELT and not sure:
         return ''
     if found and found['seconds'] >= LEAST_TOUCH:
         return f'{contact_text(found)}, for {found["seconds"]:.2f} s'
@@ -253,20 +254,19 @@ def _low(scene: Scene) -> str:
         f'motion does that once in {1.0 / _often(scene):.2g} h')
 
 
-TRAINING = 'motion outside training', (
-    'fit with such motion, or learn the thresholds from it (~/calibrate)')
+GAP = 'gap', 'look at drivers and network: the diagnostics count what is lost'
+TRAINING = 'motion outside training', 'fit with such motion, or call ~/calibrate during it'
 LOW = 'threshold too low', 'allow fewer false_alarms_per_hour, or fit more motion without contact'
 CAUSES: tuple[tuple[Callable[[Scene], str], str, str], ...] = (
     (_clock, 'clock', 'let drivers stamp samples when they are measured, by one clock'),
-    (_gap, 'gap', 'look at drivers and network: the diagnostics count what is lost'),
+    (_gap, *GAP),
     (_friction, 'friction after standstill', 'fit with bags in which joints start and stop'),
     (_gauge, 'gauge', 'look at cable and amplifier; tudor evaluate names one that has changed'),
     (_load, 'load', 'set payload_source to estimate, or announce loads by ~/expect_payload'),
     (_usual, *LOW), (_faster, *TRAINING),
     (_touch, 'touch', 'look at the arm; ~/reset goes on'),
-    (_training, *TRAINING), (_low, *LOW))
+    (_losses, *GAP), (_training, *TRAINING), (_low, *LOW))
 """What is looked for, in this order, its name, and what to do."""
-UNEXPLAINED = 'unexplained'
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,7 @@ class Cause:
     """Why a monitor alarmed."""
 
     event: DetectedEvent
-    name: str  # one of those of `CAUSES`, or `UNEXPLAINED`
+    name: str  # one of those of `CAUSES`, or `unexplained`
     evidence: str
     remedy: str
     same: bool | None  # whether the event of the node came again to the last bit; None without it
@@ -309,7 +309,7 @@ def explain(
         scene = Scene(item, messages, seen, load, *seen.certain[place],
                       own.watch.stages[event.method], bundle.arm.topics)
         name, text, remedy = next(((name, text, remedy) for look, name, remedy in CAUSES
-                                   if (text := look(scene))), (UNEXPLAINED, '', ''))
+                                   if (text := look(scene))), ('unexplained', '', ''))
         found.append(Cause(item, name, text, remedy, None if record is None else
                            (record['onset'], record['ratio']) == (event.onset, event.ratios)))
     return found

@@ -336,7 +336,7 @@ CLOCK_STEP = 1.5  # stamps that leap by more while messages come as always [peri
 LOST_BEFORE = 0.5  # time before an event within which losses may be its cause [s]
 LEAP, QUIET_CHANNEL = 0.7, 0.5  # part of a change in one sample; other channels in thresholds
 STARTED, STOOD_BEFORE = 0.4, 0.3  # a joint has begun to move so lately, and stood so long [s]
-FELT = 0.5  # share of the samples of an event at which a contact is felt
+FELT, SURE = 0.5, 3.0  # share of an event in which a contact is felt; or its force, in deviations
 # A force lasts so long [s]; or the other sensor shows so much, in its threshold.
 LEAST_TOUCH, SHARED_TOUCH = 0.06, 0.8
 UNLIKE = 0.8  # of a threshold, reached before an event

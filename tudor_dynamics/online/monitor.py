@@ -292,18 +292,18 @@ class Watch:
     @property
     def outside_training(self) -> str:
         """Say where the arm does not move as it did for its thresholds; empty where it does."""
-        wide = [f'of {method} are {factor:.1f} times as high'
+        wide = [f'{factor:.1f} times for {method}'
                 for method, (factor, _) in self.widened.items() if factor > WIDENING_WARNING]
         return '' if not wide else (
-            f'weak collisions are missed: the thresholds {" and ".join(wide)} in this motion, '
-            'which differs from the training; call ~/calibrate while the arm moves so and '
-            'nothing touches it, or fit the model again with bags of this motion too')
+            'weak collisions are missed: this motion differs from the training, so thresholds are '
+            f'raised ({", ".join(wide)}); call ~/calibrate during this motion, while nothing '
+            'touches the arm, or fit the model again with bags of this motion too')
 
     def stuck(self, seconds: float) -> str:
         """Say which channels have not changed for a time, while the arm moved; empty for none."""
         dead = [name for health in self._health.values() for name in health.dead(seconds)]
-        return '' if not dead else (f'{", ".join(dead)}: no change for {seconds:g} s while the '
-                                    'arm moves; check the sensor and its driver')
+        return '' if not dead else (f'{", ".join(dead)}: the reading has not changed for '
+                                    f'{seconds:g} s of motion; check the sensor and its driver')
 
     @property
     def settle(self) -> float:

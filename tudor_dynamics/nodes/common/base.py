@@ -132,7 +132,7 @@ class ClockWatch:
             return ''
         where, most = ('in the future', EARLY) if self.age < 0.0 else ('in the past', OLD)
         return (f'stamps on {topic} are {abs(self.age):.3g} s {where} (limit {most:g} s): '
-                'synchronise node and driver, and give all nodes the same use_sim_time')
+                'synchronise the clocks of node and driver, and give all nodes one use_sim_time')
 
 
 UNUSABLE = {
