@@ -133,10 +133,13 @@ class MotionMachine(RuleBasedStateMachine):
         self.deepest, self.swapped = np.zeros(2), 0.0
 
     @initialize(payload=st.sampled_from([0.0, 0.2, 0.4]), delay=st.sampled_from([0.0, 0.02, 0.06]),
-                loss=st.sampled_from([0.0, 0.0, 0.05]), seed=st.integers(0, 99))
-    def start(self, payload: float, delay: float, loss: float, seed: int) -> None:
+                loss=st.sampled_from([0.0, 0.0, 0.05]), seed=st.integers(0, 99),
+                rate=st.sampled_from([100.0, 100.0, 50.0]))
+    def start(
+        self, payload: float, delay: float, loss: float, seed: int, rate: float = 100.0,
+    ) -> None:
         """Begin with an arm, its controller and a source of references."""
-        self.rig = Rig(tudor(), rate=100.0, payload=payload, delay=delay, loss=loss, seed=seed)
+        self.rig = Rig(tudor(), rate=rate, payload=payload, delay=delay, loss=loss, seed=seed)
         self.liar = Liar(self.rig)
         self.rig.run(0.3)
 
