@@ -501,7 +501,7 @@ def event_rows(results: Sequence[MethodResult], place: int) -> tuple[str, list[t
     found = sorted(((item.method, seen, item.watched[place].truth) for item in results
                     for seen in item.watched[place].sightings), key=lambda row: row[1].time)
     begin = time_of_day(found[0][1].event.stamp - round(1e9 * found[0][1].time)) if found else ''
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for method, seen, truth in found:
         push, contact = '?' if not truth.known else 'none: false', seen.contact
         if seen.push is not None:
