@@ -21,7 +21,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tudor_dynamics.identification.causes import _clock, _gap, Scene
+from tudor_dynamics.identification.causes import (
+    _clock, _gap, _losses, _touch, _training, CAUSES, Scene)
 from tudor_dynamics.online.black_box import Heard
 
 PERIOD, COUNT, AT = 10_000_000, 1500, 900
@@ -45,7 +46,7 @@ def scene(leap: int, back: int, lost: int, speed: float, epoch: int, burst: int)
                    and item.stamp == 10**18 + (AT + 10) * PERIOD)
     event = SimpleNamespace(onset=certain.stamp - 2 * PERIOD, stamp=certain.stamp)
     return Scene(SimpleNamespace(event=event, seconds=0.02), found, None, None, certain.time,
-                 '', None, {})
+                 '', None, {}, False)
 
 
 @pytest.mark.parametrize('epoch', [10**18, 5 * 10**17, 0])
@@ -80,3 +81,12 @@ def test_a_clock_that_is_hours_wrong() -> None:
     shown = scene(10**6, COUNT, 0, 1.0, 10**18, 1)
     assert 'leap by +1000000.0 periods' in _clock(shown)
     assert np.isfinite([steps for _, *steps in shown.steps(10.0)][0]).all()
+
+
+def test_losses_before_a_long_event() -> None:
+    """They are its cause where it is no touch, and before motion is called strange."""
+    shown = scene(0, 0, 3, 1.0, 10**18, 1)
+    shown = replace(shown, seen=SimpleNamespace(event=shown.seen.event, seconds=1.0))
+    assert not _gap(shown) and '3 samples' in _losses(shown)
+    looks = [look for look, *_ in CAUSES]
+    assert looks.index(_touch) < looks.index(_losses) < looks.index(_training)

@@ -28,7 +28,7 @@ from tudor_dynamics.bags.storage import bags_below, open_bag
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.black_box import EVENTS, MessageRing, record_of, write_events
 from tudor_dynamics.online.detector import CollisionEvent, Excess
-from tudor_dynamics.online.settings import RECORDED, RING_BYTES, RING_TIME
+from tudor_dynamics.online.settings import BAGS, RING_BYTES, RING_TIME
 from tudor_dynamics.online.streams import Motion, Residual
 
 KIND = 'std_msgs/msg/String'
@@ -121,8 +121,8 @@ def test_the_oldest_goes_and_foreign_folders_stay(tmp_path: Path) -> None:
     write_events(tmp_path / 'elsewhere', ring().kept(), [RECORD]).rename(other)
     (other / 'metadata.yaml').write_text(
         (other / 'metadata.yaml').read_text().replace('tudor_events', 'own'))
-    paths = [write_events(tmp_path, ring().kept(), [RECORD]) for _ in range(RECORDED + 2)]
-    assert [path.exists() for path in paths] == [False] * 2 + [True] * RECORDED
+    paths = [write_events(tmp_path, ring().kept(), [RECORD]) for _ in range(BAGS + 2)]
+    assert [path.exists() for path in paths] == [False] * 2 + [True] * BAGS
     assert other.is_dir() and (tmp_path / 'event_notes').is_dir()
 
 

@@ -127,6 +127,15 @@ def test_pairing_interpolates_between_neighbours() -> None:
     assert not pairing.drops
 
 
+def test_a_constant_reading_stays_constant() -> None:
+    """To the last bit, wherever motions lie between readings: so a stuck sensor is seen."""
+    pairing, found = Pairing(), []
+    for k in range(200):
+        found += pairing.add_measured(10 * MS * k, np.array([3.3, 0.1]))
+        found += pairing.add_motion(motion(10 * MS * k + 37_511 * k), np.zeros(1))
+    assert len(found) > 150 and all(pair.measured.tolist() == [3.3, 0.1] for pair in found)
+
+
 def test_pairing_drops_what_has_no_neighbour() -> None:
     """A motion before the first reading, one across a gap, and a reading that is no number."""
     pairing = Pairing()

@@ -39,7 +39,7 @@ from tudor_dynamics.compiled import DIRECTORY
 from tudor_dynamics.files import installed, provenance, read_bounded, write_whole
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.validation import Grade
-from tudor_dynamics.online.settings import RECORDED, RING_BYTES
+from tudor_dynamics.online.settings import BAGS, RING_BYTES
 
 EXAMPLES = """\
 examples:
@@ -104,7 +104,7 @@ def checks() -> Iterator[Check]:
     home = Path(os.environ.get('ROS_HOME') or '~/.ros').expanduser()
     events = home / 'tudor_dynamics' / 'events'
     yield _writable('bags of events', events, 'set ROS_HOME, or event_bags of the monitor')
-    free, wanted = shutil.disk_usage(_existing(events)).free, RECORDED * RING_BYTES
+    free, wanted = shutil.disk_usage(_existing(events)).free, BAGS * RING_BYTES
     yield Check('space for them', f'{free / 1e9:.1f} GB', '' if free > wanted else (
         f'events need up to {wanted / 1e9:.1f} GB there'))
     yield _writable('temporary files', Path(tempfile.gettempdir()), 'set TMPDIR')

@@ -142,7 +142,9 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
             table.add_row(*row)
         if rows:
             print_table(table)
-    say(*unknown(results), *event_notes(results))
+    say(*(f'{bag.bag}: no truth in this bag: give --pushes FILE.csv or --truth TOPIC, or --free '
+          'if nothing touched the arm' for bag in results[0].watched if not bag.truth.known),
+        *event_notes(results))
 
 
 def _print_verdict(
@@ -151,12 +153,12 @@ def _print_verdict(
     """Say what the best method finds, how many times what was promised came, and what to do."""
     judged = [item for item in results if item.score.pushes and item.score.hours]
     if judged:
-        method, best = best_of(judged).method, best_of(judged).score
-        level = Grade.USABLE if best.found else Grade.DO_NOT_USE
-        if best.found == best.pushes and not best.false_alarms:
+        top = best_of(judged)
+        level = Grade.USABLE if top.score.found else Grade.DO_NOT_USE
+        if top.score.found == top.score.pushes and not top.score.false_alarms:
             level = Grade.GOOD
-        say_verdict(level, f'{method} finds {best.found} of {best.pushes} pushes', '; false '
-                    f'alarms in {60.0 * best.hours:.1f} min: {best.false_alarms}')
+        say_verdict(level, f'{top.method} finds {top.score.found} of {top.score.pushes} pushes',
+                    f'; false alarms in {60 * top.score.hours:.1f} min: {top.score.false_alarms}')
     broken = False
     for item in results:
         kept = item.score.kept(args.false_alarms)
@@ -181,12 +183,6 @@ def _print_verdict(
 
 def _milliseconds(value: float | None) -> str:
     return '-' if value is None else f'{1e3 * value:.0f}'
-
-
-def unknown(results: Sequence[MethodResult]) -> list[str]:
-    """Say of which bags it is not known what happened."""
-    return [f'{bag.bag}: no truth in this bag: give --pushes FILE.csv or --truth TOPIC, or --free '
-            'if nothing touched the arm' for bag in results[0].watched if not bag.truth.known]
 
 
 def collision_values(item: MethodResult, allowed: float) -> dict[str, Any]:

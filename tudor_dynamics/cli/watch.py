@@ -31,6 +31,7 @@ from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.online.black_box import messages_of, replayed
 from tudor_dynamics.online.detector import Rates
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
+from tudor_dynamics.online.settings import STUCK_TIME
 from tudor_dynamics.show.live import DRAWN, LiveView, picture_of, shown
 
 EXAMPLES = """\
@@ -45,7 +46,6 @@ topics of a monitor that runs are shown (ROS 2 is needed). Where no terminal wat
 at once, and each event is a line. --web serves the same view to browsers of this machine.
 """
 LAST_PORT = 65535
-STUCK = 1.0  # as the parameter `stuck_time` of the monitor [s]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -71,8 +71,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'--web {args.web}: expected a port of 1 to {LAST_PORT}')
     if args.bag is None:
         if args.picture or args.model or args.json:
-            raise UsageError('--picture, --model and --json need a BAG; give one, or leave them '
-                             'out')
+            raise UsageError('--picture, --model and --json need a BAG; give one, or none of them')
         return _topics(args)
     if not args.model:
         raise UsageError('watching a bag needs a model of its arm', remedy='give --model MODEL')
@@ -145,4 +144,4 @@ def _look(view: LiveView, monitor: Monitor) -> None:
     count = sum(counter.total() for counter in watch.counts.values())
     judged = sum(counter['judged'] for counter in watch.counts.values())
     view.state = f'{100.0 * judged / max(count, 1):.0f} % judged'
-    view.warning = watch.stuck(STUCK) or watch.outside_training
+    view.warning = watch.stuck(STUCK_TIME) or watch.outside_training

@@ -184,7 +184,8 @@ class MotionController:
         self._budget = 0.0
         self._unknown = True  # the speed of the arm
         self.missing = False  # positions: commands are given without them
-        self._stops = self._enough = 0  # commands of standstill at a fault, and how many it takes
+        # Of a fault: commands of standstill, how many it takes, and whether a joint goes astray.
+        self._stops, self._enough, self._astray = 0, 0, False
         self.required = self.tested = False  # whether joint_test has to be passed first, and is
         self._origin = np.zeros(len(self.joints))
         self.takeovers = 0
@@ -266,8 +267,7 @@ class MotionController:
             self._explain_at = clock + settings.TELLING_EVERY
             later = [self.watched.tell(doubt.joint, gains.delay.commands, gains.lags)
                      if doubt.later else doubt for doubt in self._doubts]
-            worse = any(doubt.astray for doubt in later) > any(
-                doubt.astray for doubt in self._doubts)
+            worse = not self._astray and any(doubt.astray for doubt in later)
             (self._fault if worse else self._explain)(later)
         self._hold.step(dt)
         self._choose(now, q)
@@ -422,10 +422,14 @@ class MotionController:
         one_period = self.limits.acceleration * self.gains.period  # takes off no more
         least, most = np.outer(settings.STOPPED_AT_ONCE, self.watched.speed)
         slow = speed < np.clip(one_period, least, most)
+        if self.state is not State.FAULT:
+            self._stops, self._enough, self._astray = 0, 0, False
+        self._astray |= astray
+        self._enough = max(self._enough, 1 if slow.all() else 2,
+                           int(settings.STOPPING_TIME / self.gains.period))
         # Zero at once is the shortest way; each further command would make a runaway faster.
         if astray and ((self.watched.state[:, AHEAD] > 1.0).any() or slow.all()):
             self.envelope.begin(np.zeros_like(speed))
-        self._enough = max(1 if slow.all() else 2, int(settings.STOPPING_TIME / self.gains.period))
         quick = speed / (settings.ASTRAY_STOP_TIME if astray else settings.FAULT_STOP_TIME)
         self._hold = MotionPlanner(replace(
             self.planned, acceleration=np.maximum(self.planned.acceleration, quick)), self._q)

@@ -79,6 +79,7 @@ class Scene:
     unlike: str  # why the motion is unlike that of the training; empty where it is not
     stage: ExcessStage  # thresholds of the method, and how many false alarms they allow
     topics: dict[str, dict[str, list[str]]]  # of each output, with their channels
+    follows: bool  # whether the model follows the readings of gauges, also wrong ones
 
     def excesses(self, begin: float, end: float, method: str = '') -> list[Excess]:
         """Give the samples of a method between two times since the onset [s]."""
@@ -156,8 +157,8 @@ def _gauge(scene: Scene) -> str:
         return ''
     place = list(event.ratios).index(channel)
     rest = max((float(np.max(np.delete(np.abs(item.residual.value / item.threshold), place),
-                             initial=0.0)) for item in scene.excesses(-JUST_BEFORE, 0.0)),
-               default=0.0)  # later an elastic model follows the reading
+                             initial=0.0)) for item in scene.excesses(
+                                 -JUST_BEFORE, 0.0 if scene.follows else BRIEF)), default=0.0)
     value = scene.readings(output, channel, -JUST_BEFORE, BRIEF)
     whole, leap = float(np.ptp(value)), float(np.abs(np.diff(value)).max(initial=0.0))
     if rest > QUIET_CHANNEL or not leap > LEAP * whole:
@@ -214,7 +215,7 @@ def _training(scene: Scene) -> str:
 
 
 def _touch(scene: Scene) -> str:
-    """Find a contact most of the time: a force that lasts, or what gauges and drives share."""
+    """Find a contact most of the time, or a sure force, that lasts or that drives show, too."""
     found, event = scene.seen.contact, scene.seen.event
     until = max(scene.seen.seconds, BRIEF)
     during = [item.felt for item in scene.replay.contacts
@@ -307,7 +308,8 @@ def explain(
         load = next((one for one in loads if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9),
                     None)
         scene = Scene(item, messages, seen, load, *seen.certain[place],
-                      own.watch.stages[event.method], bundle.arm.topics)
+                      own.watch.stages[event.method], bundle.arm.topics,
+                      settings.kind == 'elastic')
         name, text, remedy = next(((name, text, remedy) for look, name, remedy in CAUSES
                                    if (text := look(scene))), ('unexplained', '', ''))
         found.append(Cause(item, name, text, remedy, None if record is None else

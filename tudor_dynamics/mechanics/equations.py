@@ -42,7 +42,6 @@ from tudor_dynamics.mechanics.chain import (
 # the mass matrix is regular.
 
 Four = tuple[float, float, float, float]
-Six = tuple[float, ...]  # of a node
 
 
 @compiled
@@ -84,7 +83,7 @@ def shape_function(j: int) -> Four:
 
 
 @compiled
-def node_values(v: NDArray, first: int, node: int) -> Six:
+def node_values(v: NDArray, first: int, node: int) -> tuple[float, ...]:
     """Read the six values of a node; the clamped node 0 has none."""
     if node == 0:
         return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -135,10 +134,11 @@ def rate_matrix(omega: Vector, angular: Vector) -> Rotation:
 
 @compiled
 def element_motion(
-    u1: Six, u2: Six, v1: Six, v2: Six, w1: Six, w2: Six, e: int, length: float, alpha: float,
+    u1: tuple[float, ...], u2: tuple[float, ...], v1: tuple[float, ...], v2: tuple[float, ...],
+    w1: tuple[float, ...], w2: tuple[float, ...], e: int, length: float, alpha: float,
     a0: Vector, c: Rotation, omega: Vector,
 ) -> tuple[Four, ...]:
-    """Give x, y, z, y', z' and the accelerations of element ``e`` by its shape functions."""
+    """Give x, y, z, y', z', and accelerations with damping, of an element by its functions."""
     x = along(e * length + u1[0], (e + 1) * length + u2[0], length)
     dx = along(v1[0], v2[0], length)
     y, dy = (u1[1], u1[5], u2[1], u2[5]), (v1[1], v1[5], v2[1], v2[5])

@@ -33,8 +33,7 @@ from tudor_dynamics.bags.writer import write_messages
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.detector import CollisionEvent, Excess, time_of_day
 from tudor_dynamics.online.monitor import FIELD, Found, Monitor
-from tudor_dynamics.online.settings import (
-    RECORD_ROWS, RECORD_TIME, RECORDED, RING_BYTES, RING_TIME)
+from tudor_dynamics.online.settings import BAGS, RECORD_ROWS, RECORD_TIME, RING_BYTES, RING_TIME
 from tudor_dynamics.online.streams import Gathering
 from tudor_dynamics.typing import FloatArray
 
@@ -121,7 +120,7 @@ def write_events(
             with suppress(BagError):
                 if EVENTS in read_metadata(item.parent).custom:
                     own.append(item.parent)
-        for old in own[:-RECORDED]:
+        for old in own[:-BAGS]:
             shutil.rmtree(old)
     except OSError as err:
         raise BagError(f'the bag of an event cannot be written: {err.strerror or err}',

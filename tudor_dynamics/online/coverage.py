@@ -43,7 +43,7 @@ class SensorHealth:
     def step(self, pair: PairedSample) -> None:
         """Take a reading into account; time counts only while the arm moves."""
         row, n = pair.motion.row, len(pair.motion.row) // 3
-        dt = min(pair.motion.dt, 1.0) if largest_size(row, n, 2 * n) > SENSOR_SPEED else 0.0
+        dt = pair.motion.dt if largest_size(row, n, 2 * n) > SENSOR_SPEED else 0.0
         self._still = np.where(pair.measured == self._values, self._still + dt, 0.0)
         self._values = pair.measured
 

@@ -152,6 +152,7 @@ RINGING_FADE = 1.0  # time constant with which it is forgotten [s]; the same ben
 # Coverage: which samples are judged. What is a warning is said in docs/reference/nodes.md.
 
 SENSOR_SPEED = 0.05  # a joint that is faster moves: its sensors have to change [rad/s or m/s]
+STUCK_TIME = 1.0  # time without any change after which a sensor counts as stuck, by default [s]
 COVERAGE_TIME = 1.0  # time of which shares are reported [s]
 COVERAGE_PERIOD = 0.1
 """Time between two looks at the counts [s]; their cost: bench/monitor_cost.py."""
@@ -248,7 +249,7 @@ RING_TIME = 30.0
 """Messages are kept for so long [s]: filters, thresholds and loads forget their beginning."""
 RING_BYTES = 64 << 20
 """Messages that are kept at most [bytes]: 30 s of 1 kHz on four topics are 20 MB."""
-RECORDED = 20  # bags of events in a folder, after which the oldest goes
+BAGS = 20  # bags of events in a folder, after which the oldest goes
 RECORD_TIME, RECORD_ROWS = 1.0, 50  # time of the channel in an event's record [s], rows of it
 RECORD_SAMPLES = 1000  # samples of each method that are kept for it: a second of 1 kHz
 RECORDED_AFTER = 3.0

@@ -236,7 +236,7 @@ def between(
     if (after - before) * 1e-9 > apart():
         return None
     share = (stamp - before) / (after - before)
-    return (1.0 - share) * values + share * later
+    return values + share * (later - values)  # so a constant stays one, to the last bit
 
 
 class Pairing:

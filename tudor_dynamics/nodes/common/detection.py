@@ -373,10 +373,8 @@ class DetectNode(ModelNode):
         rivals = self.rivals(self.collision_output.flags[Level.COLLISION])
         verdict = self.coverage.verdict
         text = '' if self._calibration is not None and not watch.stages else verdict.text
-        errors = [
-            watch.stuck(float(self.value('stuck_time'))),
-            self._unserved if not watch.methods else '',
-            text if verdict.level is CoverageLevel.NONE else '']
+        errors = [watch.stuck(self.value('stuck_time')), '' if watch.methods else self._unserved,
+                  text if verdict.level is CoverageLevel.NONE else '']
         warnings = [
             text, self._unserved, watch.outside_training,
             '' if 'no_thresholds)' in text and 'no thresholds' in self._note else self._note,

@@ -23,6 +23,7 @@ from tudor_dynamics.control.shaped_motion import SHAPINGS
 from tudor_dynamics.models.bundle import KINDS
 from tudor_dynamics.models.still_timing import TIMING
 from tudor_dynamics.online.feedforward import AT_REST, POSITIONS, UNITS
+from tudor_dynamics.online.settings import STUCK_TIME
 from tudor_dynamics.signals.shaping import KINDS as SHAPERS
 
 JOINT_STATES = 'joint_states'
@@ -144,8 +145,8 @@ DETECT = (
           'model has it, else from the momentum observer'),
     Param('calibration_time', 60.0, 'motion without contact that ~/calibrate learns from', 's',
           30.0, 3600.0, dynamic=True),
-    Param('stuck_time', 1.0, 'time without any change while the arm moves, after which a channel '
-          'counts as dead', 's', 0.01, 600.0, dynamic=True))
+    Param('stuck_time', STUCK_TIME, 'time without any change while the arm moves, after which a '
+          'channel counts as dead', 's', 0.01, 600.0, dynamic=True))
 EVENT_BAGS = Param(
     'event_bags', '', 'folder for a bag of the last 30 s at each collision; empty for '
     'tudor_dynamics/events in ROS_HOME or ~/.ros, none for no bags')
