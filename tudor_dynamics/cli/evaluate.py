@@ -137,10 +137,10 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
     print_table(table)
     for place, bag in enumerate(results[0].watched):
         begin, rows = event_rows(results, place)
-        table = new_table(f'events in {bag.bag}, 0 s is {begin}', EVENT_NAMES, EVENT_FIGURES)
-        for row in rows:
-            table.add_row(*row)
         if rows:
+            table = new_table(f'events in {bag.bag}, 0 s is {begin}', EVENT_NAMES, EVENT_FIGURES)
+            for row in rows:
+                table.add_row(*row)
             print_table(table)
     say(*(f'{bag.bag}: no truth in this bag: give --pushes FILE.csv or --truth TOPIC, or --free '
           'if nothing touched the arm' for bag in results[0].watched if not bag.truth.known),

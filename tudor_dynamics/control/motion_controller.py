@@ -184,8 +184,7 @@ class MotionController:
         self._budget = 0.0
         self._unknown = True  # the speed of the arm
         self.missing = False  # positions: commands are given without them
-        # Of a fault: commands of standstill, how many it takes, and whether a joint goes astray.
-        self._stops, self._enough, self._astray = 0, 0, False
+        self._stops, self._enough, self._astray = 0, 0, False  # stops at a fault, given and needed
         self.required = self.tested = False  # whether joint_test has to be passed first, and is
         self._origin = np.zeros(len(self.joints))
         self.takeovers = 0

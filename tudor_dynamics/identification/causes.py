@@ -148,23 +148,22 @@ def _losses(scene: Scene) -> str:
 def _gauge(scene: Scene) -> str:
     """One channel leaps from a sample to the next, or stands, and no other shows anything."""
     event, output = scene.seen.event, SOURCE[scene.seen.event.method]
-    channel = max(event.ratios, key=event.ratios.__getitem__)  # then; another may follow it
     for name in event.ratios:
         now, ever = (scene.readings(output, name, *at) for at in ((0.0, BRIEF), (-np.inf, 0.0)))
         if len(now) > 2 and not np.ptp(now) and np.ptp(ever):
             return f'{name} stands at {now[0]:.4g} to the last digit'
     if event.method == 'momentum':
         return ''
-    place = list(event.ratios).index(channel)
+    place = list(event.ratios).index(event.channel)  # of its begin: others may be larger later
     rest = max((float(np.max(np.delete(np.abs(item.residual.value / item.threshold), place),
                              initial=0.0)) for item in scene.excesses(
                                  -JUST_BEFORE, 0.0 if scene.follows else BRIEF)), default=0.0)
-    value = scene.readings(output, channel, -JUST_BEFORE, BRIEF)
+    value = scene.readings(output, event.channel, -JUST_BEFORE, BRIEF)
     whole, leap = float(np.ptp(value)), float(np.abs(np.diff(value)).max(initial=0.0))
     if rest > QUIET_CHANNEL or not leap > LEAP * whole:
         return ''
-    return (f'{channel} leaps by {leap:.3g} from one sample to the next, {leap / whole:.0%} of '
-            f'all it does; no other channel is above {rest:.2f} of its threshold before')
+    return (f'{event.channel} leaps by {leap:.3g} from one sample to the next, {leap / whole:.0%} '
+            f'of all it does; no other channel is above {rest:.2f} of its threshold')
 
 
 def _load(scene: Scene) -> str:

@@ -416,10 +416,10 @@ class EventLog:
                     now.ratio = ratio
                     now.channel = list(now.event.ratios)[int(np.argmax(excess.collision))]
         for event in found.events:
-            channel = max(event.ratios, key=lambda name: event.ratios[name])
             now = DetectedEvent(
-                event, (event.stamp - self.first) * 1e-9, channel, event.ratios[channel],
-                (event.stamp - event.onset) * 1e-9, push_of(event.stamp, self.truth.pushes),
+                event, (event.stamp - self.first) * 1e-9, event.channel,
+                event.ratios[event.channel], (event.stamp - event.onset) * 1e-9,
+                push_of(event.stamp, self.truth.pushes),
                 None if watch.contact is None else watch.contact.record(), watch.no_contact)
             self.events.append(now)
             if now.touched is not None:

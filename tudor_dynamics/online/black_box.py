@@ -53,8 +53,7 @@ def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
     """
     near = [item for item in past
             if 0 <= event.stamp - item.residual.motion.stamp <= RECORD_TIME * 1e9]
-    channel = max(event.ratios, key=event.ratios.__getitem__)
-    place, excess = list(event.ratios).index(channel), near[-1]
+    place, excess = list(event.ratios).index(event.channel), near[-1]
     every = -(-len(near) // RECORD_ROWS)
     found = {'measured': excess.residual.measured, 'expected': excess.residual.predicted,
              'residual': excess.residual.value, 'threshold': excess.threshold,
@@ -63,7 +62,7 @@ def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
              item.residual.predicted[place], item.threshold[place], item.collision[place])
             for item in near[(len(near) - 1) % every::every]]
     return {'onset': event.onset, 'stamp': event.stamp, 'time': time_of_day(event.onset),
-            'method': event.method, 'link': event.link, 'channel': channel,
+            'method': event.method, 'link': event.link, 'channel': event.channel,
             **{name: dict(zip(event.ratios, values.tolist(), strict=True))
                for name, values in found.items()},
             'motion': excess.residual.motion.row.tolist(),

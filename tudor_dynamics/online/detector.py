@@ -282,10 +282,13 @@ class CollisionEvent:
     stamp: int  # stamp of the sample at which it was sure [ns]
     method: str  # `strain`, `effort` or `momentum`
     link: str  # link that the pattern of residuals blames
-    # Residual of each channel at `stamp`, in its unit.
-    residuals: dict[str, float] = field(default_factory=dict)
-    # Ratio of each channel to its collision threshold.
-    ratios: dict[str, float] = field(default_factory=dict)
+    residuals: dict[str, float] = field(default_factory=dict)  # by channel, at `stamp`, its unit
+    ratios: dict[str, float] = field(default_factory=dict)  # by channel, to collision thresholds
+
+    @property
+    def channel(self) -> str:
+        """Channel of the largest ratio."""
+        return max(self.ratios, key=self.ratios.__getitem__)
 
 
 @dataclass(slots=True)
