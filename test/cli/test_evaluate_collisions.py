@@ -81,7 +81,7 @@ def test_the_page_has_the_events_of_the_terminal(
     printed = capsys.readouterr().out
     page = (tmp_path / 'r.html').read_text().partition('id="events"')[2].partition('</table>')[0]
     begin, = re.findall('Time 0 s is (.*?)[.]<', page)
-    assert f'0 s is {begin}\n' in printed
+    assert f', 0 s is {begin}' in ' '.join(printed.split())  # a long path breaks its line
     rows = [re.findall('<td.*?>(.*?)</td>', row) for row in page.split('<tr>')[2:]]
     assert len(rows) >= 2
     for row in rows:
