@@ -54,7 +54,7 @@ LATE = 0.25
 """By which stamps leap [s]."""
 SPOILED = {'clock': 'clock', 'gauge leaps': 'gauge', 'gauge stuck': 'gauge', 'gap': 'gap',
            'breakaway': 'friction after standstill'}
-MOVED = {'touch': 'touch', 'touch at rest': 'touch', 'load': 'load',
+MOVED = {'touch': 'touch', 'touch at rest': 'touch', 'blow': 'touch', 'load': 'load',
          'fast': 'motion outside training', 'low': 'threshold too low'}
 """What is done, and the cause that is to be named."""
 
@@ -148,9 +148,12 @@ def simulated(arm: td.Arm, kind: str, seed: int, out: Path) -> None:
     if kind == 'load':
         loop.set_payload(0.0)
     loop.reset(q[0])
-    if kind.startswith('touch'):
-        force = 6.0 * np.random.default_rng([seed, 7]).choice((-1.0, 1.0))
-        loop.set_pushes([td.Push(AT, 0.5, arm.active_joints[-1], 0.3, (force, 0.0, force), 0.05)])
+    if MOVED.get(kind) == 'touch':
+        way = np.random.default_rng([seed, 7]).choice((-1.0, 1.0))
+        force, seconds, rise = (25.0 * way, 0.1, 0.002) if kind == 'blow' else (
+            6.0 * way, 0.5, 0.05)
+        loop.set_pushes([td.Push(AT, seconds, arm.active_joints[-1], 0.3, (force, 0.0, force),
+                                 rise)])
     every, middle = round(1.0 / (RATE * loop.dt)), round(AT / loop.dt)
     first = loop.run(q[:middle], dq[:middle], every=every)
     if kind == 'load':

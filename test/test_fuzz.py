@@ -36,7 +36,7 @@ def test_damaged_input(root: Path) -> None:
 
 
 @pytest.mark.parametrize(('script', 'kind', 'count'), [
-    ('fuzz_bags.py', 'losses', 4), ('fuzz_urdfs.py', 'urdfs', 200),
+    ('fuzz_bags.py', 'losses', 2), ('fuzz_urdfs.py', 'urdfs', 200),
     ('fuzz_files.py', 'trajectories', 60), ('fuzz_files.py', 'truths', 60)])
 def test_of_one_kind(root: Path, script: str, kind: str, count: int) -> None:
     """Fits of bags that lost messages, URDFs with people's faults, files that programs send."""

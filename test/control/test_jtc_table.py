@@ -224,7 +224,7 @@ TABLE = (
     Row('times that do not increase', 'times have to increase strictly',
         'refused, the point is named',
         (send([1.0, 1.0], [[0.1, 0.0], [0.2, 0.0]],
-              why='time does not increase after point 1, at 1 s'), at(0.5, 0.0, 0.0))),
+              why='time does not increase after point 1 ('), at(0.5, 0.0, 0.0))),
     Row('NaN in the middle', 'not said', 'refused, the point is named',
         (send([1.0, 2.0], [[0.1, NAN], [0.2, 0.0]], why='positions of point 1: found nan'),
          at(0.5, 0.0, 0.0))),

@@ -182,7 +182,7 @@ def test_two_publishers_of_collisions(world: World, tudor: Path) -> None:
     generator.node._look()
     status = generator.told()
     assert status.level == DiagnosticStatus.WARN
-    assert '2 nodes publish on the topic collision' in status.message
+    assert 'the topic collision has 2 publishers' in status.message
 
 
 def test_moves_are_shaped(world: World, root: Path, tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ def test_it_refuses_what_is_wrong(world: World, root: Path) -> None:
         assert chain.relay.refused.startswith(text), (name, chain.relay.refused)
     status = chain.told()
     assert status.level == DiagnosticStatus.WARN
-    assert status.message.startswith('refused: time does not increase')
+    assert status.message.startswith('trajectory refused: time does not increase')
     assert not chain.controller.taken and chain.controller.q == pytest.approx(POSE)
 
 

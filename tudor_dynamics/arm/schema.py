@@ -589,9 +589,10 @@ class InertiaPart(Spec):
             moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             scale = 1e-9 * float(np.abs(moments).sum()) + 1e-300
             if moments[0] < -scale or moments[2] - moments[0] - moments[1] > scale:
-                yield ('no body has this inertia (Ixx, Iyy, Izz, Ixy, Ixz, Iyz): principal '
-                       'moments must be positive and none larger than the sum of the other two; '
-                       'correct the values')
+                found = ', '.join(f'{moment:.4g}' for moment in moments)
+                yield (f'no rigid body has such an inertia: of its principal moments, {found} '
+                       'kg m^2, each must be positive, none larger than the sum of the two '
+                       'others; correct Ixx, Iyy, Izz, Ixy, Ixz, Iyz')
 
     @property
     def components(self) -> tuple[float, ...]:

@@ -157,7 +157,7 @@ class Notes:
 
 
 REMEDIES = {
-    '.db3': 'copy the file again, or recover its messages with `sqlite3 FILE .recover`',
+    '.db3': 'copy the file again, or save its messages by `sqlite3 FILE .recover | sqlite3 NEW`',
     '.mcap': 'copy the file again, or recover its messages with `mcap recover`',
 }
 

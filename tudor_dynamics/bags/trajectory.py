@@ -98,8 +98,8 @@ class Trajectory(Shown):
         later = np.diff(np.where(known, self.t, np.nan)) > 0.5 / SECOND  # messages count ns
         if not known.all() or not later.all():
             row = int(np.argmin(np.append(later, False)))
-            msg = (f'time does not increase after point {row + 1}, at {self.t[row]:g} s; '
-                   'time_from_start of each point has to be later than that of the one before')
+            msg = (f'time does not increase after point {row + 1} (the first is 1), which is at '
+                   f'{self.t[row]:g} s; give each point a larger time_from_start than the last')
             raise SignalError(msg)
         if self.ddq is not None and self.dq is None:
             msg = 'the trajectory has accelerations without velocities'

@@ -105,7 +105,7 @@ def load_plan(path: Path) -> FleetPlan:
     except ValueError as err:
         cause = validation_message(err) if isinstance(err, ValidationError) else str(err)
         raise UsageError(cause, place=path,
-                         remedy='correct it; docs/howto/fleet.md shows a plan') from None
+                         remedy='docs/howto/fleet.md shows a plan') from None
     lacking = [arm.name for arm in plan.arms if arm.arm is None]
     if plan.arm is None and lacking:
         raise UsageError(f'arm {lacking[0]} has no description', place=path,

@@ -309,8 +309,8 @@ class ReferenceGeneratorNode(MovingNode):
         if self.crowded is not None:
             return self.crowded
         if len(self.monitors) > 1:
-            return WARN, (f'{len(self.monitors)} nodes publish on the topic {COLLISION}: '
-                          f'{", ".join(self.monitors)}; let only one of them do so')
+            return WARN, (f'the topic {COLLISION} has {len(self.monitors)} publishers, in nodes '
+                          f'{", ".join(self.monitors)}; stop all but one')
         if self._unwatched and self.monitors:
             return WARN, f'no node watches for collisions any more: {self._unwatched}'
         return level, message

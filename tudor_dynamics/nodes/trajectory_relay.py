@@ -248,7 +248,7 @@ class TrajectoryRelayNode(TudorNode):
                                   'a bundle of `tudor fit --models analytical vibration`')
             if tool is None and not frequency:
                 raise SignalError('shaping_frequency is 0, and tool names no model', remedy='set '
-                                  'one of them: where the tool rings [Hz], or its model')
+                                  'the frequency of the tool [Hz], or the path of its model')
             shape = partial(shaped_for, tool, kind=kind) if tool is not None else partial(
                 convolved, shaper=impulses(kind, frequency, self.value('shaping_damping')))
             if np.abs(state.dq).max() > AT_REST:
@@ -312,7 +312,7 @@ class TrajectoryRelayNode(TudorNode):
         if not self._output.get_subscription_count():
             return WARN, f'no node hears {self._output.topic_name}: activate that controller'
         if self.refused:
-            return WARN, f'refused: {self.refused}'
+            return WARN, f'trajectory refused: {self.refused}'
         return ((WARN, f'trajectory passed on unshaped: {self.not_shaped}') if self.not_shaped else
                 (level, message))
 

@@ -401,7 +401,7 @@ class TudorNode(Node):
             if not (self.has_parameter(name) or name.startswith('qos_overrides.')
                     or any(param.name == name for group in NODES.values() for param in group)):
                 hint = meant(name, self.params) or '; remove it, or correct its name'
-                self._unknown = f'there is no parameter {name}{hint}'
+                self._unknown = f'the unknown parameter {name} is ignored{hint}'
         about = ', '.join(f'{name} {value or "none"}' for name, value in self.about().items())
         self.get_logger().info(f'started: {about}')
 

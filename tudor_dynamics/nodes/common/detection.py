@@ -327,7 +327,7 @@ class DetectNode(ModelNode):
         self._calibration = Calibration(
             {method: self.bundle.arm.channels[SOURCE[method]] for method in self.watch.methods},
             seconds, self.watch.stiction)
-        self._note = f'learning thresholds from {seconds:g} s: move the arm, let nothing touch it'
+        self._note = f'learning thresholds for {seconds:g} s: move the arm, let nothing touch it'
         return self._note
 
     def _collect(self, calibration: Calibration, method: str, residual: Residual) -> None:
