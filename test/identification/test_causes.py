@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which clock is wrong, and what is lost, by stamps and arrivals alone."""
+"""Which clock is wrong, what is lost, by stamps and arrivals alone; which load is carried."""
 
 from __future__ import annotations
 
@@ -21,8 +21,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tudor_dynamics.identification import causes
 from tudor_dynamics.identification.causes import (
     _clock, _gap, _losses, _touch, _training, CAUSES, Scene)
+from tudor_dynamics.load.live import LoadFound
 from tudor_dynamics.online.black_box import Heard
 
 PERIOD, COUNT, AT = 10_000_000, 1500, 900
@@ -90,3 +92,51 @@ def test_losses_before_a_long_event() -> None:
     assert not _gap(shown) and '3 samples' in _losses(shown)
     looks = [look for look, *_ in CAUSES]
     assert looks.index(_touch) < looks.index(_losses) < looks.index(_training)
+
+
+def test_most_samples_lost_before_a_long_event() -> None:
+    """Of fewer than half of the samples nothing can be said, not even that it is a touch."""
+    whole = scene(0, 0, 0, 1.0, 10**18, 1)
+    for part, gap in ((3, True), (4, False)):  # of so many samples two are lost
+        kept = [item for k, item in enumerate(whole.messages) if item.topic == '/joint_states'
+                or not 2 * (AT - 60) < k < 2 * (AT + 8) or k // 2 % part > 1]
+        shown = replace(whole, messages=kept,
+                        seen=SimpleNamespace(event=whole.seen.event, seconds=1.0))
+        assert bool(_gap(shown)) == gap and 'samples of /link_strains' in _losses(shown)
+
+
+@pytest.mark.parametrize(('loads', 'knowing', 'known', 'text'), [
+    ([(0.6, 0.2, 0.2)], [], 0.0, '0.200 kg at the tip (+0.200 kg), found +0.60 s'),
+    ([(3.0, 0.0, 0.014)], [0.0], 0.0, ''),  # again what the monitor knew: it was a blow
+    ([(0.6, 0.0, -0.2)], [], 0.2, '0.000 kg at the tip (-0.200 kg)'),  # dropped
+    ([(-5.0, 0.2, 0.2)], [], 0.0, 'found -5.00 s'),  # hangs there since, which nobody said
+    ([(-5.0, 0.2, 0.2)], [0.3], 0.0, ''),  # who knows of it sees an event, too
+    ([(-5.0, 0.2, 0.2)], [9.0], 0.0, 'found -5.00 s'),  # another one
+    ([(-5.0, 0.2, 0.2)], [], 0.2, '')])  # it was said
+def test_loads(
+    loads: list[tuple[float, float, float]], knowing: list[float], known: float, text: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A load that the monitor does not know of explains an event that who knows it has not."""
+    def stamp(seconds: float) -> int:
+        return 10**18 + round(1e9 * seconds)
+
+    def event(onset: float) -> SimpleNamespace:
+        own = SimpleNamespace(onset=stamp(onset), stamp=stamp(onset + 0.02), method='strain')
+        return SimpleNamespace(event=own, seconds=1.0)
+
+    def replay(events: list[float]) -> SimpleNamespace:
+        return SimpleNamespace(log=SimpleNamespace(events=[event(at) for at in events]),
+                               certain=[(0, '')] * len(events),
+                               loads=[LoadFound(stamp(at), *rest) for at, *rest in loads])
+    for name, stand_in in {
+            'messages_of': lambda *_: [], 'carried_load': lambda how, *_: how,
+            'Monitor': lambda *_, payload: SimpleNamespace(
+                payload=payload, watch=SimpleNamespace(stages={'strain': None})),
+            'replay': lambda _, own: replay(knowing if own.payload == 'estimate' else [0.0]),
+            'CAUSES': [row for row in CAUSES if row[1] == 'load']}.items():
+        monkeypatch.setattr(causes, name, stand_in)
+    whole = SimpleNamespace(arm=SimpleNamespace(topics={}), at=lambda _: None)
+    whole.beside_robot = lambda: whole
+    found, = causes.explain(None, whole, SimpleNamespace(kind=''), 'parameter', known, [])
+    assert text in found.evidence and bool(text) == bool(found.evidence)
