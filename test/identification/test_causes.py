@@ -108,6 +108,7 @@ def test_most_samples_lost_before_a_long_event() -> None:
 @pytest.mark.parametrize(('loads', 'knowing', 'known', 'text'), [
     ([(0.6, 0.2, 0.2)], [], 0.0, '0.200 kg at the tip (+0.200 kg), found +0.60 s'),
     ([(3.0, 0.0, 0.014)], [0.0], 0.0, ''),  # again what the monitor knew: it was a blow
+    ([(0.6, 0.3, 0.3), (1.2, 0.0, -0.3)], [0.0], 0.0, ''),  # a push that looked like a load
     ([(0.6, 0.0, -0.2)], [], 0.2, '0.000 kg at the tip (-0.200 kg)'),  # dropped
     ([(-5.0, 0.2, 0.2)], [], 0.0, 'found -5.00 s'),  # hangs there since, which nobody said
     ([(-5.0, 0.2, 0.2)], [0.3], 0.0, ''),  # who knows of it sees an event, too

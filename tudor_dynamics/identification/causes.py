@@ -290,12 +290,10 @@ def explain(
         return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
     own = monitor(source)
     seen = replay(messages, own)
-    loads, knowing = seen.loads, None
+    known = seen
     if source != 'estimate':
         with suppress(ModelError):  # not every model has kilograms
-            knowing = replay(messages, monitor('estimate'))
-            loads = [one for one in knowing.loads  # not where it is again what the node knew
-                     if abs(one.mass - payload) > 0.5 * abs(one.change)]
+            known = replay(messages, monitor('estimate'))
     found = []
     for place, item in enumerate(seen.log.events):
         event = item.event
@@ -303,12 +301,14 @@ def explain(
                        and abs(one['onset'] - event.onset) < SAME_ONSET * 1e9), None)
         if records and record is None:
             continue
-        load = next((one for one in loads if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9),
-                    None)
-        if load is None and knowing is not None and not any(
-                -0.1 < (other.event.onset - event.onset) * 1e-9 < item.seconds
-                for other in knowing.log.events):  # who knows what is carried has no event
-            load = next((one for one in reversed(loads) if one.stamp < event.onset), None)
+        load = next((one for one in reversed(known.loads)
+                     if one.stamp - event.onset <= LATE_LOAD * 1e9), None)
+        if load is not None and (
+                known is not seen and abs(load.mass - payload) <= 0.5 * abs(load.change)
+                or load.stamp < event.onset and any(  # who knows of it has an event, too
+                    -0.1 < (other.event.onset - event.onset) * 1e-9 < item.seconds
+                    for other in known.log.events)):
+            load = None
         scene = Scene(item, messages, seen, load, *seen.certain[place],
                       own.watch.stages[event.method], bundle.arm.topics,
                       settings.kind == 'elastic')
