@@ -256,8 +256,7 @@ class _Search:
         one = self.best(short.tried(short.starts(peaks, 1)))
         grown = np.array([[*one.x[:9], one.x[8] + other, one.x[9], *one.x[9:]]
                           for other in np.arange(*settings.TOOL_OTHER)])
-        costs = np.concatenate([np.sum(short.errors(group) ** 2, axis=0)
-                                for group in groups(grown)])
+        costs = np.hstack([np.sum(short.errors(some) ** 2, axis=0) for some in groups(grown)])
         low = 1 + np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] < costs[2:]))
         return one, self.best([*short.tried([grown[k] for k in low[np.argsort(costs[low])]]),
                                *short.tried(short.starts(peaks[:1], 2))])
