@@ -162,7 +162,7 @@ class Explained:
                          for i, rows in enumerate(self._rows)], axis=-1)
 
     def parameters(self, outputs: FloatArray) -> FloatArray:
-        """Give the bodies' parameters (..., channels, columns) from outputs (..., n, channels)."""
+        """Give those of the bodies, (..., channels, columns), from outputs (..., n, channels)."""
         found = np.empty((*outputs.shape[:-2], outputs.shape[-1], self._rows[0].shape[1]))
         for group in self.groups:
             free = [self.freed(i, outputs[..., i]) for i in group]
