@@ -50,6 +50,7 @@ def altered(arm: Arm, **changes: Any) -> Arm:
     return arm_from_dict(content, base=Path('.'), source=arm.source)
 
 
+@lru_cache(maxsize=64)
 def healthy(
     *, seed: int = 0, seconds: float = SECONDS, noise: float = 1.0, payload: float = 0.0,
     velocity: bool = False, path: str = 'run',

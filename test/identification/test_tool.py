@@ -44,7 +44,7 @@ GANTRY = arm_from_dict({
 
 def run(seed: int, count: int = 3) -> Recording:
     """Record random moves of the simulated arm, with its tool."""
-    q = moves(seed, count=count)
+    q = moves(seed, count=count, rest=3.5)
     return recording(q, tool_efforts(ARM, q), seed=seed)
 
 
@@ -135,7 +135,7 @@ def test_a_timing_for_it(tool: FlexibleTool) -> None:
 
 def test_one_plane_and_rotation_that_moves_do_not_show() -> None:
     """A gantry does not turn its tool, which bends in one plane."""
-    n, random = int(7.0 * RATE), np.random.default_rng(0)
+    n, random = int(5.5 * RATE), np.random.default_rng(0)
     t = np.arange(n) / RATE
     found = []
     for _ in range(4):
@@ -206,7 +206,7 @@ def test_a_second_plane_whose_peak_hides() -> None:
     """Two planes of 1.3 and 2.1 Hz are found, where the spectrum shows the first alone."""
     found = []
     for seed in range(1, 4):
-        q = moves(seed, count=2)
+        q = moves(seed, count=2, rest=3.5)
         effort = tool_efforts(ARM, q, frequencies=(1.3, 2.1))
         found += find_moves(ARM, recording(q, effort, noise=0.05, seed=seed))
     tool = fit_tool(ARM, found, 'measured')

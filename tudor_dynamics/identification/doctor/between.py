@@ -101,7 +101,7 @@ def pair(one: Case, other: Case, output: str) -> Pair:
     loads = np.sum(kilogram * residual, axis=0) / np.maximum(np.sum(kilogram ** 2, axis=0), 1e-300)
     after = 0.0
     for i, rows in enumerate(np.moveaxis(carried.rows(other.motion), 1, 0)):
-        columns = explained.freed(i, rows)
+        columns = explained.freed(i, rows.T).T
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         values = np.linalg.lstsq(columns, residual[:, i], rcond=1e-6)[0]
         after += float(np.sum((residual[:, i] - columns @ values) ** 2))

@@ -151,44 +151,45 @@ class Explained:
         self._grams = [x.T @ x for x in self._rows]
 
     def freed(self, channel: int, values: FloatArray) -> FloatArray:
-        """Free values of what a channel has to itself: values (n,)."""
+        """Free values of what a channel has to itself: values (..., n)."""
         basis = self._bases[channel]
-        return np.asarray(values - basis @ (basis.T @ values))
+        return np.asarray(values - (basis @ (basis.T @ values.T)).T)
 
     def residuals(self, outputs: FloatArray) -> FloatArray:
-        """Give the residual of each channel: outputs (n, channels); returns (n, channels)."""
-        return np.column_stack([
-            self.freed(i, outputs[:, i]) - self._rows[i] @ x
-            for i, x in enumerate(self.parameters(outputs))])
+        """Give the residual of each channel, of one or several outputs (..., n, channels)."""
+        known = self.parameters(outputs)
+        return np.stack([self.freed(i, outputs[..., i]) - (rows @ known[..., i, :].T).T
+                         for i, rows in enumerate(self._rows)], axis=-1)
 
     def parameters(self, outputs: FloatArray) -> FloatArray:
-        """Give the bodies' parameters, shape (channels, columns), from outputs (n, channels)."""
-        found = np.empty((outputs.shape[1], self._rows[0].shape[1]))
+        """Give those of the bodies, (..., channels, columns), from outputs (..., n, channels)."""
+        found = np.empty((*outputs.shape[:-2], outputs.shape[-1], self._rows[0].shape[1]))
         for group in self.groups:
-            free = [self.freed(i, outputs[:, i]) for i in group]
-            sizes = np.array([float(np.std(outputs[:, i])) for i in group])
+            free = [self.freed(i, outputs[..., i]) for i in group]
+            sizes = np.array([np.std(outputs[..., i], axis=-1) for i in group])
             varies = sizes > 0.0  # what never changes has no say
             safe = np.where(varies, sizes, 1.0)
             weights = varies / safe
             for _ in range(settings.PASSES if len(group) > 1 else 1):
-                gram = sum(w ** 2 * self._grams[i] for w, i in zip(weights, group, strict=True))
-                right = sum(w ** 2 * (self._rows[i].T @ y)
+                gram = sum(w[..., None, None] ** 2 * self._grams[i]
+                           for w, i in zip(weights, group, strict=True))
+                right = sum(w[..., None] ** 2 * (self._rows[i].T @ y.T).T
                             for w, i, y in zip(weights, group, free, strict=True))
                 parameters = _solve(np.asarray(gram), np.asarray(right))
-                spread = [np.sqrt(np.mean((y - self._rows[i] @ parameters) ** 2))
+                spread = [np.sqrt(np.mean((y - (self._rows[i] @ parameters.T).T) ** 2, axis=-1))
                           for i, y in zip(group, free, strict=True)]
                 weights = varies / np.maximum(spread, settings.LEAST_RESIDUAL * safe)
-            found[list(group)] = parameters
+            found[..., list(group), :] = parameters[..., None, :]
         return found
 
     def shares(self, outputs: FloatArray) -> FloatArray:
-        """Give the share of each channel's variance that remains of outputs (n, channels)."""
+        """Give the share that remains of each channel's variance of outputs (..., n, channels)."""
         return share_of(self.residuals(outputs), outputs)
 
     def rest(self, channel: int, values: FloatArray) -> FloatArray:
         """Free values (n,) or (n, columns) of all that one channel's rows can explain."""
-        free, rows = self.freed(channel, values), self._rows[channel]
-        return np.asarray(free - rows @ _solve(self._grams[channel], rows.T @ free))
+        free, rows = self.freed(channel, values.T), self._rows[channel]
+        return np.asarray(free.T - rows @ _solve(self._grams[channel], (rows.T @ free.T).T).T)
 
     def own_parameters(
         self, channel: int, values: FloatArray, parameters: FloatArray,
@@ -217,8 +218,9 @@ class Explained:
 
 def share_of(residual: FloatArray, outputs: FloatArray) -> FloatArray:
     """Give the share of the variance of outputs that remains, never below `FLOOR`."""
-    total = np.sum((outputs - outputs.mean(axis=0)) ** 2, axis=0)
-    rest = np.sum(residual ** 2, axis=0)
+    axis = max(outputs.ndim - 2, 0)  # samples, of one channel or of several
+    total = np.sum((outputs - outputs.mean(axis=axis, keepdims=True)) ** 2, axis=axis)
+    rest = np.sum(residual ** 2, axis=axis)
     # what never changes has nothing to be explained
     return np.where(total > 0.0, np.maximum(rest / np.where(total > 0.0, total, 1.0),
                                             settings.FLOOR), 1.0)
@@ -237,16 +239,17 @@ def _fitted(
 
 
 def _solve(gram: FloatArray, right: FloatArray, smallest: float = settings.SMALLEST) -> FloatArray:
-    """Solve the scaled normal equations, without the directions that are not there."""
-    scale = np.sqrt(np.diag(gram))
-    seen = scale > 1e-10 * max(float(scale.max(initial=0.0)), 1e-300)
+    """Solve scaled normal equations (..., columns), without the directions that are not there."""
+    scale = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
+    seen = scale > 1e-10 * np.maximum(scale.max(axis=-1, initial=0.0, keepdims=True), 1e-300)
     safe = np.where(seen, scale, 1.0)
-    scaled = np.where(np.outer(seen, seen), gram, 0.0) / np.outer(safe, safe)
+    scaled = np.where(seen[..., None] & seen[..., None, :], gram, 0.0) / (
+        safe[..., None] * safe[..., None, :])
     values, vectors = np.linalg.eigh(scaled)
-    good = values > smallest * max(float(values[-1]), 1e-300)
-    inverse = np.where(good, 1.0 / np.where(good, values, 1.0), 0.0)
-    freed = (right.T / safe).T
-    return np.asarray(((vectors @ (inverse * (vectors.T @ freed).T).T).T / safe * seen).T)
+    good = values > smallest * np.maximum(values[..., -1:], 1e-300)
+    inverse = np.where(good, 1.0 / np.where(good, values, 1.0), 0.0)[..., None]
+    freed = np.swapaxes(vectors, -2, -1) @ (right / safe)[..., None]
+    return np.asarray((vectors @ (inverse * freed))[..., 0] / safe * seen)
 
 
 @dataclass(frozen=True, eq=False)

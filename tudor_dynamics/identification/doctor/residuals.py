@@ -261,7 +261,8 @@ def _of_output(chosen: Alternative, name: str) -> Alternative | None:
     sound, span = np.flatnonzero(case.sound[name]).tolist(), float(case.decimated.t[-1])
 
     def least(sizes: FloatArray, delay: Callable[[float], Delay]) -> float:
-        return _least(sizes, [chosen.shares_of(name, delay(float(size))) for size in sizes])
+        return _least(sizes, chosen.explained[name].shares(np.array([
+            chosen.output(name, delay(float(size))) for size in sizes])))
 
     grid = settings.LAGS
     # clocks may be apart by seconds; an oscillation looks the same a period later
@@ -323,9 +324,9 @@ def velocity_lag(
                   otherwise=relative(np.array([least for _, least in late.values()])))]
 
 
-def _least(lags: FloatArray, shares: Sequence[FloatArray] | FloatArray) -> float:
+def _least(lags: FloatArray, shares: FloatArray) -> float:
     """Give the lag of the least residuals: shares of each lag, (lags, channels)."""
-    scores = np.log(np.array(shares)).sum(axis=1)
+    scores = np.log(shares).sum(axis=1)
     i = int(np.argmin(scores))
     seconds = float(lags[i])
     if 0 < i < len(scores) - 1:  # the vertex of the parabola through three
