@@ -143,8 +143,8 @@ def _run_all(
 
     # An interrupt is the first thread's to handle; processes that begin here inherit that.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    before = os.environ.get('PYTHONWARNINGS')
-    os.environ['PYTHONWARNINGS'] = f'{before},{QUIET}' if before else QUIET
+    before = os.environ.get('PYTHONWARNINGS', '')
+    os.environ['PYTHONWARNINGS'] = f'{before},{QUIET}'.strip(',')
     try:
         return list(Parallel(jobs, backend='loky', batch_size=1, pre_dispatch='all')(
             delayed(_in_worker)(work, piece, folder, row, len(pieces), os.getpid())
@@ -154,9 +154,7 @@ def _run_all(
         raise ProcessError(msg, remedy='use fewer --jobs') from None
     finally:
         get_reusable_executor(jobs).shutdown(wait=True)
-        os.environ.pop('PYTHONWARNINGS')
-        if before is not None:
-            os.environ['PYTHONWARNINGS'] = before
+        os.environ['PYTHONWARNINGS'] = before
 
 
 def _in_worker(

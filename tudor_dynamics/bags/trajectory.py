@@ -98,9 +98,8 @@ class Trajectory(Shown):
         later = np.diff(np.where(known, self.t, np.nan)) > 0.5 / SECOND  # messages count ns
         if not known.all() or not later.all():
             row = int(np.argmin(np.append(later, False)))
-            msg = (f'time does not increase after point {row + 1} (the first is 1), which is at '
-                   f'{self.t[row]:g} s; give each point a larger time_from_start than the last')
-            raise SignalError(msg)
+            raise SignalError(f'time does not increase after point {row + 1} (counted from 1), at '
+                              f'{self.t[row]:g} s; give each point a larger time_from_start')
         if self.ddq is not None and self.dq is None:
             msg = 'the trajectory has accelerations without velocities'
             raise SignalError(msg, remedy='give velocities too, or no accelerations')
