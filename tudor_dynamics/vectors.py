@@ -138,8 +138,6 @@ for _sign, _order in _ORDERS.items():
     _lowered(_order, lambda builder, a, b, sign=_sign: builder.icmp_unsigned(
         '==', builder.bitcast(builder.fcmp_ordered(sign, a, b), ir.IntType(LANES)),
         ir.Constant(ir.IntType(LANES), 2**LANES - 1)), 2)
-_known(min, result=many, count=2)
-_lowered(min, lambda builder, a, b: builder.select(builder.fcmp_ordered('<', a, b), a, b), 2)
 
 
 def _call(builder: Any, name: str, *values: Any) -> Any:

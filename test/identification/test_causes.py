@@ -105,20 +105,11 @@ def test_most_samples_lost_before_a_long_event() -> None:
         assert bool(_gap(shown)) == gap and 'samples of /link_strains' in _losses(shown)
 
 
-@pytest.mark.parametrize(('loads', 'knowing', 'known', 'text'), [
-    ([(0.6, 0.2, 0.2)], [], 0.0, '0.200 kg at the tip (+0.200 kg), found +0.60 s'),
-    ([(3.0, 0.0, 0.014)], [0.0], 0.0, ''),  # again what the monitor knew: it was a blow
-    ([(0.6, 0.3, 0.3), (1.2, 0.0, -0.3)], [0.0], 0.0, ''),  # a push that looked like a load
-    ([(0.6, 0.0, -0.2)], [], 0.2, '0.000 kg at the tip (-0.200 kg)'),  # dropped
-    ([(-5.0, 0.2, 0.2)], [], 0.0, 'found -5.00 s'),  # hangs there since, which nobody said
-    ([(-5.0, 0.2, 0.2)], [0.3], 0.0, ''),  # who knows of it sees an event, too
-    ([(-5.0, 0.2, 0.2)], [9.0], 0.0, 'found -5.00 s'),  # another one
-    ([(-5.0, 0.2, 0.2)], [], 0.2, '')])  # it was said
-def test_loads(
-    loads: list[tuple[float, float, float]], knowing: list[float], known: float, text: str,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A load that the monitor does not know of explains an event that who knows it has not."""
+def stand_ins(
+    monkeypatch: pytest.MonkeyPatch, loads: list[tuple[float, float, float]],
+    knowing: list[float], known: float, *, ranged: bool,
+) -> SimpleNamespace:
+    """Let an event at 0 s come, and who knows what is carried see others and find loads."""
     def stamp(seconds: float) -> int:
         return 10**18 + round(1e9 * seconds)
 
@@ -137,7 +128,41 @@ def test_loads(
             'replay': lambda _, own: replay(knowing if own.payload == 'estimate' else [0.0]),
             'CAUSES': [row for row in CAUSES if row[1] == 'load']}.items():
         monkeypatch.setattr(causes, name, stand_in)
-    whole = SimpleNamespace(arm=SimpleNamespace(topics={}), at=lambda _: None)
+    whole = SimpleNamespace(arm=SimpleNamespace(topics={}), at=lambda _: None,
+                            payload_range=(0.0, 1.0) if ranged else None, payload=known)
     whole.beside_robot = lambda: whole
-    found, = causes.explain(None, whole, SimpleNamespace(kind=''), 'parameter', known, [])
+    return whole
+
+
+@pytest.mark.parametrize('ranged', [True, False])  # a model of several loads, or of one
+@pytest.mark.parametrize(('loads', 'knowing', 'known', 'text'), [
+    ([(-5.0, 0.3, 0.3), (2.6, 0.0, -0.3)], [], 0.0, 'found -5.00 s'),  # and is put down after it
+    ([(0.6, 0.2, 0.2)], [], 0.0, '0.200 kg at the tip (+0.200 kg), found +0.60 s'),
+    ([(3.0, 0.0, 0.014)], [0.0], 0.0, ''),  # again what the monitor knew: it was a blow
+    ([(0.6, 0.3, 0.3), (1.2, 0.0, -0.3)], [0.0], 0.0, ''),  # a push that looked like a load
+    ([(0.6, 0.0, -0.2)], [], 0.2, '0.000 kg at the tip (-0.200 kg)'),  # dropped
+    ([(-5.0, 0.2, 0.2)], [], 0.0, 'found -5.00 s'),  # hangs there since, which nobody said
+    ([(-5.0, 0.2, 0.2)], [0.3], 0.0, ''),  # who knows of it sees an event, too
+    ([(-5.0, 0.2, 0.2)], [9.0], 0.0, 'found -5.00 s'),  # another one
+    ([(-5.0, 0.2, 0.2)], [], 0.2, '')])  # it was said
+def test_loads(
+    loads: list[tuple[float, float, float]], knowing: list[float], known: float, text: str,
+    ranged: bool, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A load that the monitor does not know of explains an event that who knows it has not."""
+    whole = stand_ins(monkeypatch, loads, knowing, known, ranged=ranged)
+    found, = causes.explain(None, whole, SimpleNamespace(kind=''), 'parameter',
+                            known if ranged else 0.0, [])
+    assert text in found.evidence and bool(text) == bool(found.evidence)
+
+
+@pytest.mark.parametrize(('loads', 'text'), [
+    ([(0.6, 0.3, 0.3)], 'found +0.60 s'), ([(0.6, 0.3, 0.3), (1.2, 0.0, -0.3)], ''),
+    ([(-5.0, 0.3, 0.3), (0.6, 0.0, -0.3)], 'found +0.60 s'), ([(-5.0, 0.3, 0.3)], '')])
+def test_loads_of_a_monitor_that_estimates_them(
+    loads: list[tuple[float, float, float]], text: str, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Only what changes after the onset, and stays, explains an event."""
+    whole = stand_ins(monkeypatch, loads, [0.0], 0.0, ranged=True)
+    found, = causes.explain(None, whole, SimpleNamespace(kind=''), 'estimate', 0.0, [])
     assert text in found.evidence and bool(text) == bool(found.evidence)

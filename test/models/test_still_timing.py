@@ -56,20 +56,6 @@ class Coupled:
             [np.asarray(curve(t, order)) for order in range(3)]))).max(axis=0)
 
 
-def test_slopes() -> None:
-    """They are what larger changes of a timing do to the rings at its end, and to its time."""
-    timing = module._Timing(ARM, KNOWN, curved(2), None, TIMING_WINDOW)
-    random = np.random.default_rng(0)
-    c = random.uniform(0.8, 1.0, timing.count)
-    slopes, of_time = timing.changes(c)
-    for way in random.normal(0.0, 1e-4, (4, timing.count)):
-        after, before = timing.rings(c + way, c - way)
-        assert slopes @ way == pytest.approx(
-            0.5 * (after - before), rel=1e-3, abs=1e-4 * np.abs(slopes @ way).max())
-        longer = 0.5 * (timing.longer(c + way) - timing.longer(c - way))
-        assert of_time @ way == pytest.approx(longer, rel=1e-3, abs=1e-9)
-
-
 @pytest.mark.parametrize('seed', range(6))
 def test_the_tool_is_still(seed: int) -> None:
     """By simulation less than a tenth of the ring is left, at most 0.6 periods later."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A tool moves as the mass on a rod that Pinocchio simulates, alone and beside others."""
+"""A tool moves as the mass on a rod that Pinocchio simulates, and slopes are those of changes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,8 @@ import pinocchio as pin
 import pytest
 from tool_making import ARM, KNOWN, MASS, moves, ONE, RATE, tool_efforts
 
-from tudor_dynamics.compiled import LANES
 from tudor_dynamics.models.flexible_tool import flange_motion, row_of
-from tudor_dynamics.models.tool_motion import follow
+from tudor_dynamics.models.tool_motion import end_slopes, follow, from_rest, MOTION, pulls
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.typing import FloatArray
 
@@ -42,8 +41,7 @@ def test_efforts(planes: int) -> None:
     given = {'frequencies': KNOWN.frequencies[:planes], 'damping': KNOWN.damping[:planes]}
     row = row_of(KNOWN.model_copy(update=given).parameters)
     motion = driven(q)
-    steps = np.full(len(q) - 1, 1.0 / RATE)
-    pulled = MASS * follow(row[None], steps, motion, at=np.arange(len(q)))[1][:, :, 0]
+    pulled = MASS * pulls(row, motion, from_rest(row, 1.0 / RATE, motion))
     found, data = np.empty_like(q), ARM.model.createData()
     for k, pose in enumerate(q):
         pin.computeJointJacobians(ARM.model, data, pose)
@@ -53,17 +51,21 @@ def test_efforts(planes: int) -> None:
     assert (np.abs(found - truth).max(axis=0) < 0.02 * np.abs(truth).max()).all()
 
 
-def test_several_are_as_each_alone() -> None:
-    """Beside others, along motions, in steps and from states of their own, it moves the same."""
-    motion, random = driven(moves(2, count=1, rest=0.3)), np.random.default_rng(0)
-    rows = np.array([row_of(KNOWN.parameters + 0.05 * k) for k in range(3)])
-    motions = motion[:, :, None] * random.uniform(0.9, 1.1, LANES)
-    steps = random.uniform(0.5, 1.5, (len(motion) - 1, LANES)) / RATE
-    begin, at = random.normal(0.0, 0.01, (3, 4)), np.array([0, 7, len(motion) - 1])
-    states, pulled = follow(rows, steps, motions, begin, at)
-    assert states.shape == (len(motion), 4, 3) and np.array_equal(states[0].T, begin)
-    for k, row in enumerate(rows):
-        own = follow(row[None], steps[:, k], motions[:, :, k], begin[k:k + 1], at)
-        assert states[:, :, k] == pytest.approx(own[0][:, :, 0], rel=1e-12, abs=1e-12)
-        assert pulled[:, :, k] == pytest.approx(own[1][:, :, 0], rel=1e-12, abs=1e-12)
-    assert np.ptp(states[-1], axis=1).max() > 1e-3
+def test_slopes() -> None:
+    """They are what small changes of the motion, and of its steps, do to the end."""
+    row, motion = row_of(KNOWN.parameters), driven(moves(2, count=1, rest=0.3))
+    random = np.random.default_rng(0)
+    ways = random.normal(size=(2, len(motion), MOTION))
+    steps, begin = random.uniform(0.5, 1.5, len(motion) - 1) / RATE, np.array([0.01, 0, 0.1, 0])
+    states = follow(row, steps, motion, begin)
+    found, of_steps = end_slopes(row, steps, motion, states, ways)
+    for k in random.integers(1, len(motion), 6):
+        for way in range(2):
+            changed = motion.copy()
+            changed[k] += 1e-5 * ways[way, k]
+            truth = (follow(row, steps, changed, begin)[-1] - states[-1]) / 1e-5
+            assert found[:, way, k] == pytest.approx(truth, rel=1e-3, abs=1e-6)
+        longer = steps.copy()
+        longer[k - 1] += 1e-7
+        truth = (follow(row, longer, motion, begin)[-1] - states[-1]) / 1e-7
+        assert of_steps[:, k - 1] == pytest.approx(truth, rel=1e-3, abs=1e-5)

@@ -189,32 +189,21 @@ def gauge_point(gauge: GaugeSpec) -> NDArray[np.float64]:
     return gauge.distance * unit_vector(gauge.direction)
 
 
+# Standard rows: link i follows joint i by Rz(theta + q) Tz(d) Tx(a) Rx(alpha) (Siciliano et al.,
+# Robotics: Modelling, Planning and Control, 2009, Eq. 2.52), or Tz(d + q) for a prismatic joint.
+# The frame of joint i turns with the joint and has its x axis along the link, so that a gauge is
+# found at ``distance`` along x.
+#
+# Modified rows: joint i follows joint i - 1 by Rx(alpha) Tx(a) Rz(theta + q) Tz(d) (Craig,
+# Introduction to Robotics, 2005, Eq. 3.6), and its frame is that of the table.
+
+
 def model_from_dh(
-    rows: Sequence[Sequence[float]], names: Sequence[str], types: Sequence[str],
-    convention: str = 'standard',
+    rows: Sequence[Sequence[float]],  # a [m], alpha [rad], d [m], theta_offset [rad], base first
+    names: Sequence[str], types: Sequence[str],  # of the joints: ``revolute`` or ``prismatic``
+    convention: str = 'standard',  # or ``modified``, which may have one row more, for a flange
 ) -> pin.Model:
-    """
-    Build a serial chain from Denavit-Hartenberg rows, links without mass.
-
-    Standard: link i follows joint i by ``Rz(theta + q) Tz(d) Tx(a) Rx(alpha)`` (Siciliano et al.,
-    Robotics: Modelling, Planning and Control, 2009, Eq. 2.52), or ``Tz(d + q)`` for a prismatic
-    joint. The frame of joint i turns with the joint and has its x axis along the link, so that a
-    gauge is found at ``distance`` along x.
-
-    Modified: joint i follows joint i - 1 by ``Rx(alpha) Tx(a) Rz(theta + q) Tz(d)`` (Craig,
-    Introduction to Robotics, 2005, Eq. 3.6), and its frame is that of the table.
-
-    Parameters
-    ----------
-    rows : sequence
-        a [m], alpha [rad], d [m], theta_offset [rad] of each joint, base first; modified ones may
-        have one more, for a flange. The end of the last row is the frame ``tip``.
-    names, types : sequence of str
-        Of the joints; types are ``revolute`` or ``prismatic``.
-    convention : str
-        ``standard`` or ``modified``.
-
-    """
+    """Build a chain of links without mass by Denavit-Hartenberg rows, to the frame ``tip``."""
     model = pin.Model()
     placement = pin.SE3.Identity()
     parent = 0

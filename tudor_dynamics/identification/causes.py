@@ -289,8 +289,8 @@ def explain(
     def monitor(how: str) -> Monitor:
         return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
     own = monitor(source)
-    seen = replay(messages, own)
-    known = seen
+    known = seen = replay(messages, own)
+    told = payload if bundle.payload_range is not None else bundle.payload or 0.0
     if source != 'estimate':
         with suppress(ModelError):  # not every model has kilograms
             known = replay(messages, monitor('estimate'))
@@ -301,14 +301,16 @@ def explain(
                        and abs(one['onset'] - event.onset) < SAME_ONSET * 1e9), None)
         if records and record is None:
             continue
-        load = next((one for one in reversed(known.loads)
-                     if one.stamp - event.onset <= LATE_LOAD * 1e9), None)
-        if load is not None and (
-                known is not seen and abs(load.mass - payload) <= 0.5 * abs(load.change)
-                or load.stamp < event.onset and any(  # who knows of it has an event, too
-                    -0.1 < (other.event.onset - event.onset) * 1e-9 < item.seconds
-                    for other in known.log.events)):
-            load = None
+        before = [one for one in known.loads if one.stamp < event.onset][-1:]
+        after = [one for one in known.loads
+                 if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9][-1:]
+        knows = before[0].mass if before and source == 'estimate' else told
+        if source != 'parameter' or any(  # who knows of it has an event, too
+                -0.1 < (other.event.onset - event.onset) * 1e-9 < item.seconds
+                for other in known.log.events):
+            before = []
+        load = next((one for one in after + before
+                     if abs(one.mass - knows) > 0.5 * abs(one.change)), None)
         scene = Scene(item, messages, seen, load, *seen.certain[place],
                       own.watch.stages[event.method], bundle.arm.topics,
                       settings.kind == 'elastic')

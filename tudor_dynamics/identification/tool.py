@@ -16,10 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 import math
 from typing import Any
 import warnings
@@ -30,7 +30,6 @@ import pinocchio as pin
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.compiled import side_by_side
 from tudor_dynamics.errors import FitError, TudorError, TudorWarning
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagData
@@ -39,9 +38,9 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.flexible_tool import (
     Flange, flange_motion, FlexibleTool, pushes, row_of, square)
 from tudor_dynamics.models.settings import TOOL_CUTOFF, TOOL_HIDDEN
-from tudor_dynamics.models.tool_motion import follow, groups
+from tudor_dynamics.models.tool_motion import from_rest, pulls
 from tudor_dynamics.signals.filters import MotionState, zero_phase
-from tudor_dynamics.typing import FloatArray, IndexArray
+from tudor_dynamics.typing import FloatArray
 
 STEP = settings.TOOL_LEARN
 REFERENCE = 'joint_reference'  # what a planned motion is recorded on
@@ -76,7 +75,7 @@ class Rest:
 
     def swing(self, effort: FloatArray) -> FloatArray:
         """Give what of efforts is no slow drift."""
-        return effort - np.tensordot(self._drift, np.tensordot(self._drift.T, effort, 1), 1)
+        return effort - self._drift @ (self._drift.T @ effort)
 
     def first(self, seconds: float) -> Rest:
         """Give the begin of it."""
@@ -146,12 +145,6 @@ def fit_tool(arm: Arm, moves: Sequence[Moves], motion: str) -> FlexibleTool:
     return search.tool(two if two.excess < settings.TOOL_SECOND * one.excess else one, motion)
 
 
-def _place(t: FloatArray, when: FloatArray) -> tuple[IndexArray, FloatArray]:
-    """Give which of even times is before others, and how far on these are, in steps."""
-    k = np.minimum(((when - t[0]) / STEP).astype(int), len(t) - 2)
-    return k, (when - t[k]) / STEP
-
-
 @dataclass(frozen=True, eq=False)
 class _Found:
     x: FloatArray
@@ -172,15 +165,12 @@ class _Search:
             raise FitError(f'{len(self.rests)} rests; a flexible tool needs '
                            f'{settings.TOOL_LEAST} or more', remedy='let the arm rest for three '
                            'seconds or more after each motion')
-        self.rings = np.concatenate([rest.rings.ravel() for rest in self.rests])
-        self.noise = np.concatenate([np.tile(rest.noise, len(rest.t)) for rest in self.rests])
 
-    def units(self, scale: float) -> FloatArray:
+    def units(self, scale: float) -> Iterator[FloatArray]:
         """Give expected errors: each sample errs by noise, a whole rest by a part of its ring."""
-        rings = np.concatenate([np.full(rest.effort.size, len(rest.t) * rest.loud)
-                                for rest in self.rests])
-        return np.sqrt(self.noise**2 + scale / settings.TOOL_FEW
-                       * settings.TOOL_RELATIVE**2 * rings)
+        for rest in self.rests:
+            yield np.sqrt(rest.noise**2 + scale * len(rest.t) / settings.TOOL_FEW
+                          * settings.TOOL_RELATIVE**2 * rest.loud)
 
     def short(self, frequency: float) -> _Search:
         """Give the same search by the begin of each rest, where phases are not yet ambiguous."""
@@ -188,64 +178,55 @@ class _Search:
         return _Search([Moves(one.flange, tuple(rest.first(seconds) for rest in one.rests))
                         for one in self.moves])
 
-    def efforts(self, tools: FloatArray) -> FloatArray:
-        """Give the efforts of up to LANES tools in all rests, drift aside, (efforts, tools)."""
-        rows, found = np.array([row_of(x[:-1]) for x in tools]), []
-        delays, which = np.unique(tools[:, -1], return_inverse=True)
-        lanes = side_by_side(list(np.eye(len(delays))[which]))
+    def efforts(self, x: FloatArray) -> Iterator[FloatArray]:
+        """Give the efforts of a tool in each rest, drift aside."""
+        row, mass = row_of(x[:-1]), math.exp(x[6])
         for one in self.moves:
-            t, motion = one.flange.t, one.flange.motion.T
-            places = [_place(t, rest.t) for rest in one.rests]
-            at = np.unique(np.concatenate([[k, k + 1] for k, _ in places], axis=1))
-            k, share = _place(t, np.clip(t[:at[-1] + 1, None] - delays, t[0], t[-1]))
-            late = ((1.0 - share) * motion[:, k] + share * motion[:, k + 1]).swapaxes(0, 1)
-            pulled = follow(rows, np.full(len(late) - 1, STEP), np.tensordot(late, lanes, 1),
-                            at=at)[1].T
-            for rest, (k, share) in zip(one.rests, places, strict=True):
-                n = np.searchsorted(at, k)
-                felt = (1.0 - share) * pulled[:, :, n] + share * pulled[:, :, n + 1]
-                found.append(rest.swing(rest.jacobian.T @ felt.T).reshape(-1, len(tools)))
-        return np.exp(tools[:, 6]) * np.concatenate(found)
+            t = one.flange.t
+            late = np.clip(t - x[-1], t[0], t[-1])
+            k = np.minimum(((late - t[0]) / STEP).astype(int), len(t) - 2)
+            share = ((late - t[k]) / STEP)[:, None]
+            motion = (1.0 - share) * one.flange.motion[k] + share * one.flange.motion[k + 1]
+            states = from_rest(row, STEP, motion)
+            for rest in one.rests:
+                part = slice(*np.searchsorted(t, [rest.t[0] - STEP, rest.t[-1] + STEP]))
+                pulled = mass * pulls(row, motion[part], states[part])
+                yield rest.swing(np.stack([np.interp(rest.t, t[part], values)
+                                           for values in (pulled @ rest.jacobian).T], axis=1))
 
-    def errors(self, tools: FloatArray, scale: float = 1.0) -> FloatArray:
-        """Give how unlikely tools are, and what they leave over, in units of what is expected."""
-        x, planes = tools.T, (tools.shape[1] - 9) // 2
-        ways = np.transpose([pin.exp3(turn)[:, 2] for turn in tools[:, :3]])
-        found = np.vstack([
-            (x[3:6] - np.exp(x[7]) * ways) / settings.TOOL_FOOT,
-            (x[7:8] - math.log(settings.TOOL_LENGTH)) / settings.TOOL_LENGTHS,
-            np.diff(x[8:8 + planes], axis=0) / settings.TOOL_PLANES[0],
+    def errors(self, x: FloatArray, scale: float = 1.0) -> FloatArray:
+        """Give how unlikely a tool is, and what it leaves over, in units of what is expected."""
+        planes, length = (len(x) - 9) // 2, math.exp(x[7])
+        usual = np.concatenate([
+            (x[3:6] - length * pin.exp3(x[:3])[:, 2]) / settings.TOOL_FOOT,
+            [(x[7] - math.log(settings.TOOL_LENGTH)) / settings.TOOL_LENGTHS],
+            np.diff(x[8:8 + planes]) / settings.TOOL_PLANES[0],
             x[8 + planes:-1] - math.log(settings.TOOL_DAMPING),
-            np.diff(x[8 + planes:-1], axis=0) / settings.TOOL_PLANES[1],
-            x[-1:] / settings.TOOL_DELAY,
-            (self.efforts(tools) - self.rings[:, None]) / self.units(scale)[:, None]])
+            np.diff(x[8 + planes:-1]) / settings.TOOL_PLANES[1], x[-1:] / settings.TOOL_DELAY])
+        left = [((found - rest.rings) / unit).ravel() for found, rest, unit in zip(
+            self.efforts(x), self.rests, self.units(scale), strict=True)]
         most = 1e6  # of a tool that its weight turns over, whose motion is no number
-        return np.nan_to_num(found, nan=most, posinf=most, neginf=most)
-
-    def slopes(self, x: FloatArray, scale: float) -> FloatArray:
-        """Give how the errors of a tool change with its parameters, (errors, parameters)."""
-        by = math.sqrt(np.finfo(float).eps) * np.copysign(np.maximum(np.abs(x), 1.0), x)
-        found = np.hstack([self.errors(group, scale)
-                           for group in groups(np.vstack([x, x + np.diag(by)]))])
-        return (found[:, 1:] - found[:, :1]) / by
+        return np.nan_to_num(np.concatenate([usual, *left]), nan=most, posinf=most, neginf=most)
 
     def starts(self, peaks: Sequence[float], planes: int) -> list[FloatArray]:
         """Give tools in all directions, with the mass that explains most, the best first."""
         from scipy.spatial.transform import Rotation  # slow to import
 
-        found = np.array([np.concatenate([
+        found = [np.concatenate([
             turn.as_rotvec(), settings.TOOL_LENGTH * turn.as_matrix()[:, 2],
             [0.0, math.log(settings.TOOL_LENGTH)], [math.log(peak) + off] * planes,
             [math.log(settings.TOOL_DAMPING)] * planes, [0.5 * settings.TOOL_DELAY]])
             for turn in Rotation.random(settings.TOOL_WAYS, 0) for peak in peaks
-            for off in settings.TOOL_OFF])
-        unit, costs = self.units(1.0), list[float]()
-        seen = self.rings / unit
-        for group in groups(found):
-            shown = self.efforts(group) / unit[:, None]
-            size = np.maximum(seen @ shown / np.sum(shown ** 2, axis=0), 1e-3)
-            group[:, 6] = np.log(size)
-            costs += np.sum((size * shown - seen[:, None]) ** 2, axis=0).tolist()
+            for off in settings.TOOL_OFF]
+        units, costs = list(self.units(1.0)), []
+        seen = np.concatenate([(rest.rings / unit).ravel()
+                               for rest, unit in zip(self.rests, units, strict=True)])
+        for start in found:
+            shown = np.concatenate([(each / unit).ravel() for each, unit in zip(
+                self.efforts(start), units, strict=True)])
+            size = max(float(shown @ seen) / float(shown @ shown), 1e-3)
+            start[6] = math.log(size)
+            costs.append(float(np.sum((size * shown - seen) ** 2)))
         return [found[k] for k in np.argsort(costs)]
 
     def fits(self) -> tuple[_Found, _Found]:
@@ -254,9 +235,9 @@ class _Search:
                            settings.TOOL_PEAKS)
         short = self.short(peaks[0])
         one = self.best(short.tried(short.starts(peaks, 1)))
-        grown = np.array([[*one.x[:9], one.x[8] + other, one.x[9], *one.x[9:]]
-                          for other in np.arange(*settings.TOOL_OTHER)])
-        costs = np.hstack([np.sum(short.errors(some) ** 2, axis=0) for some in groups(grown)])
+        grown = [np.concatenate([one.x[:9], one.x[8:9] + other, one.x[9:10], one.x[9:]])
+                 for other in np.arange(*settings.TOOL_OTHER)]
+        costs = np.array([np.sum(short.errors(start) ** 2) for start in grown])
         low = 1 + np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] < costs[2:]))
         return one, self.best([*short.tried([grown[k] for k in low[np.argsort(costs[low])]]),
                                *short.tried(short.starts(peaks[:1], 2))])
@@ -267,8 +248,8 @@ class _Search:
 
         planes = (len(start) - 9) // 2
         unit = np.repeat([0.3, 0.1, 0.3, 0.02, 0.3, 0.01], [3, 3, 2, planes, planes, 1])
-        return least_squares(lambda x: self.errors(x[None], scale)[:, 0], start, partial(
-            self.slopes, scale=scale), x_scale=unit, max_nfev=most, ftol=fine)
+        return least_squares(self.errors, start, x_scale=unit, max_nfev=most, ftol=fine,
+                             args=(scale,))
 
     def tried(self, starts: Sequence[FloatArray]) -> list[FloatArray]:
         """Give the best that the first of many starts lead to."""
@@ -279,7 +260,8 @@ class _Search:
     def best(self, tried: Sequence[FloatArray]) -> _Found:
         """Search from the best of what was tried."""
         whole = min((self.solved(x, 20) for x in tried), key=lambda one: float(one.cost))
-        noise = float(np.sum((self.noise / self.units(1.0)) ** 2))
+        noise = sum(len(rest.t) * float(np.sum((rest.noise / expected) ** 2))
+                    for rest, expected in zip(self.rests, self.units(1.0), strict=True))
         excess = max(2.0 * float(whole.cost) - noise, settings.TOOL_FEW)
         # Errors beyond noise are common to all samples and joints of a rest, which then counts
         # as one complex sample; so scaled, they are also weighed against what is usual.
@@ -290,12 +272,10 @@ class _Search:
         """Make the tool of a solution, with its uncertainty and what was pushed."""
         x, planes = best.x, (len(best.x) - 9) // 2
         left, loud = [], []
-        ends = np.cumsum([rest.effort.size for rest in self.rests])
-        errors = np.split(self.efforts(x[None])[:, 0] - self.rings, ends[:-1])
-        for error, rest in zip(errors, self.rests, strict=True):
+        for found, rest in zip(self.efforts(x), self.rests, strict=True):
             noise = len(rest.t) * float(np.sum(rest.noise**2))
             ring = max(float(np.sum(rest.rings**2)) - noise, 1e-12)
-            left.append(max(float(np.sum(error**2)) - noise, 0.0) / ring)
+            left.append(max(float(np.sum((found - rest.rings) ** 2)) - noise, 0.0) / ring)
             loud.append(ring > settings.TOOL_HEARD * noise)
         clear = [k for k, share in enumerate(left)
                  if loud[k] and share < 1.0 - settings.RING_CLEAR]

@@ -34,8 +34,7 @@ from tudor_dynamics.models.base import BundlePart
 from tudor_dynamics.models.settings import (
     RING_AFTER, RING_BANDWIDTH, RING_MEAN, RING_RENEWED, RING_RIDGE, TOOL_CUTOFF, TOOL_DRAWS,
     TOOL_HIDDEN, TOOL_LEVER, TOOL_MEMORY, TOOL_NUDGE, TOOL_STEP, TOOL_UNSEEN)
-from tudor_dynamics.models.tool_motion import (
-    accelerate, follow, groups, MOTION, PLACES, settled, TOOL)
+from tudor_dynamics.models.tool_motion import accelerate, from_rest, MOTION, PLACES, settled, TOOL
 from tudor_dynamics.signals.filters import MotionState, zero_phase
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.typing import FloatArray
@@ -260,7 +259,7 @@ class FlexibleTool(BundlePart):
     def ring(self, flange: Flange) -> Oscillation:
         """Predict the ring at the end of a motion, in even steps, from rest to rest."""
         noise = np.random.default_rng(1).normal(size=(2, TOOL_DRAWS)) * math.sqrt(0.5)
-        shown = np.vstack([_shown(several, flange) for several in groups(self.drawn())])
+        shown = np.array([_shown(x, flange) for x in self.drawn()])
         shown[1:] *= np.abs(1.0 + self.error_of(flange) * (noise[0] + 1j * noise[1]))[:, None]
         loudest = int(np.argmax(shown[0]))
         return Oscillation(shown[0], loudest, Estimate(
@@ -291,16 +290,15 @@ def _ends(values: FloatArray) -> tuple[float, float]:
     return min(float(low), float(values[0])), max(float(high), float(values[0]))
 
 
-def _shown(several: FloatArray, flange: Flange) -> FloatArray:
-    """Give half the range of efforts (tools, joints) in the first period after a motion."""
-    rows, steps = np.array([row_of(x) for x in several]), np.diff(flange.t)
-    found, ends = [], follow(rows, steps, flange.motion)[0][-1]
-    for x, row, end in zip(several, rows, ends.T, strict=True):
-        modes = modes_of(row, flange.motion[-1, 9:])
-        t = np.linspace(0.0, 2.0 * math.pi / modes.poles[0].imag, 48)
-        waves = (np.exp(np.outer(t, modes.poles)) * modes.poles**2 * modes.of(end)) @ modes.pulls
-        found.append(0.5 * math.exp(x[6]) * np.ptp((waves @ flange.jacobian).real, axis=0))
-    return np.array(found)
+def _shown(x: FloatArray, flange: Flange) -> FloatArray:
+    """Give half the range of efforts (joints,) in the first period after a motion."""
+    row = row_of(x)
+    step = float(flange.t[-1] - flange.t[0]) / max(len(flange.t) - 1, 1)
+    modes = modes_of(row, flange.motion[-1, 9:])
+    pulls = modes.poles**2 * modes.of(from_rest(row, step, flange.motion)[-1])
+    t = np.linspace(0.0, 2.0 * math.pi / modes.poles[0].imag, 48)
+    waves = (np.exp(np.outer(t, modes.poles)) * pulls) @ modes.pulls @ flange.jacobian
+    return 0.5 * math.exp(x[6]) * np.ptp(waves.real, axis=0)
 
 
 # -- How it rings beside the running robot, by what efforts show of it

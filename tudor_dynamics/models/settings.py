@@ -157,7 +157,6 @@ TOOL_NUDGE = 1e-4  # of its place, for differences [m]
 TIMING_LONGER = (0.5, 0.55, 0.59)
 # Between knots of the squared rate, in the time of the given trajectory [s]; least number of
 # coefficients.
-TIMING_NUDGE = 1e-6  # of a coefficient, for differences
 TIMING_KNOT, TIMING_FEWEST = 0.06, 32
 TIMING_SPREAD = 0.05  # part by which the frequency may be another
 # Ring over that of the given trajectory: which is good enough, the same where the frequency is

@@ -35,7 +35,6 @@ from scipy.ndimage import maximum_filter1d
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import effort_limits
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.compiled import side_by_side
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle, tool_of
@@ -43,9 +42,9 @@ from tudor_dynamics.models.flexible_tool import (
     flange_motion, FlexibleTool, LIKELY, modes_of, row_of)
 from tudor_dynamics.models.settings import (
     TIMING_CUTS, TIMING_FEWEST, TIMING_FULL, TIMING_GOOD, TIMING_KNOT, TIMING_LEAST, TIMING_LONGER,
-    TIMING_MOST, TIMING_NEAR, TIMING_NUDGE, TIMING_OFF, TIMING_RADIUS, TIMING_ROUNDS, TIMING_SAME,
+    TIMING_MOST, TIMING_NEAR, TIMING_OFF, TIMING_RADIUS, TIMING_ROUNDS, TIMING_SAME,
     TIMING_SLOWEST, TIMING_SMALL, TIMING_SPREAD, TIMING_WINDOW, TIMING_WORTH, TOOL_STEP)
-from tudor_dynamics.models.tool_motion import follow, groups
+from tudor_dynamics.models.tool_motion import end_slopes, follow, from_rest
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.signals.shaping import check_at_rest, convolved, impulses, solved
@@ -129,16 +128,16 @@ class _Timing:
         drive = np.linalg.norm((flange.motion[:, :3] + np.cross(flange.motion[:, 3:6], tool.place))
                                @ self.rows[0, 3:9].reshape(2, 3).T, axis=1)
         gross = float(drive.mean()) * self.seconds / (2.0 * math.pi * self.frequency)
-        swings = follow(self.rows, np.diff(t[::2]), flange.motion)[0].T
+        swings = np.array([from_rest(row, 2.0 * self.step, flange.motion) for row in self.rows])
         self.size = 1.0
-        rings = self.rings_of(swings[:, :, -1])
+        rings = self.rings_of(swings[:, -1])
         if not np.isfinite(rings).all():
             raise SignalError('the trajectory bends the tool further than its model knows',
                               remedy='move more slowly, or shape it by zv or zvd')
         self.size = max(float(np.abs(rings[0]).max()), TIMING_LEAST * gross, 1e-12)
 
         self.first = max(count - 1 - 2 * round(0.5 * min(window, self.seconds) / self.step), 0)
-        self.begin = swings[:, :, self.first // 2]
+        self.begin = swings[:, self.first // 2]
         self.flange = np.hstack([flange.motion[:, :6], flange.velocity,
                                  flange.motion[:, 6:]])[self.first // 2:]
         most = np.abs(ddq).max(axis=0)
@@ -185,14 +184,11 @@ class _Timing:
         rate = np.sqrt(self.square[::2] @ c)
         return np.asarray(4.0 * self.step / (rate[1:] + rate[:-1]))
 
-    def rings(self, *timings: FloatArray) -> Any:
-        """Give the rings of timings, complex (timings, 3, modes)."""
-        motions, steps = [self.motion(c) for c in timings], [self.steps(c) for c in timings]
-        ends = [follow(
-            self.rows[several % 3], side_by_side([steps[k // 3] for k in several]),
-            side_by_side([motions[k // 3] for k in several]), self.begin[several % 3],
-        )[0][-1].T for several in groups(np.arange(3 * len(timings)))]
-        return np.array([self.rings_of(own) for own in np.vstack(ends).reshape(-1, 3, 4)])
+    def rings(self, c: FloatArray) -> Any:
+        """Give the rings of a timing, complex (3, modes)."""
+        motion, steps = self.motion(c), self.steps(c)
+        return self.rings_of(np.array([follow(row, steps, motion, begin)[-1] for row, begin in zip(
+            self.rows, self.begin, strict=True)]))
 
     def longer(self, c: FloatArray) -> float:
         """Give how much longer a timing takes [s]."""
@@ -200,9 +196,25 @@ class _Timing:
 
     def changes(self, c: FloatArray) -> tuple[Any, FloatArray]:
         """Give what each coefficient does to the rings, complex (3, modes, count), and to time."""
-        here, *near = self.rings(c, *(c + TIMING_NUDGE * np.eye(self.count)))
-        later = [self.longer(x) - self.longer(c) for x in c + TIMING_NUDGE * np.eye(self.count)]
-        return (np.moveaxis(near - here, 0, -1) / TIMING_NUDGE, np.array(later) / TIMING_NUDGE)
+        flange, motion, steps = self.flange, self.motion(c), self.steps(c)
+        rate = np.sqrt(self.square[::2] @ c)[:, None]
+        none = np.zeros((len(flange), 3))
+        ways = np.stack([np.hstack([flange[:, :6], 0.5 * flange[:, 9:12] / rate, none]),
+                         np.hstack([0.5 * flange[:, 6:12], none, none])])
+
+        def by_square(of_steps: FloatArray) -> FloatArray:
+            sums = np.zeros((*of_steps.shape[:-1], len(flange)))
+            shares = of_steps * steps**2 / (8.0 * self.step)
+            sums[..., 1:] += shares
+            sums[..., :-1] += shares
+            return -sums / rate[:, 0]
+        found = []
+        for row, modes, begin in zip(self.rows, self.modes, self.begin, strict=True):
+            states = follow(row, steps, motion, begin)
+            ends, of_steps = end_slopes(row, steps, motion, states, ways)
+            found.append(modes.rows @ ((ends[:, 0] + by_square(of_steps)) @ self.square[::2]
+                                       + ends[:, 1] @ self.slope[::2]))
+        return np.array(found) / self.size, by_square(np.ones(len(steps))) @ self.square[::2]
 
     def shortest(self) -> tuple[FloatArray, float]:
         """Search the shortest timing after which little rings; what is left over that given."""
@@ -224,7 +236,7 @@ class _Timing:
 
     def search(self, c: FloatArray, longer: float) -> tuple[FloatArray, float]:
         """Search the timing after which least rings, no more than so much longer [s]."""
-        here, radius = self.rings(c)[0], TIMING_RADIUS
+        here, radius = self.rings(c), TIMING_RADIUS
         for _ in range(TIMING_ROUNDS):
             left = loudest(here)
             step = None if left <= TIMING_GOOD else self.programme(c, here, longer, radius)
@@ -232,7 +244,7 @@ class _Timing:
                 break
             for share in (1.0, 0.5):
                 tried = c + share * step
-                rings = self.rings(tried)[0]
+                rings = self.rings(tried)
                 if loudest(rings) < left and self.allowed(tried, longer):
                     c, here = tried, rings
                     break

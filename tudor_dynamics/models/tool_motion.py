@@ -31,12 +31,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tudor_dynamics.compiled import compiled, in_lanes, LANES, side_by_side, with_lanes
-from tudor_dynamics.typing import FloatArray, IndexArray
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.typing import FloatArray
 
 TOOL, MOTION, PLACES = 18, 12, 8
+NUDGE = 1e-6  # of a state [m, m/s] and of a motion, for differences
 
 
 @compiled
@@ -75,9 +75,9 @@ def accelerate(
         a1 = ((along - p[14] * arc * arc - spring) * d1 - p[16] * v1
               - p[6] * out[2] - p[7] * out[3] - p[8] * out[4])
     turned = k * k * (d0 * a0 + d1 * a1)
-    out[0], out[1] = a0 - d0 * turned, 0.0
-    if p[17] > 0.0:
-        out[1] = a1 - d1 * turned
+    out[0], out[1] = a0 - d0 * turned, a1 - d1 * turned
+    if p[17] == 0.0:
+        out[1] = 0.0
     sink = slope * (d0 * out[0] + d1 * out[1])
     for i in range(3):
         out[2 + i] += p[3 + i] * out[0] + p[6 + i] * out[1] - p[9 + i] * sink
@@ -117,44 +117,61 @@ def settled(p: FloatArray, gravity: FloatArray) -> FloatArray:
     return state
 
 
-@with_lanes(1)
-def follow_lanes(
-    at: IndexArray, rows: FloatArray, steps: FloatArray, motion: FloatArray, states: FloatArray,
-    room: FloatArray, pulled: FloatArray,
-) -> int:
-    """Follow tools in lanes from their first states, and give their pulls at some samples."""
-    p, step, m, state, own, found = in_lanes((rows, steps, motion, states, room, pulled))
-    for n in range(step.shape[0]):
-        advance(p, step[n], state[n], m[n], m[n + 1], own, state[n + 1])
-    out = own[16:]
-    for n in range(len(at)):
-        accelerate(p, state[at[n], :2], state[at[n], 2:], m[at[n]], out)
+@compiled
+def follow(
+    p: FloatArray, steps: FloatArray, motion: FloatArray, begin: FloatArray,
+) -> FloatArray:
+    """Give the states (samples, 4) along a motion (samples, 12), in steps [s], from a state."""
+    states, room = np.zeros((len(motion), 4)), np.zeros(24)
+    states[0] = begin
+    for n in range(len(motion) - 1):
+        advance(p, steps[n], states[n], motion[n], motion[n + 1], room, states[n + 1])
+    return states
+
+
+def from_rest(p: FloatArray, step: float, motion: FloatArray) -> FloatArray:
+    """Give the states (samples, 4) along a motion (samples, 12) in even steps [s], from rest."""
+    return np.asarray(follow(p, np.full(len(motion) - 1, step), motion, settled(p, motion[0, 9:])))
+
+
+@compiled
+def pulls(p: FloatArray, motion: FloatArray, states: FloatArray) -> FloatArray:
+    """Give the pull of a mass of 1 kg on the flange: force and moment (samples, 6)."""
+    found, out = np.zeros((len(states), 6)), np.zeros(PLACES)
+    for n in range(len(states)):
+        accelerate(p, states[n, :2], states[n, 2:], motion[n], out)
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
             found[n, i] = out[2 + i]
             found[n, 3 + i] = out[5 + j] * out[2 + k] - out[5 + k] * out[2 + j]
-    return step.shape[0]
+    return found
 
 
-def follow(
-    rows: FloatArray, steps: FloatArray, motion: FloatArray, begin: FloatArray | None = None,
-    at: IndexArray = np.zeros(0, dtype=np.intp),
+@compiled
+def end_slopes(
+    p: FloatArray, steps: FloatArray, motion: FloatArray, states: FloatArray, changes: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """
-    Follow up to LANES tools along one motion (samples, 12), or along (samples, 12, LANES).
+    Give what small changes do to the end of a motion.
 
-    In steps [s] (samples - 1,), or (samples - 1, LANES), from rest or from states (tools, 4). Give
-    states (samples, 4, tools), and what 1 kg pulls at the flange at some samples (at, 6, tools).
+    Those of the motion (ways, samples, 12) as (4, ways, samples), those of steps as (4, steps).
     """
-    steps, motion = (values if values.ndim == plain + 1 else side_by_side([values])
-                     for values, plain in ((steps, 1), (motion, 2)))
-    states, pulled = np.zeros((len(motion), 4, LANES)), np.zeros((len(at), 6, LANES))
-    states[0] = side_by_side([*begin] if begin is not None else [
-        settled(row, motion[0, 9:, k]) for k, row in enumerate(rows)])
-    follow_lanes(at, side_by_side([*rows]), steps, motion, states, np.zeros((24, LANES)), pulled)
-    return states[:, :, :len(rows)], pulled[:, :, :len(rows)]
-
-
-def groups(tools: NDArray) -> list[NDArray]:
-    """Split tools into those that are followed side by side."""
-    return np.array_split(tools, range(LANES, len(tools), LANES))
+    found, left = np.zeros((4, len(changes), len(motion))), np.eye(4)
+    by_step = np.zeros((4, len(steps)))
+    room, one, own = np.zeros(24), np.zeros(4), np.zeros((4, 4))
+    for n in range(len(motion) - 2, -1, -1):
+        for way in range(len(changes)):
+            for k in range(2):
+                pair = motion[n:n + 2].copy()
+                pair[k] += NUDGE * changes[way, n + k]
+                advance(p, steps[n], states[n], pair[0], pair[1], room, one)
+                found[:, way, n + k] += left @ ((one - states[n + 1]) / NUDGE)
+        advance(p, (1.0 + NUDGE) * steps[n], states[n], motion[n], motion[n + 1], room, one)
+        by_step[:, n] = left @ ((one - states[n + 1]) / (NUDGE * steps[n]))
+        for j in range(4):
+            near = states[n].copy()
+            near[j] += NUDGE
+            advance(p, steps[n], near, motion[n], motion[n + 1], room, one)
+            own[:, j] = (one - states[n + 1]) / NUDGE
+        left = left @ own
+    return found, by_step
