@@ -129,7 +129,7 @@ def stand_ins(
             'CAUSES': [row for row in CAUSES if row[1] == 'load']}.items():
         monkeypatch.setattr(causes, name, stand_in)
     whole = SimpleNamespace(arm=SimpleNamespace(topics={}), at=lambda _: None,
-                            payload_range=(0.0, 1.0) if ranged else None, payload=known)
+                            mass_at=lambda payload: payload if ranged else known)
     whole.beside_robot = lambda: whole
     return whole
 

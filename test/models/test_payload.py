@@ -102,7 +102,7 @@ def test_a_bundle_keeps_the_payload(tmp_path: Path) -> None:
         'strain': {'analytical': fitted('strain'), 'elm': elm}})
     save_bundle(bundle, tmp_path / 'model')
     found = load_bundle(tmp_path / 'model')
-    assert found.payload_range == RANGE
+    assert found.payload_range == RANGE and found.mass_at(0.3) == 0.3
     text = (tmp_path / 'model' / 'model.yaml').read_text()
     assert 'kg m / kg' in text and 'payload_range: [0.0, 0.4]' in text
     motion, plain = random_states(20, 2, 3), found.at(0.25)
@@ -138,6 +138,7 @@ def test_a_model_of_one_payload_takes_that() -> None:
     """Its own payload and none are taken as they are; another is refused, with what to do."""
     bundle = of_one(0.2, 0.2)
     assert bundle.at(0.2) is bundle and bundle.at(0.0) is bundle
+    assert bundle.mass_at(0.0) == 0.2 and of_one(None).mass_at(0.0) == 0.0
     with pytest.raises(ModelError, match=r'of 0\.3 kg: .*of 0\.2 kg; give that.*--payload-of'):
         bundle.at(0.3)
     with pytest.raises(ModelError, match=r'unknown mass; give none.*--payload-of'):

@@ -289,11 +289,10 @@ def explain(
     def monitor(how: str) -> Monitor:
         return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
     own = monitor(source)
-    known = seen = replay(messages, own)
-    told = payload if bundle.payload_range is not None else bundle.payload or 0.0
+    estimating = seen = replay(messages, own)
     if source != 'estimate':
         with suppress(ModelError):  # not every model has kilograms
-            known = replay(messages, monitor('estimate'))
+            estimating = replay(messages, monitor('estimate'))
     found = []
     for place, item in enumerate(seen.log.events):
         event = item.event
@@ -301,16 +300,16 @@ def explain(
                        and abs(one['onset'] - event.onset) < SAME_ONSET * 1e9), None)
         if records and record is None:
             continue
-        before = [one for one in known.loads if one.stamp < event.onset][-1:]
-        after = [one for one in known.loads
+        before = [one for one in estimating.loads if one.stamp < event.onset][-1:]
+        after = [one for one in estimating.loads
                  if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9][-1:]
-        knows = before[0].mass if before and source == 'estimate' else told
-        if source != 'parameter' or any(  # who knows of it has an event, too
-                -0.1 < (other.event.onset - event.onset) * 1e-9 < item.seconds
-                for other in known.log.events):
+        assumed = before[0].mass if before and source == 'estimate' else bundle.mass_at(payload)
+        if source != 'parameter' or any(  # a monitor that estimates the load has an event, too
+                -JUST_BEFORE < (other.event.onset - event.onset) * 1e-9 < item.seconds
+                for other in estimating.log.events):
             before = []
         load = next((one for one in after + before
-                     if abs(one.mass - knows) > 0.5 * abs(one.change)), None)
+                     if abs(one.mass - assumed) > 0.5 * abs(one.change)), None)
         scene = Scene(item, messages, seen, load, *seen.certain[place],
                       own.watch.stages[event.method], bundle.arm.topics,
                       settings.kind == 'elastic')

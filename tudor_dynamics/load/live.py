@@ -512,5 +512,5 @@ def carried_load(source: str, bundle: ModelBundle, payload: float) -> CarriedLoa
     """Give what follows the load, by where it is known from; None for ``parameter``."""
     if source == 'parameter':
         return None
-    known = payload if bundle.payload_range is not None else bundle.payload or 0.0
-    return (PayloadStage if source == 'estimate' else CarriedLoad)(bundle, known)
+    return (PayloadStage if source == 'estimate' else CarriedLoad)(
+        bundle, bundle.mass_at(payload))

@@ -160,6 +160,10 @@ class ModelBundle(Shown):
             causal = replace(causal, models=_at(causal.models, payload))
         return replace(self, models=_at(self.models, payload), causal=causal)
 
+    def mass_at(self, payload: float) -> float:
+        """Give the mass at the tip that the models assume there: that asked for, or their own."""
+        return payload if self.payload_range is not None else self.payload or 0.0
+
 
 def _at(models: dict[str, dict[str, Model]], payload: float) -> dict[str, dict[str, Model]]:
     return {output: {kind: model if model.payload_range is None else model.at(payload)

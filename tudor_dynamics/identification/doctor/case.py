@@ -151,18 +151,18 @@ class Explained:
         self._grams = [x.T @ x for x in self._rows]
 
     def freed(self, channel: int, values: FloatArray) -> FloatArray:
-        """Free values of what a channel has to itself: values (..., n)."""
+        """Free values of what a channel has to itself: values (n,) or (lags, n)."""
         basis = self._bases[channel]
         return np.asarray(values - (basis @ (basis.T @ values.T)).T)
 
     def residuals(self, outputs: FloatArray) -> FloatArray:
-        """Give the residual of each channel, of one or several outputs (..., n, channels)."""
+        """Give the residual of each channel, of outputs ([lags,] n, channels)."""
         known = self.parameters(outputs)
         return np.stack([self.freed(i, outputs[..., i]) - (rows @ known[..., i, :].T).T
                          for i, rows in enumerate(self._rows)], axis=-1)
 
     def parameters(self, outputs: FloatArray) -> FloatArray:
-        """Give those of the bodies, (..., channels, columns), from outputs (..., n, channels)."""
+        """Estimate the bodies, ([lags,] channels, columns), by outputs ([lags,] n, channels)."""
         found = np.empty((*outputs.shape[:-2], outputs.shape[-1], self._rows[0].shape[1]))
         for group in self.groups:
             free = [self.freed(i, outputs[..., i]) for i in group]
@@ -183,7 +183,7 @@ class Explained:
         return found
 
     def shares(self, outputs: FloatArray) -> FloatArray:
-        """Give the share that remains of each channel's variance of outputs (..., n, channels)."""
+        """Give what part remains of the variances of outputs ([lags,] n, channels)."""
         return share_of(self.residuals(outputs), outputs)
 
     def rest(self, channel: int, values: FloatArray) -> FloatArray:
