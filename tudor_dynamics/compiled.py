@@ -149,7 +149,8 @@ def _once(function: Any) -> Any:
                     flock(held.enter_context(place.open('a')), LOCK_EX)
                     _ALONE.add(place)
                     held.callback(_ALONE.discard, place)
-            return compile_it(signature)
+            # numbers as such: not once more for every constant that a kernel calls it with
+            return compile_it(tuple(map(numba.types.unliteral, signature)))
     function.compile = compile_once
     return function
 
