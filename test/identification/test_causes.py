@@ -117,15 +117,19 @@ def stand_ins(
         own = SimpleNamespace(onset=stamp(onset), stamp=stamp(onset + 0.02), method='strain')
         return SimpleNamespace(event=own, seconds=1.0)
 
-    def replay(events: list[float]) -> SimpleNamespace:
+    estimated = [mass for at, mass, _ in loads if at < 0.0]
+
+    def replay(how: str) -> SimpleNamespace:
+        events = knowing if how == 'estimate' else [0.0]
+        knew = {'parameter': None, 'topic': known, 'estimate': [known, *estimated][-1]}[how]
         return SimpleNamespace(log=SimpleNamespace(events=[event(at) for at in events]),
-                               certain=[(0, '')] * len(events),
+                               certain=[(0, '', knew)] * len(events),
                                loads=[LoadFound(stamp(at), *rest) for at, *rest in loads])
     for name, stand_in in {
             'messages_of': lambda *_: [], 'carried_load': lambda how, *_: how,
             'Monitor': lambda *_, payload: SimpleNamespace(
                 payload=payload, watch=SimpleNamespace(stages={'strain': None})),
-            'replay': lambda _, own: replay(knowing if own.payload == 'estimate' else [0.0]),
+            'replay': lambda _, own: replay(own.payload),
             'CAUSES': [row for row in CAUSES if row[1] == 'load']}.items():
         monkeypatch.setattr(causes, name, stand_in)
     whole = SimpleNamespace(arm=SimpleNamespace(topics={}), at=lambda _: None,
@@ -134,7 +138,8 @@ def stand_ins(
     return whole
 
 
-@pytest.mark.parametrize('ranged', [True, False])  # a model of several loads, or of one
+@pytest.mark.parametrize(('ranged', 'source'), [  # a model of several loads, or of one
+    (True, 'parameter'), (False, 'parameter'), (True, 'topic')])
 @pytest.mark.parametrize(('loads', 'knowing', 'known', 'text'), [
     ([(-5.0, 0.3, 0.3), (2.6, 0.0, -0.3)], [], 0.0, 'found -5.00 s'),  # and is put down after it
     ([(0.6, 0.2, 0.2)], [], 0.0, '0.200 kg at the tip (+0.200 kg), found +0.60 s'),
@@ -147,12 +152,12 @@ def stand_ins(
     ([(-5.0, 0.2, 0.2)], [], 0.2, '')])  # it was said
 def test_loads(
     loads: list[tuple[float, float, float]], knowing: list[float], known: float, text: str,
-    ranged: bool, monkeypatch: pytest.MonkeyPatch,
+    ranged: bool, source: str, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A load that the monitor does not know of explains an event that who knows it has not."""
     whole = stand_ins(monkeypatch, loads, knowing, known, ranged=ranged)
-    found, = causes.explain(None, whole, SimpleNamespace(kind=''), 'parameter',
-                            known if ranged else 0.0, [])
+    found, = causes.explain(None, whole, SimpleNamespace(kind=''), source,
+                            known if ranged and source == 'parameter' else 0.0, [])
     assert text in found.evidence and bool(text) == bool(found.evidence)
 
 

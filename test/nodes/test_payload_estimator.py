@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 import re
 from typing import Any
@@ -37,6 +38,8 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.main import build_parser
 from tudor_dynamics.cli.why import causes
+from tudor_dynamics.identification.causes import replay
+from tudor_dynamics.load.live import carried_load
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
@@ -47,7 +50,9 @@ from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.payload_estimator import PayloadEstimatorNode
+from tudor_dynamics.online.black_box import ASKED, Heard, messages_of, records_of
 from tudor_dynamics.online.coverage import CoverageLevel, CoverageReport
+from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.online.settings import LAGS, WINDOW
 from tudor_dynamics.online.threshold_learning import thresholds_to_dict
 from tudor_dynamics.online.thresholds import MethodThresholds, Tail
@@ -216,6 +221,52 @@ def test_the_bag_has_what_was_heard_of_a_load(
     bag = open_bag(path)
     assert (bag.topics['/payload'].count, bag.topics['/gripper'].count) == (1, 1)
     assert bag.topics['/payload'].msgtype == 'geometry_msgs/msg/InertiaStamped'
+
+
+@pytest.mark.parametrize('how', ['topic', 'gripper', 'reset'])
+def test_a_replay_knows_what_was_asked_for(
+    world: World, bundle: Path, seen: Recording, tmp_path: Path, how: str,
+) -> None:
+    """A load that is heard or announced, or a reset: from the bag the same events come again."""
+    at, source = round(PICKED_UP * RATE), 'topic' if how == 'topic' else 'estimate'
+    node = world.add(MonitorNode, model=str(bundle), event_bags=str(tmp_path),
+                     payload_source=source, gripper_topic='gripper', payload=0.0)
+    heard = InertiaStamped()
+    heard.inertia.m = LOAD
+    world.meet('joint_states', 'link_strains')
+    world.output('gripper', Bool)
+    world.outputs['payload'] = world.probe.create_publisher(InertiaStamped, 'payload', latched())
+    world.meet('gripper', *['payload'] * (how == 'topic'))
+
+    def ask(k: int, messages: dict[str, Any]) -> None:
+        named(k, messages)
+        if how == 'topic' and k == at:
+            world.output('payload').publish(heard)
+            assert world.spin(lambda: node.port.load.mass == LOAD)
+        if how == 'gripper' and k in (at - 100, at):
+            world.output('gripper').publish(Bool(data=k == at))
+            assert world.spin(lambda: node.gripper._closed is (k == at))
+        if how == 'reset' and k == 680:  # during the touch, which comes again then
+            assert world.call(Trigger, 'monitor/reset').success
+    strain = seen.strain.copy()
+    strain[650:720] += [150.0, -100.0]
+    feed(world, replace(seen, strain=strain), lambda: node.meter.count // 2, change=ask, batch=1,
+         gauges=['g1', 'g2'])
+    world.end(node)
+    (path,) = tmp_path.iterdir()
+    bag, whole = open_bag(path), load_bundle(bundle)
+    assert {f'/{ASKED}', *({'topic': ['/payload'], 'gripper': ['/gripper']}.get(how, []))} <= {
+        *bag.topics}
+    records, messages = records_of(bag), messages_of(bag, whole.arm)
+
+    def onsets(some: list[Heard]) -> list[int]:
+        monitor = Monitor(whole.at(0.0), MonitorSettings.of(records[0]['settings']),
+                          payload=carried_load(source, whole, 0.0))
+        return [item.event.onset for item in replay(some, monitor).log.events]
+    expected = [record['onset'] for record in records]
+    assert expected and onsets(messages) == expected
+    assert onsets([item for item in messages if ASKED not in item.fields]) != expected
+    assert all(item.same for item in causes(build_parser('why').parse_args(['why', str(path)])))
 
 
 def test_touched(world: World, bundle: Path) -> None:

@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 from tudor_dynamics.bags.storage import bags_below, open_bag
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.online.black_box import EVENTS, MessageRing, record_of, write_events
+from tudor_dynamics.online.black_box import ASKED, EVENTS, MessageRing, record_of, write_events
 from tudor_dynamics.online.detector import CollisionEvent, Excess
 from tudor_dynamics.online.settings import BAGS, RING_BYTES, RING_TIME
 from tudor_dynamics.online.streams import Motion, Residual
@@ -60,6 +60,17 @@ def test_old_messages_go() -> None:
     assert len(made.kept()) == 3
     made = ring(5, RING_BYTES // 4)
     assert [data[0] for _, _, _, data in made.kept()] == [1, 2, 3, 4]
+
+
+def test_a_load_that_was_said_long_ago_is_kept() -> None:
+    """The last of them stands just before the ring, in its time."""
+    made = MessageRing()
+    for k, load in enumerate((b'first', b'last')):
+        made.add(10**9 + k, f'/left/{ASKED}', KIND, load)
+    later = 10**9 + 2 * round(RING_TIME * 1e9)
+    made.add(later, '/a', KIND, b'x')
+    assert [(time, data) for time, _, _, data in made.kept()] == [(later - 1, b'last'),
+                                                                  (later, b'x')]
 
 
 def test_a_clock_set_back_begins_again() -> None:

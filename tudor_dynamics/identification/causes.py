@@ -32,7 +32,7 @@ from tudor_dynamics.identification.settings import (
     STOOD_BEFORE, SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.online.black_box import Heard, messages_of, replayed
+from tudor_dynamics.online.black_box import ASKED, Heard, messages_of, replayed
 from tudor_dynamics.online.contact import contact_text, ContactEstimate
 from tudor_dynamics.online.detector import Excess, ExcessStage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, SOURCE
@@ -48,19 +48,22 @@ class Replay:
     excesses: dict[str, list[Excess]] = field(default_factory=dict)  # by method
     loads: list[LoadFound] = field(default_factory=list)
     contacts: list[ContactEstimate] = field(default_factory=list)
-    # when the message that made each event certain came [ns], why motion was unlike training then
-    certain: list[tuple[int, str]] = field(default_factory=list)
+    # when the message that made each event certain came [ns], why motion was unlike training then,
+    # and the load that was known [kg], None where it is a parameter
+    certain: list[tuple[int, str, float | None]] = field(default_factory=list)
 
 
 def replay(messages: list[Heard], monitor: Monitor) -> Replay:
     """Let a monitor take messages, and keep what it found."""
-    seen, watch = Replay(EventLog(messages[0].stamp, FREE)), monitor.watch
+    begin = next(message.stamp for message in messages if ASKED not in message.fields)
+    seen, watch = Replay(EventLog(begin, FREE)), monitor.watch
     for message, found in replayed(messages, watch.bundle.arm, monitor):
         for method, excess in found.excesses:
             seen.excesses.setdefault(method, []).append(excess)
         seen.loads += found.loads
         seen.contacts += found.contacts
-        seen.certain += [(message.time, watch.outside_training)] * len(found.events)
+        known = None if watch.payload is None else watch.payload.mass
+        seen.certain += [(message.time, watch.outside_training, known)] * len(found.events)
         seen.log.add(found, watch)
     return seen
 
@@ -277,6 +280,20 @@ class Cause:
     same: bool | None  # whether the event of the node came again to the last bit; None without it
 
 
+def _load_found(
+    item: DetectedEvent, known: float, estimating: Replay, *, follows: bool,
+) -> LoadFound | None:
+    """Give the load of an event that the monitor did not know: it comes then, or hangs already."""
+    event = item.event
+    found = [one for one in estimating.loads
+             if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9][-1:]
+    if not follows and not any(  # a monitor that estimates the load has no such event
+            -JUST_BEFORE < (other.event.onset - event.onset) * 1e-9 < item.seconds
+            for other in estimating.log.events):
+        found += [one for one in estimating.loads if one.stamp < event.onset][-1:]
+    return next((one for one in found if abs(one.mass - known) > 0.5 * abs(one.change)), None)
+
+
 def explain(
     bag: Bag, whole: ModelBundle, settings: MonitorSettings,
     source: str, payload: float,  # where the node knew the load from, and which [kg]
@@ -288,7 +305,7 @@ def explain(
 
     def monitor(how: str) -> Monitor:
         return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
-    own = monitor(source)
+    own, sensed = monitor(source), [item for item in messages if ASKED not in item.fields]
     estimating = seen = replay(messages, own)
     if source != 'estimate':
         with suppress(ModelError):  # not every model has kilograms
@@ -300,19 +317,11 @@ def explain(
                        and abs(one['onset'] - event.onset) < SAME_ONSET * 1e9), None)
         if records and record is None:
             continue
-        before = [one for one in estimating.loads if one.stamp < event.onset][-1:]
-        after = [one for one in estimating.loads
-                 if 0 <= one.stamp - event.onset <= LATE_LOAD * 1e9][-1:]
-        assumed = before[0].mass if before and source == 'estimate' else bundle.mass_at(payload)
-        if source != 'parameter' or any(  # a monitor that estimates the load has an event, too
-                -JUST_BEFORE < (other.event.onset - event.onset) * 1e-9 < item.seconds
-                for other in estimating.log.events):
-            before = []
-        load = next((one for one in after + before
-                     if abs(one.mass - assumed) > 0.5 * abs(one.change)), None)
-        scene = Scene(item, messages, seen, load, *seen.certain[place],
-                      own.watch.stages[event.method], bundle.arm.topics,
-                      settings.kind == 'elastic')
+        arrived, unlike, known = seen.certain[place]
+        load = _load_found(item, bundle.mass_at(payload) if known is None else known, estimating,
+                           follows=source == 'estimate')
+        scene = Scene(item, sensed, seen, load, arrived, unlike, own.watch.stages[event.method],
+                      bundle.arm.topics, settings.kind == 'elastic')
         name, text, remedy = next(((name, text, remedy) for look, name, remedy in CAUSES
                                    if (text := look(scene))), ('unexplained', '', ''))
         found.append(Cause(item, name, text, remedy, None if record is None else

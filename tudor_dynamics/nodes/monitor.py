@@ -26,6 +26,7 @@ from threading import Thread
 import time
 from typing import Any
 
+import numpy as np
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
@@ -38,7 +39,7 @@ from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublisher, MotionEncoder, NamedReader)
-from tudor_dynamics.online.black_box import Message, MessageRing, write_events
+from tudor_dynamics.online.black_box import ASKED, ASKS, Message, MessageRing, write_events
 from tudor_dynamics.online.monitor import FIELD, Monitor
 from tudor_dynamics.online.settings import RECORDED_AFTER
 
@@ -181,6 +182,11 @@ class MonitorNode(DetectNode):
             lambda data: callback(deserialize_message(data, kind)))
         return super().subscribe(
             kind, topic, self._box.keeping(kind, topic, take), raw=True, **options)
+
+    def asked(self, what: str) -> None:
+        """Keep it among the messages."""
+        self._box.keeping(JointState, ASKED, len)(JointStateEncoder(ASKS, ('position',)).encode(
+            0, np.array([self.port.mass, what == 'expect', what == 'reset'])))
 
     def keep(self, record: dict[str, Any]) -> None:
         """Let a bag of the event be written."""

@@ -41,6 +41,9 @@ Message = tuple[int, str, str, bytes]
 """When it arrived [ns], topic, type, data."""
 EVENTS = 'tudor_events'
 """Key of the records of events among the custom data of a bag: JSON, a list of `record_of`."""
+ASKED = 'tudor_asked'
+"""Topic of what a monitor was asked for, in the ring alone: joint states with these names."""
+ASKS = ('load', 'expect', 'reset')
 
 
 def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
@@ -87,6 +90,7 @@ class MessageRing:
     def __init__(self) -> None:
         self._messages: deque[Message] = deque()
         self._bytes = self.last = 0
+        self._carried: tuple[Message, ...] = ()  # the last that is older and says the load
 
     def add(self, time: int, topic: str, msgtype: str, data: bytes) -> None:
         """Keep a message: when it arrived [ns]. No two have one time: their order is kept."""
@@ -98,11 +102,15 @@ class MessageRing:
         self._bytes += len(data)
         oldest = time - round(RING_TIME * 1e9)
         while self._messages[0][0] < oldest or self._bytes > RING_BYTES:
-            self._bytes -= len(self._messages.popleft()[3])
+            gone = self._messages.popleft()
+            self._bytes -= len(gone[3])
+            if gone[1].endswith(ASKED):
+                self._carried = (gone,)
 
     def kept(self) -> tuple[Message, ...]:
         """Give what is kept now; all of it in one step, so that any thread may ask."""
-        return tuple(self._messages)
+        kept = tuple(self._messages)
+        return tuple((kept[0][0] - 1, *gone[1:]) for gone in self._carried if kept) + kept
 
 
 def write_events(
@@ -136,7 +144,8 @@ class Heard:
     time: int  # when it arrived [ns]
     stamp: int  # header stamp [ns]
     topic: str  # as the arm description names it
-    # `q`, `dq`, `effort` and `strain` of the channels that the topic carries, as far as it does
+    # `q`, `dq`, `effort` and `strain` of the channels that the topic carries, as far as it does;
+    # or `ASKED`: the load [kg], whether another one was announced, and whether all was reset
     fields: dict[str, FloatArray]
 
 
@@ -144,7 +153,8 @@ def messages_of(bag: Bag, arm: Arm) -> list[Heard]:
     """Read what a monitor of an arm listens to."""
     own = arm.spec.joint_topic
     wanted: dict[str, list[tuple[str, Sequence[str], str]]] = {
-        own: [('q', arm.active_joints, 'position'), ('dq', arm.active_joints, 'velocity')]}
+        own: [('q', arm.active_joints, 'position'), ('dq', arm.active_joints, 'velocity')],
+        ASKED: [(ASKED, ASKS, 'position')]}
     for output, carried in arm.topics.items():
         for topic, names in carried.items():
             wanted.setdefault(topic, []).append((output, tuple(names), FIELD[output]))
@@ -177,6 +187,8 @@ def replayed(
                  for output in monitor.watch.outputs}
     for message in messages:
         fields = message.fields
+        if ASKED in fields:
+            monitor.watch.answer(*fields[ASKED].tolist())
         if message.topic == arm.spec.joint_topic:
             if 'q' not in fields:
                 continue

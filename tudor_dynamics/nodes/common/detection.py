@@ -311,9 +311,9 @@ class DetectNode(ModelNode):
 
     def _reset(self) -> str:
         """Restart, with the load as well: nothing touches the arm now."""
-        self.port.restart()
+        self.asked('reset')
         if self.watch is not None:
-            self.watch.detector.reset()
+            self.watch.answer(self.port.mass, 0.0, 1.0)
         self.collision_output.level(Level.FREE)
         return 'armed'
 

@@ -88,7 +88,7 @@ class Gripper:
 class PayloadPort:
     """What a node has to do with the load; load: None where the load is a parameter."""
 
-    def __init__(self, node: TudorNode, source: str) -> None:
+    def __init__(self, node: ModelNode, source: str) -> None:
         self._node, self.source = node, source
         self.load: CarriedLoad | None = None
         self._taken_back = self._announced = 0
@@ -99,6 +99,11 @@ class PayloadPort:
         elif source == 'topic':
             self._subscription = node.subscribe(
                 InertiaStamped, PAYLOAD_TOPIC, self._heard, qos=latched())
+
+    @property
+    def mass(self) -> float:
+        """Give what is carried, 0 where the load is a parameter [kg]."""
+        return 0.0 if self.load is None else self.load.mass
 
     def use(self, load: CarriedLoad | None) -> None:
         """Put another one into use; a load that is known stays."""
@@ -128,6 +133,7 @@ class PayloadPort:
         mass = float(message.inertia.m)
         if self.load is not None and 0.0 <= mass < float('inf'):
             self.load.carry(mass)
+            self._node.asked('load')
 
     def _expect(self) -> str:
         if not isinstance(self.load, PayloadStage):
@@ -139,12 +145,8 @@ class PayloadPort:
         """Let a load come or go now; of no effect where the load is a parameter."""
         if self.load is not None:
             self.load.expect()
+            self._node.asked('expect')
             self._announced += 1
-
-    def restart(self) -> None:
-        """Learn the load from nothing, where it is estimated."""
-        if isinstance(self.load, PayloadStage):
-            self.load.observer.reset()
 
     def values(self) -> dict[str, str]:
         """Give what diagnostics say of the load."""
@@ -281,6 +283,9 @@ class ModelNode(TudorNode):
         places = array_places(arm).get(topic)
         return self.hear(topic, callback, None if places is None else ArrayDecoder(
             places, lambda: self.ros_time(), self.drops))
+
+    def asked(self, what: str) -> None:
+        """Take note of what changes load or detector and is no measurement."""
 
     def about(self) -> dict[str, str]:
         arm = 'none' if self.bundle is None else self.bundle.arm.name
