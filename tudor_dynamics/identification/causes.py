@@ -27,9 +27,9 @@ from tudor_dynamics.bags.storage import Bag
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FREE
 from tudor_dynamics.identification.settings import (
-    BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_BEFORE, LATE_LOAD, LEAP, LEAST_TOUCH,
-    LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, SAME_ONSET, SHARED_TOUCH, STARTED,
-    STOOD_BEFORE, SURE, UNLIKE, USUAL)
+    BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_AFTER, JUST_BEFORE, LATE_LOAD, LEAP,
+    LEAST_TOUCH, LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, SAME_ONSET, SHARED_TOUCH,
+    STARTED, STOOD_BEFORE, SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.black_box import ASKED, Heard, messages_of, replayed
@@ -104,8 +104,10 @@ class Scene:
                          if message.topic == topic and output in message.fields
                          and begin <= (message.stamp - onset) * 1e-9 <= end])
 
-    def steps(self, before: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-        """Give steps of stamps and of arrivals in a time before the event [s], in usual ones."""
+    def steps(
+        self, before: float, after: float = 0.0,
+    ) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+        """Give steps of stamps and of arrivals around the event [s], in usual ones."""
         event = self.seen.event
         since = before * 1e9 + event.stamp - event.onset
         for topic in dict.fromkeys(message.topic for message in self.messages):
@@ -116,7 +118,7 @@ class Scene:
                 part = (len(own) + 3) // 4
                 spans, ago = own[part:] - own[:-part], self.arrived - own[1:, 1]
                 pace = np.median(spans[:, 1] / np.maximum(spans[:, 0], 1))
-                near = (ago >= 0) & (ago <= since * pace)
+                near = (ago >= -1e9 * after * pace) & (ago <= since * pace)
                 others = np.array([(item.stamp, item.time) for item in self.messages
                                    if item.topic != topic])
                 if abs(pace - 1.0) > PLAYED:  # the newest stamp of the others is the clock
@@ -127,12 +129,14 @@ class Scene:
 
 
 def _clock(scene: Scene) -> str:
-    for topic, stamp, arrival in scene.steps(LONG_BEFORE):
-        leap = stamp - arrival
-        leaps = np.flatnonzero((np.abs(leap) > CLOCK_STEP) & (np.abs(arrival - 1.0) < 1.0))
-        if len(leaps) and abs(leap[leaps[0]:].sum()) > CLOCK_STEP:  # and stays
-            return (f'stamps of {topic} leap by {leap[leaps[0]]:+.1f} periods while its messages '
-                    'come as always')
+    for topic, stamp, arrival in scene.steps(LONG_BEFORE, after=JUST_AFTER):
+        ahead = np.cumsum(stamp - arrival)
+        for at in np.flatnonzero(np.abs(stamp - 1.0) > CLOCK_STEP):
+            leap = stamp[at] - 1.0
+            stays = np.median(ahead[at:]) - np.median(ahead[:at] if at else 0.0)
+            if abs(stays - leap) < 0.5 * abs(leap):  # messages may come in bunches
+                return (f'stamps of {topic} leap by {leap:+.1f} periods while its messages come '
+                        'as always')
     return ''
 
 
