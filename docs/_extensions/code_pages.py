@@ -121,7 +121,10 @@ FORMATS: tuple[tuple[str, str, tuple[type, ...]], ...] = (
      '(q, dq, ddq of the active joints); `last_second`, of `channel`, at most 50 rows of seconds '
      'from `stamp` on, measured, expected, threshold, ratio; `state`, the diagnostics with '
      '`message` and `age [ms]` of the stamps: level, load, gauges, clocks, drops; `settings`, the '
-     'parameters; `digest` of the model; `made`, versions. `tudor why` reads it.', ()),
+     'parameters; `digest` of the model; `made`, versions; in the bag alone also `memory`, what '
+     'the thresholds of each method remembered at a `stamp` some 20 s before. The topic '
+     '`tudor_asked` has, in order: the load that was heard [kg], and 1 where another load was '
+     'announced, or the monitor was reset. `tudor why` reads it.', ()),
     ('Recordings', 'rosbag2, MCAP or SQLite, of the topics that the arm description names. '
      '`tudor record` adds `/applied_wrench` or `/applied_payload` (the truth), `payload` [kg] in '
      '`custom_data`, and `campaign.yaml`: arm, digest, seed and what was asked for, and for each '

@@ -39,7 +39,7 @@ from tudor_dynamics.cli.why import causes
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.monitor import MonitorNode, OFF
-from tudor_dynamics.online.black_box import EVENTS
+from tudor_dynamics.online.black_box import EVENTS, records_of
 from tudor_dynamics.typing import FloatArray
 import yaml
 
@@ -235,6 +235,26 @@ def test_replayed_to_the_last_bit(
     assert main(['why', str(bag), '--model', str(tmp_path / 'again')]) == 0
     assert f'again (digest {bundle.digest[:12]}' not in (err := capsys.readouterr().err)
     assert f'the monitor used for this event (digest {bundle.digest[:12]})' in err
+
+
+def test_a_node_that_ran_for_long(
+    world: World, model: Path, pushes: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Thresholds remember more than the ring holds: with that, the same event to the last bit."""
+    monkeypatch.setattr('tudor_dynamics.online.black_box.RING_BYTES', 150_000)
+    monkeypatch.setattr('tudor_dynamics.online.detector.MEMORY_EVERY', 0.5)
+    played(world, model, pushes, tmp_path, complete, first=950, last=1600,
+           methods=['strain', 'effort'])
+    (path,) = tmp_path.iterdir()
+    bag = open_bag(path)
+    assert bag.topics['/link_strains'].count < 640  # the beginning has gone
+    command = build_parser('why').parse_args(['why', str(path)])
+    assert [item.same for item in causes(command)] == [True]
+    records = records_of(bag)
+    assert {*records[0]['memory']} == {'strain', 'effort'}
+    del records[0]['memory']
+    monkeypatch.setattr('tudor_dynamics.cli.why.records_of', lambda _: records)
+    assert [item.same for item in causes(command)] == [False]
 
 
 def test_the_logged_step_runs_from_any_folder(

@@ -26,7 +26,8 @@ import numpy as np
 import pytest
 from tudor_dynamics.bags.storage import bags_below, open_bag
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.online.black_box import ASKED, EVENTS, MessageRing, record_of, write_events
+from tudor_dynamics.online.black_box import (
+    ASKED, EVENTS, MessageRing, record_of, records_of, write_events)
 from tudor_dynamics.online.detector import CollisionEvent, Excess
 from tudor_dynamics.online.settings import BAGS, RING_BYTES, RING_TIME
 from tudor_dynamics.online.streams import Motion, Residual
@@ -172,3 +173,18 @@ def test_killed_in_the_middle(tmp_path: Path) -> None:
     assert not list(tmp_path.glob('event_*')) and bags_below(tmp_path) == [tmp_path]
     path = write_events(tmp_path, ring().kept(), [RECORD])
     assert bags_below(tmp_path) == [path]
+
+
+@pytest.mark.parametrize('memory', [
+    7, {'strain': 7}, {'strain': {'stamp': 1}}, {'strain': {
+        'stamp': 1, 'channels': [[1.0], [1.0, 2.0]], 'joints': [], 'reversed': []}}, {'strain': {
+            'stamp': 1, 'channels': [], 'joints': [], 'reversed': [2**80]}}])
+def test_damaged_memories_are_refused(tmp_path: Path, memory: object) -> None:
+    """One line, as for all that is damaged in a bag."""
+    record = {'onset': 1, 'method': 'strain', 'ratio': {}, 'settings': {}}
+    messages = ring(3).kept()
+    path = write_events(tmp_path, messages, [record])
+    assert records_of(open_bag(path)) == [record]
+    path = write_events(tmp_path, messages, [{**record, 'memory': memory}])
+    with pytest.raises(BagError, match='damaged records of events'):
+        records_of(open_bag(path))

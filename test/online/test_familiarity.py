@@ -17,7 +17,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import json
 import math
+from typing import Any
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -30,6 +32,7 @@ from tudor_dynamics.online.settings import LEVEL_QUANTILE, LOWEST_LEVEL, WIDEST
 from tudor_dynamics.online.threshold_learning import (
     FreeMotion, thresholds_from_dict, thresholds_to_dict)
 from tudor_dynamics.online.thresholds import MethodThresholds
+from tudor_dynamics.typing import FloatArray
 
 RATES = Rates(6.0, 60.0)
 
@@ -63,6 +66,28 @@ def test_free_motion_as_learned_hardly_widens(learned: MethodThresholds) -> None
         seen.append(stage.widening.max())
         assert x.threshold.shape == (2,)
     assert np.quantile(seen, 0.9) < 1.2
+
+
+def test_a_memory_goes_on_to_the_last_bit(learned: MethodThresholds) -> None:
+    """A stage that hears the last 30 s alone is as that which heard all, with its memory."""
+    record = scaled(ringing(60, 24), 1.5)
+    stage = ExcessStage(learned, RATES)
+    walked = walk(stage, record)
+    memory = json.loads(json.dumps(stage.memories[0]))
+    assert 20.0 < (record.stamp[-1] - memory['stamp']) * 1e-9 < 30.0
+    late = record.t > record.t[-1] - 30.0
+    last = FreeMotion(record.stamp[late], record.motion[late], record.residual[late])
+
+    def ratios(*memories: dict[str, Any]) -> FloatArray:
+        other = ExcessStage(learned, RATES)
+        for each in memories:
+            other.recall(each)
+        return np.array([x.collision for x in walk(other, last)])[-1900:]
+    expected = np.array([x.collision for x in walked])[-1900:]
+    assert np.array_equal(ratios(memory), expected)
+    assert not np.array_equal(ratios(), expected)
+    other_arm = {**memory, 'joints': [[0.0]] * 3}
+    assert np.array_equal(ratios(other_arm), ratios())
 
 
 def test_a_push_hardly_widens(learned: MethodThresholds) -> None:

@@ -116,5 +116,5 @@ def _print(found: Sequence[Cause], *, verbose: bool) -> None:
                 f'{name} {ratio:.2f}' for name, ratio in seen.event.ratios.items()))
         if cause.same is not None:
             say('  the replay gives the event of the node to the last bit' if cause.same else
-                '  the replay comes near to the event of the node, not to the last bit: the node '
-                'was older than 30 s, or the model is another')
+                '  the replay comes near to the event of the node, not to the last bit: the model '
+                'is another, or remembers a load or friction of more than 30 s ago')

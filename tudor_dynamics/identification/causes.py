@@ -310,6 +310,9 @@ def explain(
     def monitor(how: str) -> Monitor:
         return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
     own, sensed = monitor(source), [item for item in messages if ASKED not in item.fields]
+    for method, memory in records[0].get('memory', {}).items() if records else ():
+        if method in own.watch.stages:
+            own.watch.stages[method].recall(memory)
     estimating = seen = replay(messages, own)
     if source != 'estimate':
         with suppress(ModelError):  # not every model has kilograms

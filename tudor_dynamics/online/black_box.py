@@ -26,12 +26,14 @@ from pathlib import Path
 import shutil
 from typing import Any
 
+import numpy as np
+
 from tudor_dynamics.arm.description import Arm, array_places
 from tudor_dynamics.bags.messages import DATA, JOINT_STATE, load_topics
 from tudor_dynamics.bags.storage import Bag, METADATA, one_line, read_metadata
 from tudor_dynamics.bags.writer import write_messages
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.online.detector import CollisionEvent, Excess, time_of_day
+from tudor_dynamics.online.detector import CollisionEvent, Excess, MEMORY, time_of_day
 from tudor_dynamics.online.monitor import FIELD, Found, Monitor
 from tudor_dynamics.online.settings import BAGS, RECORD_ROWS, RECORD_TIME, RING_BYTES, RING_TIME
 from tudor_dynamics.online.streams import Gathering
@@ -78,7 +80,10 @@ def records_of(bag: Bag) -> list[dict[str, Any]]:
         found = json.loads(bag.metadata.custom.get(EVENTS, '[]'))
         for record in found:
             int(record['onset']), record['method'], dict(record['ratio']), dict(record['settings'])
-    except (KeyError, RecursionError, TypeError, ValueError) as err:
+            for memory in dict(record.get('memory', {})).values():
+                for key, kind in MEMORY.items():
+                    np.array(memory[key], dtype=kind)
+    except (KeyError, OverflowError, RecursionError, TypeError, ValueError) as err:
         raise BagError(f'{METADATA} has damaged records of events (key {EVENTS}: {one_line(err)})',
                        place=str(bag.path), remedy='copy the bag again') from None
     return list(found)

@@ -16,11 +16,13 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from enum import IntEnum
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +30,8 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.compiled import compiled, largest_size
 from tudor_dynamics.online.settings import (
-    FRICTION_UNCERTAIN, HIGHEST_RAISE, LEVEL_QUANTILE, LEVEL_SPEED, LOWEST_LEVEL, OUTLIER,
-    RINGING_FADE, RINGING_SHARE, WIDEST)
+    FRICTION_UNCERTAIN, HIGHEST_RAISE, LEVEL_QUANTILE, LEVEL_SPEED, LOWEST_LEVEL, MEMORIES,
+    MEMORY_EVERY, OUTLIER, RINGING_FADE, RINGING_SHARE, WIDEST)
 from tudor_dynamics.online.streams import Residual
 from tudor_dynamics.online.thresholds import (
     advance, advance_held, evaluate_features, held_friction, MethodThresholds, NEVER, onset_now)
@@ -138,6 +140,8 @@ the last reversal of each joint; rows of the past."""
 TO_CONTACT, TO_COLLISION, SUDDEN, THRESHOLD, ONSET, ONSET_RATIO = range(6)
 """Rows of what is found at a sample."""
 GROWTH = 1024
+MEMORY = {'stamp': int, 'channels': float, 'joints': float, 'reversed': int}
+"""What a stage remembers: when [ns], rows of channels and of joints, stamps [ns] of reversals."""
 
 
 class ExcessStage:
@@ -158,6 +162,8 @@ class ExcessStage:
         self._profile = np.ascontiguousarray(thresholds.profile)
         self._weights = np.ascontiguousarray(thresholds.taps[::-1]).reshape(-1, n)
         self._past: FloatArray = np.empty((2 * GROWTH, 1 + n))
+        self.memories: deque[dict[str, Any]] = deque(maxlen=MEMORIES)  # of `_remember`
+        self._recalled: dict[str, Any] = {'stamp': NEVER}
         self.allow(rates)
 
     def allow(self, rates: Rates) -> None:
@@ -175,8 +181,33 @@ class ExcessStage:
         judge(residual.motion.stamp, first, self.thresholds.step, residual.motion.row,
               residual.value, self._counts, self._joints, self._channels, self._profile,
               self._weights, self._past, out)
+        self._remember(residual.motion.stamp)
         return Excess(residual, out[ONSET], out[TO_CONTACT], out[TO_COLLISION], out[SUDDEN],
                       out[THRESHOLD])
+
+    def _remember(self, stamp: int) -> None:
+        """Keep what lasts for longer than a recording of an event; or take it from one."""
+        counts, every = self._counts, round(MEMORY_EVERY * 1e9)
+        since = stamp - (self.memories[-1]['stamp'] if self.memories else NEVER)
+        if stamp == self._recalled['stamp']:
+            self._channels[:CONTACT] = self._recalled['channels']
+            self._joints[:] = self._recalled['joints']
+            counts[REVERSED:] = self._recalled['reversed']
+        elif 0 <= since < every or stamp - counts[ORIGIN] < every:
+            return
+        # times count from now: to the last bit those of a stage that begins later
+        counts[ORIGIN] = stamp - every
+        past = self._past[counts[BEGIN]:counts[COUNT], 0]
+        past += MEMORY_EVERY - past[-1]
+        self.memories.append({
+            'stamp': stamp, 'channels': self._channels[:CONTACT].tolist(),
+            'joints': self._joints.tolist(), 'reversed': counts[REVERSED:].tolist()})
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Go on from a memory at its sample, where it is one of the same thresholds."""
+        if [np.shape(memory[key]) for key in ('channels', 'joints', 'reversed')] == [
+                self._channels[:CONTACT].shape, self._joints.shape, self._joints[0].shape]:
+            self._recalled = memory
 
     def _make_room(self) -> None:
         begin, count = self._counts[BEGIN], self._counts[COUNT]

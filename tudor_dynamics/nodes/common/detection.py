@@ -295,7 +295,10 @@ class DetectNode(ModelNode):
                 'state': {**values, 'message': message,
                           'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
-            self.keep(record)
+            assert self.watch is not None  # which found it
+            self.keep(record | {'memory': {
+                method: stage.memories[0] for method, stage in self.watch.stages.items()
+                if stage.memories}})
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
             self.contact_output.publish(self.watch, estimate)
