@@ -44,13 +44,13 @@ CONTENT = {
     'joint_states': (STATE, 'positions [rad or m], velocities where the driver has them; the '
                      'topic is that of the arm'),
     'motor_currents': (STATE, 'effort in the unit of its driver; the topic is that of the arm'),
-    'link_strains': (STATE, 'position = strain in the unit of its amplifier; the topic is that '
+    'link_strains': (STATE, 'position = strain in the `unit` of its gauge; the topic is that '
                      'of the arm'),
     'filtered_joint_states': (STATE, 'position, velocity, effort after the filter'),
     'joint_motion': (MOTION, 'one point: position, velocity, acceleration; `time_from_start` is '
                      'the time since the filter started'),
     'predicted_efforts': (STATE, 'effort in the unit of its driver, stamp of the sample'),
-    'predicted_strains': (STATE, 'position = strain in the unit of its amplifier'),
+    'predicted_strains': (STATE, 'position = strain in the `unit` of its gauge'),
     'effort_residuals': (STATE, 'measured - predicted'),
     'strain_residuals': (STATE, 'measured - predicted'),
     'momentum_residuals': (STATE, 'negative external effort of the momentum observer, in the '
