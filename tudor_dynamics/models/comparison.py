@@ -290,11 +290,10 @@ def described_bodies(arm: Arm) -> dict[str, FloatArray]:
 
 def body_row(joint: str, arms: tuple[Arm, Arm], bodies: tuple[FloatArray, FloatArray]) -> BodyRow:
     """Compare a body with another: bodies (10,)."""
-    (one, other), (a, b) = bodies, (pin.Inertia.FromDynamicParameters(body) for body in bodies)
-    turns = []
-    for arm, body in zip(arms, (one, other), strict=True):
-        axis = np.asarray(joint_axis(arm.model, joint))
-        turns.append(float(axis @ body[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3) @ axis))
+    a, b = (pin.Inertia.FromDynamicParameters(body) for body in bodies)
+    # the lower right block of a spatial inertia is that about the joint
+    turns = [float(axis @ body.matrix()[3:, 3:] @ axis) for body, axis in zip(
+        (a, b), (joint_axis(arm.model, joint) for arm in arms), strict=True)]
     return BodyRow(joint, (float(a.mass), float(b.mass)),
                    float(np.linalg.norm(b.lever - a.lever)), (turns[0], turns[1]))
 
