@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 import math
 
 import numpy as np
@@ -320,12 +321,8 @@ class FrictionStates:
         self.coupling = Coupling(arm)
         found = [[(TERMS[term].code, value) for term in joint.friction
                   for value in joint.state_values(term)] for joint in arm.joints]
-        most = max(len(states) for states in found)
-        self.codes = np.full((most, len(found)), FIRST_STATE, dtype=np.intp)
-        self.values = np.full((most, len(found)), np.inf)
-        for i, states in enumerate(found):
-            for k, (code, value) in enumerate(states):
-                self.codes[k, i], self.values[k, i] = code, value
+        table = np.array([*zip_longest(*found, fillvalue=(FIRST_STATE, np.inf))])
+        self.codes, self.values = table[..., 0].astype(np.intp), table[..., 1].copy()
         self.count = self.values.size
 
     def follow(self, stretch: Stretch) -> FloatArray:
