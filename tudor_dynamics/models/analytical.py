@@ -111,6 +111,16 @@ class Group:
     estimate: Estimate  # their values with standard errors
     constants: Constants | None = None  # where channels share parameters up to these
 
+    def of(
+        self, columns: Sequence[str], kept: NDArray[np.intp], parameters: FloatArray,
+        constants: Constants | None,
+    ) -> Group:
+        """Give its channels other parameters, those kept of some columns, of unknown error."""
+        return Group(
+            BaseSet(self.base.channels, kept, tuple(columns[i] for i in kept)),
+            replace(self.estimate, parameters=parameters[kept], unexcited=(),
+                    standard_errors=np.full(len(kept), np.nan)), constants)
+
 
 def groups_of(
     parts: tuple[GroupPart, ...], regressor: Regressor, arm: Arm, output: str,
@@ -300,17 +310,11 @@ class AnalyticalModel(MemorylessModel):
         merged[:, self.regressor.carried] += payload * full[:, n:]
         groups = []
         for group in self.groups_:
-            channels = group.base.channels
-            shared = merged[channels[0]].copy()
+            shared = merged[group.base.channels[0]].copy()
             if group.constants is not None:
                 shared[plain.scaled] *= group.constants.values[0]
-            kept = np.flatnonzero(shared)
             # what two parameters' errors come to together is in no single number
-            unknown = np.full(len(kept), np.nan)
-            base = BaseSet(channels, kept, tuple(plain.columns[i] for i in kept))
-            groups.append(Group(base, replace(
-                group.estimate, parameters=shared[kept], standard_errors=unknown, unexcited=()),
-                group.constants))
+            groups.append(group.of(plain.columns, np.flatnonzero(shared), shared, group.constants))
         return AnalyticalModel(plain, self.n_joints, estimator=self.estimator, groups=groups)
 
     def deviations(self) -> FloatArray:
