@@ -387,7 +387,9 @@ def named_outliers(seen: Sequence[Observation]) -> list[Named]:
         groups.setdefault(key, {}).setdefault(item.arm, []).append(item)
     found = []
     for (output, name, channel, unit), arms in groups.items():
-        series = [_series(items, start) for items in arms.values()]
+        series = [History(*np.array([
+            (float((item.date - start).days), item.quantity.value, item.quantity.error)
+            for item in sorted(items, key=lambda item: item.date)]).T) for items in arms.values()]
         for kind, differences in (('unlike', outliers(series)), ('drift', drifts(series))):
             found += [Named(arm, kind, f'{name}, {channel} ({output})', unit, item.value,
                             item.expected, item.sigmas)
@@ -411,13 +413,6 @@ def named_aged(changes: Mapping[str, Sequence[ErrorChange]]) -> list[Named]:
                     arm, 'aged', f'relative error of {change.output}, {change.channel}', '',
                     change.relative_now, change.relative_then, change.sigmas))
     return found
-
-
-def _series(items: Sequence[Observation], start: datetime.date) -> History:
-    order = sorted(items, key=lambda item: item.date)
-    return History(np.array([float((item.date - start).days) for item in order]),
-                   np.array([item.quantity.value for item in order]),
-                   np.array([item.quantity.error for item in order]))
 
 
 # -- The page of a fleet: which arms are named, and each quantity of all arms over time
