@@ -49,7 +49,6 @@ from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 1024
 """Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""
-WHOLE = 'all'  # name of data that are one part
 
 
 class BasePart(CoefficientPart):
@@ -190,7 +189,7 @@ class AnalyticalModel(MemorylessModel):
 
     def fit_blocks(self, blocks: Blocks) -> AnalyticalModel:
         self._begin()
-        parts = {WHOLE: blocks}
+        parts = {'all': blocks}
         triangular = self._least_squares(parts, {})
         for _ in range(LOAD_PASSES if self.regressor.loaded else 0):
             before = self.coefficients()
