@@ -23,7 +23,7 @@ from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.fleet import study
 from tudor_dynamics.identification.dataset import BagChoice, SurveyedBag
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.identification.passes import Task
+from tudor_dynamics.identification.many_bags import Task
 
 DAYS = [datetime.date(2026, 1, day) for day in (1, 2, 3)]
 ALL = {('cell', DAYS[1]): [SurveyedBag(BagChoice('bag_4'), 'b' * 64, 0.2)],

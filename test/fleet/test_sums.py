@@ -22,8 +22,8 @@ from typing import Any
 
 import pytest
 
-from tudor_dynamics.identification import passes
-from tudor_dynamics.identification.passes import forget, Summing
+from tudor_dynamics.identification import many_bags
+from tudor_dynamics.identification.many_bags import forget, Summing
 
 OLD, NEW = ('-'.join((24 * letter, 16 * letter)) + '.npz' for letter in 'ab')
 
@@ -51,7 +51,7 @@ class _Stored(Summing):
 
 def test_what_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file that no bag can come to counts as none, as one that is not there: it is made."""
-    monkeypatch.setattr(passes, 'LARGEST', 10)
+    monkeypatch.setattr(many_bags, 'LARGEST', 10)
     stored = _Stored(SimpleNamespace(store=tmp_path), ())  # type: ignore[arg-type]
     (tmp_path / OLD).write_bytes(b'x' * 11)
     (tmp_path / NEW).write_bytes(b'x' * 10)

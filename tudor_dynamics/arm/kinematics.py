@@ -260,8 +260,7 @@ def link_frame(model: pin.Model, joint: str) -> str:
 def link_reach(model: pin.Model, joint: str, direction: NDArray[np.float64]) -> float:
     """Give how far a link reaches from its joint along a direction (3,) [m], where known."""
     index = model.getJointId(joint)
-    places = [model.jointPlacements[child].translation
-              for child in range(index + 1, model.njoints) if model.parents[child] == index]
+    places = [model.jointPlacements[child].translation for child in model.children[index]]
     places += [frame.placement.translation for frame in model.frames if frame.parentJoint == index]
     return max((float(direction @ place) for place in places), default=0.0)
 

@@ -743,7 +743,10 @@ class ArmSpec(Spec):
                 yield (f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '
                        f'which is not among the joints {", ".join(names)}; correct joint')
         yield from self._wrong_types()
-        yield from self._wrong_links()
+        for link in self.links:
+            if link.rigid is not None and link.flexible is not None:
+                yield (f'links: joint {link.joint!r} has both rigid and flexible; '
+                       'remove one of them')
         rows = self.kinematics.dh
         flange = self.kinematics.convention == 'modified'
         if rows is not None and len(rows) - len(names) not in (0, flange):
@@ -774,13 +777,6 @@ class ArmSpec(Spec):
             if kinds.setdefault(source.topic.lstrip('/'), kind) != kind:
                 yield (f'values on topic {source.topic} are described with different message '
                        'types; give all of them index, all interface, or (for JointState) neither')
-
-    def _wrong_links(self) -> Iterator[str]:
-        """Find links that are described in two ways."""
-        for link in self.links:
-            if link.rigid is not None and link.flexible is not None:
-                yield (f'links: joint {link.joint!r} has both rigid and flexible; '
-                       'remove one of them')
 
     def _wrong_drives(self, joints: list[str], gauges: list[str]) -> Iterator[str]:
         """Find links and drives that name no part of the arm, or are described twice."""

@@ -35,9 +35,8 @@ from tudor_dynamics.identification.excitation_plan import read_plan
 from tudor_dynamics.identification.fit import (
     choices_to_list, DEFAULT_KINDS, FitResult, FitSettings, headline)
 from tudor_dynamics.identification.loads import figures
-from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
+from tudor_dynamics.identification.many_bags import FROM, Streaming, streams, SUFFIX
 from tudor_dynamics.identification.next_steps import Assessment
-from tudor_dynamics.identification.passes import SUFFIX
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.library import fit_choices
 from tudor_dynamics.models.bundle import KINDS

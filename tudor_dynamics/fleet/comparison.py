@@ -263,11 +263,9 @@ def drifts(series: Sequence[History]) -> list[Difference | None]:
             found.append(None)
             continue
         line, covariance = _line(item)
-        span = float(item.days[-1] - item.days[0])
-        first = float(line[0] + line[1] * item.days[0])
-        error = span * float(np.sqrt(covariance[1, 1])) * scale
-        found.append(_difference(first + float(line[1]) * span, first, error,
-                                 abs(float(np.median(item.values)))))
+        first, last = np.polyval(line, item.days[[0, -1]]).tolist()
+        error = float((item.days[-1] - item.days[0]) * np.sqrt(covariance[0, 0])) * scale
+        found.append(_difference(last, first, error, abs(float(np.median(item.values)))))
     return found
 
 
@@ -279,7 +277,7 @@ def day_scatter(series: Sequence[History]) -> float:
         if freedom < 1:
             continue
         line, _ = _line(item)
-        left = (item.values - line[0] - line[1] * item.days) / item.errors
+        left = (item.values - np.polyval(line, item.days)) / item.errors
         # median of chi squared over its mean (Wilson and Hilferty, 1931)
         usual = freedom * (1.0 - 2.0 / (9.0 * freedom)) ** 3
         ratios.append(float(left @ left) / usual)
@@ -292,9 +290,8 @@ def _level(item: History, scale: float) -> tuple[float, float]:
 
 
 def _line(item: History) -> tuple[FloatArray, FloatArray]:
-    columns = np.column_stack([np.ones_like(item.days), item.days]) / item.errors[:, None]
-    covariance: FloatArray = np.asarray(np.linalg.pinv(columns.T @ columns), dtype=float)
-    return covariance @ columns.T @ (item.values / item.errors), covariance
+    """Fit slope and beginning of a line, with their covariance."""
+    return np.polyfit(item.days, item.values, 1, w=1.0 / item.errors, cov='unscaled')
 
 
 def _difference(value: float, expected: float, error: float, size: float) -> Difference:
@@ -373,14 +370,9 @@ class Fleet:
 def parted(sights: Sequence[SurveyedBag], least: int) -> list[SurveyedBag]:
     """Divide few bags, so that there are enough parts for standard errors."""
     count = -(-least // len(sights))
-    found = []
-    for sight in sights:
-        choice = sight.choice
-        width = (choice.end - choice.begin) / count
-        found += [sight] if count == 1 else [replace(sight, choice=replace(
-            choice, begin=choice.begin + i * width, end=choice.begin + (i + 1) * width))
-            for i in range(count)]
-    return found
+    return list(sights) if count == 1 else [
+        replace(sight, choice=sight.choice.within(i / count, (i + 1) / count))
+        for sight in sights for i in range(count)]
 
 
 def named_outliers(seen: Sequence[Observation]) -> list[Named]:
@@ -395,7 +387,9 @@ def named_outliers(seen: Sequence[Observation]) -> list[Named]:
         groups.setdefault(key, {}).setdefault(item.arm, []).append(item)
     found = []
     for (output, name, channel, unit), arms in groups.items():
-        series = [_series(items, start) for items in arms.values()]
+        series = [History(*np.array([
+            (float((item.date - start).days), item.quantity.value, item.quantity.error)
+            for item in sorted(items, key=lambda item: item.date)]).T) for items in arms.values()]
         for kind, differences in (('unlike', outliers(series)), ('drift', drifts(series))):
             found += [Named(arm, kind, f'{name}, {channel} ({output})', unit, item.value,
                             item.expected, item.sigmas)
@@ -419,13 +413,6 @@ def named_aged(changes: Mapping[str, Sequence[ErrorChange]]) -> list[Named]:
                     arm, 'aged', f'relative error of {change.output}, {change.channel}', '',
                     change.relative_now, change.relative_then, change.sigmas))
     return found
-
-
-def _series(items: Sequence[Observation], start: datetime.date) -> History:
-    order = sorted(items, key=lambda item: item.date)
-    return History(np.array([float((item.date - start).days) for item in order]),
-                   np.array([item.quantity.value for item in order]),
-                   np.array([item.quantity.error for item in order]))
 
 
 # -- The page of a fleet: which arms are named, and each quantity of all arms over time

@@ -36,16 +36,16 @@ from tudor_dynamics.files import load_yaml, read_bounded, read_text, source_dige
 from tudor_dynamics.fleet.comparison import (
     aged, Fleet, Measure, measures, Named, named_aged, named_outliers, Observation, parted,
     quantities, Quantity, ring_quantities, rings, stiffness_quantities)
-from tudor_dynamics.identification import passes
+from tudor_dynamics.identification import many_bags
 from tudor_dynamics.identification.choice import choices_of, choose
 from tudor_dynamics.identification.dataset import (
     BagData, common_outputs, filtered, found_choices, load, spread_sample, SurveyedBag, Unused)
 from tudor_dynamics.identification.elastic_problem import records_of
 from tudor_dynamics.identification.elastic_search import identify
 from tudor_dynamics.identification.fit import check_arm, FitSettings, RowTrainer
-from tudor_dynamics.identification.many_bags import fold_models, FoldModels
+from tudor_dynamics.identification.many_bags import (
+    fold_models, FoldModels, go_through, Summing, survey, Task)
 from tudor_dynamics.identification.next_steps import ErrorChange
-from tudor_dynamics.identification.passes import go_through, Summing, survey, Task
 from tudor_dynamics.library import fit
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_io import load_bundle
@@ -169,7 +169,7 @@ def _stands(out: Path) -> bool:
 # What a search has found is kept with the sums of the bags, under a name of all that it depends
 # on: bags, arm, filters, sources, and the date before, where the search began.
 
-SEARCHED_WITH = (*passes.PARTS, 'mechanics')  # parts of the package that a search depends on
+SEARCHED_WITH = (*many_bags.PARTS, 'mechanics')  # parts of the package that a search depends on
 Physical = tuple[PhysicalParameter, ...]
 Dates = tuple[Task, tuple[Sequence[SurveyedBag], ...]]
 """What is asked of an arm, and its bags date by date."""
@@ -226,7 +226,7 @@ def _known(task: Task, bags: Sequence[SurveyedBag], warm: dict[str, float] | Non
 def _read(file: Path) -> Physical | None:
     """Read what a search has found; None where nothing whole is there."""
     try:
-        content = json.loads(read_bounded(file, passes.LARGEST))
+        content = json.loads(read_bounded(file, many_bags.LARGEST))
         return tuple(PhysicalParameter(**item) for item in content) or None
     except (OSError, ValueError, TypeError):
         return None

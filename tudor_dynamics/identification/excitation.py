@@ -33,7 +33,7 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.comparison import described_bodies
 from tudor_dynamics.models.estimation import expected, rescaled
 from tudor_dynamics.models.regressor import column_unit, EffortRegressor, Regressor
-from tudor_dynamics.signals.motion_profile import fade, Reference, states
+from tudor_dynamics.signals.motion_profile import fade, states
 from tudor_dynamics.signals.preprocessing import noise_gain, prepare
 from tudor_dynamics.typing import FloatArray
 
@@ -71,11 +71,6 @@ class Series:
         """Turn slopes by each value of the motion into slopes by coefficients."""
         parts = np.stack(np.split(motion, 3, axis=1))
         return np.asarray(np.einsum('dsf,dsj->fj', self.basis, parts) * self.sizes)
-
-    def reference(self, x: FloatArray) -> Reference:
-        """Give the motion of coefficients as a reference: x (functions, joints)."""
-        q, dq, ddq = np.split(self.motion(x), 3, axis=1)
-        return Reference(q, dq, ddq, self.dt)
 
 
 def series(bounds: Limits, limits: Limits, seconds: float, highest: float, dt: float) -> Series:
@@ -364,11 +359,14 @@ class Bounds:
 
     def penalty(self, motion: FloatArray) -> tuple[float, FloatArray]:
         """Punish a motion beyond limits; gives the slope by each of its values as well."""
-        ratio = (motion - self._centre) / self._size
+        cost, slope = self._cost((motion - self._centre) / self._size)
+        return cost, slope / self._size
+
+    def _cost(self, ratio: FloatArray) -> tuple[float, FloatArray]:
+        """Punish ratios beyond 1 either way; gives the slope by each of them as well."""
         beyond = np.maximum(np.abs(ratio) - 1.0, 0.0)
-        count = beyond.shape[0] * len(self.range.lower)
-        cost = float(np.sum(beyond**2)) / count
-        return cost, 2.0 / count * beyond * np.sign(ratio) / self._size
+        count = len(ratio) * len(self.range.lower)
+        return float(np.sum(beyond**2)) / count, 2.0 / count * beyond * np.sign(ratio)
 
     def coupled_penalty(self, motion: FloatArray) -> tuple[float, FloatArray]:
         """Punish efforts beyond their limits, and links too near each other, as `penalty` does."""
@@ -376,14 +374,11 @@ class Bounds:
         count = len(motion) * len(self.range.lower)
         if self.efforts is not None:
             here = self.efforts.ratio(motion)
-            beyond = np.maximum(np.abs(here) - 1.0, 0.0)
-            if beyond.any():
-                cost += float(np.sum(beyond**2)) / count
-                pull = 2.0 / count * beyond * np.sign(here)
-                for k in range(motion.shape[1]):
-                    moved = motion.copy()
-                    moved[:, k] += STEP
-                    slope[:, k] += np.sum(pull * (self.efforts.ratio(moved) - here), axis=1) / STEP
+            cost, pull = self._cost(here)
+            for k in range(motion.shape[1] if cost > 0.0 else 0):
+                moved = motion.copy()
+                moved[:, k] += STEP
+                slope[:, k] += np.sum(pull * (self.efforts.ratio(moved) - here), axis=1) / STEP
         if self.links is not None:
             n = len(self.range.lower)
             for row, q in zip(slope, motion[:, :n], strict=True):

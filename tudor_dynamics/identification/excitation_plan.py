@@ -187,7 +187,8 @@ def _within(fine: Series, x: FloatArray, bounds: Bounds) -> Reference:
         msg = f'no motion was found within all limits: even small ones have {near}'
         raise SignalError(msg, remedy='give another --seed, smaller ranges in joints[].planned, '
                                       'or an --srdf that disables false collisions')
-    return fine.reference(scaled(factor))
+    q, dq, ddq = np.split(fine.motion(scaled(factor)), 3, axis=1)
+    return Reference(q, dq, ddq, fine.dt)
 
 
 # -- From an arm to the plan of a recording: the motion, what it keeps to, what it will show

@@ -39,7 +39,7 @@ from tudor_dynamics.models.flexible_tool import (
     Flange, flange_motion, FlexibleTool, pushes, row_of, square)
 from tudor_dynamics.models.settings import TOOL_CUTOFF, TOOL_HIDDEN
 from tudor_dynamics.models.tool_motion import from_rest, pulls
-from tudor_dynamics.signals.filters import MotionState, zero_phase
+from tudor_dynamics.signals.filters import interpolated, MotionState, zero_phase
 from tudor_dynamics.typing import FloatArray
 
 STEP = settings.TOOL_LEARN
@@ -105,11 +105,11 @@ def find_moves(
             effort = effort - (shaken - held)
         if planned is not None:
             when = (planned.stamp - recording.stamp[0]) * 1e-9
-            motion = zero_phase(t, np.stack([np.interp(t, when, q) for q in planned.q.T], axis=1),
+            motion = zero_phase(t, interpolated(t, when, planned.q),
                                 min(TOOL_CUTOFF, 0.2 / recording.dt))
         even = np.arange(t[0], t[parts[-1].stop - 1] + STEP, STEP)
-        states = MotionState(*(np.stack([np.interp(even, t, x) for x in values.T], axis=1)
-                               for values in (motion.q, motion.dq, motion.ddq)))
+        states = MotionState(*(interpolated(even, t, values) for values in (
+            motion.q, motion.dq, motion.ddq)))
         rests = tuple(Rest(*block_means(t[rest], effort[rest]), flange_motion(
             arm, np.zeros(1), MotionState(*(values[rest][-1:] for values in (
                 motion.q, motion.dq, motion.ddq)))).jacobian) for rest in parts)
@@ -191,8 +191,7 @@ class _Search:
             for rest in one.rests:
                 part = slice(*np.searchsorted(t, [rest.t[0] - STEP, rest.t[-1] + STEP]))
                 pulled = mass * pulls(row, motion[part], states[part])
-                yield rest.swing(np.stack([np.interp(rest.t, t[part], values)
-                                           for values in (pulled @ rest.jacobian).T], axis=1))
+                yield rest.swing(interpolated(rest.t, t[part], pulled @ rest.jacobian))
 
     def errors(self, x: FloatArray, scale: float = 1.0) -> FloatArray:
         """Give how unlikely a tool is, and what it leaves over, in units of what is expected."""

@@ -86,12 +86,8 @@ class Tally:
     """What figures need of a prediction: sums, which those of several recordings add up to."""
 
     n: int  # number of samples
-    # Means of what was measured and predicted, in their units, (channels,).
-    mean: FloatArray
-    predicted_mean: FloatArray
-    # Squares about these means, summed, (channels,).
-    spread: FloatArray
-    predicted_spread: FloatArray
+    mean: FloatArray  # of what was measured and what was predicted, in their units, (2, channels)
+    spread: FloatArray  # squares about these means, summed, (2, channels)
     error: FloatArray  # squared errors, summed, (channels,)
     # Mean of the Euclidean norm of the error; squares about it, summed.
     length: float
@@ -112,24 +108,23 @@ class Tally:
             return one + two + both * (two_mean - one_mean) ** 2
 
         return Tally(
-            n, mean(self.mean, other.mean), mean(self.predicted_mean, other.predicted_mean),
+            n, mean(self.mean, other.mean),
             spread(self.spread, other.spread, self.mean, other.mean),
-            spread(self.predicted_spread, other.predicted_spread, self.predicted_mean,
-                   other.predicted_mean),
             self.error + other.error, mean(self.length, other.length),
             spread(self.length_spread, other.length_spread, self.length, other.length),
             None if self.moving is None or other.moving is None else self.moving + other.moving)
 
     def score(self, names: Sequence[str]) -> Score:
         """Give the figures."""
-        squares = self.spread + self.n * self.mean**2
-        printed = self.predicted_spread + self.n * (self.predicted_mean - self.mean) ** 2
+        (mean, predicted_mean), (spread, predicted_spread) = self.mean, self.spread
+        squares = spread + self.n * mean**2
+        printed = predicted_spread + self.n * (predicted_mean - mean) ** 2
         moves, moved, stood = (np.zeros((3, len(names))) if self.moving is None else self.moving)
         stands = self.n - moves if self.moving is not None else moves
         channels = {
             name: ChannelScore(
                 rmse=math.sqrt(self.error[i] / self.n),
-                fit=_fit(self.error[i], self.spread[i], squares[i]),
+                fit=_fit(self.error[i], spread[i], squares[i]),
                 relative_error=_ratio(math.sqrt(self.error[i]), math.sqrt(squares[i])),
                 moving_rmse=math.sqrt(moved[i] / moves[i]) if moves[i] else None,
                 standing_rmse=math.sqrt(stood[i] / stands[i]) if stands[i] else None)
@@ -138,7 +133,7 @@ class Tally:
         return Score(
             samples=self.n, rmse=math.sqrt(error / self.n / len(names)),
             sigma_e=math.sqrt(self.length_spread / self.n),
-            fit=_fit(error, float(self.spread.sum()), square),
+            fit=_fit(error, float(spread.sum()), square),
             fit_printed=_fit(error, float(printed.sum()), square),
             relative_error=_ratio(math.sqrt(error), math.sqrt(square)), channels=channels)
 
@@ -155,17 +150,13 @@ def tally(
         raise FitError(f'measured has shape {measured.shape}, predicted {predicted.shape}; '
                        'expected two equal shapes (n_samples, n_channels) with samples')
     squares = (measured - predicted) ** 2
-    length = np.sqrt(squares.sum(axis=1))
+    length, n = np.sqrt(squares.sum(axis=1)), len(measured)
+    both = np.stack([measured, predicted])
     return Tally(
-        len(measured), measured.mean(axis=0), predicted.mean(axis=0), _about_mean(measured),
-        _about_mean(predicted), squares.sum(axis=0), float(length.mean()),
-        float(_about_mean(length)), None if moving is None else np.array(
+        n, both.mean(axis=1), n * both.var(axis=1), squares.sum(axis=0), float(length.mean()),
+        n * float(length.var()), None if moving is None else np.array(
             [moving.sum(axis=0), np.where(moving, squares, 0.0).sum(axis=0),
              np.where(moving, 0.0, squares).sum(axis=0)]))
-
-
-def _about_mean(values: FloatArray) -> FloatArray:
-    return np.asarray(np.sum((values - values.mean(axis=0)) ** 2, axis=0))
 
 
 def score(

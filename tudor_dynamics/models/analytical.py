@@ -49,7 +49,6 @@ from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 1024
 """Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""
-WHOLE = 'all'  # name of data that are one part
 
 
 class BasePart(CoefficientPart):
@@ -110,6 +109,16 @@ class Group:
     base: BaseSet  # base parameters of the channels
     estimate: Estimate  # their values with standard errors
     constants: Constants | None = None  # where channels share parameters up to these
+
+    def of(
+        self, columns: Sequence[str], kept: NDArray[np.intp], parameters: FloatArray,
+        constants: Constants | None,
+    ) -> Group:
+        """Give its channels other parameters, those kept of some columns, of unknown error."""
+        return Group(
+            BaseSet(self.base.channels, kept, tuple(columns[i] for i in kept)),
+            replace(self.estimate, parameters=parameters[kept], unexcited=(),
+                    standard_errors=np.full(len(kept), np.nan)), constants)
 
 
 def groups_of(
@@ -180,7 +189,7 @@ class AnalyticalModel(MemorylessModel):
 
     def fit_blocks(self, blocks: Blocks) -> AnalyticalModel:
         self._begin()
-        parts = {WHOLE: blocks}
+        parts = {'all': blocks}
         triangular = self._least_squares(parts, {})
         for _ in range(LOAD_PASSES if self.regressor.loaded else 0):
             before = self.coefficients()
@@ -300,17 +309,11 @@ class AnalyticalModel(MemorylessModel):
         merged[:, self.regressor.carried] += payload * full[:, n:]
         groups = []
         for group in self.groups_:
-            channels = group.base.channels
-            shared = merged[channels[0]].copy()
+            shared = merged[group.base.channels[0]].copy()
             if group.constants is not None:
                 shared[plain.scaled] *= group.constants.values[0]
-            kept = np.flatnonzero(shared)
             # what two parameters' errors come to together is in no single number
-            unknown = np.full(len(kept), np.nan)
-            base = BaseSet(channels, kept, tuple(plain.columns[i] for i in kept))
-            groups.append(Group(base, replace(
-                group.estimate, parameters=shared[kept], standard_errors=unknown, unexcited=()),
-                group.constants))
+            groups.append(group.of(plain.columns, np.flatnonzero(shared), shared, group.constants))
         return AnalyticalModel(plain, self.n_joints, estimator=self.estimator, groups=groups)
 
     def deviations(self) -> FloatArray:

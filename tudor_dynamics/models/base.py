@@ -160,22 +160,10 @@ class Live(Protocol):
         self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
     ) -> dict[str, FloatArray] | None:
         """
-        Go to the next sample and predict.
+        Go to the next sample and predict the outputs that are wanted, all by default.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before [s]; 0 to restart, at rest.
-        row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]`` of one sample [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        wanted : collection of str, optional
-            Outputs that somebody needs; all by default.
-
-        Returns
-        -------
-        dict of str to ndarray of shape (n_channels,), or None
-            Output to values in its units; None where there is no prediction.
-
+        A dt of 0 restarts, at rest. Gives by output the values (n_channels,) in its units; None
+        where there is no prediction.
         """
 
 

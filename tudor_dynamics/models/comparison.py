@@ -26,7 +26,7 @@ import pinocchio as pin
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis, model_from_urdf
 from tudor_dynamics.errors import ModelError, UsageError
-from tudor_dynamics.models.analytical import AnalyticalModel, Group
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.consistent import (
@@ -34,7 +34,6 @@ from tudor_dynamics.models.consistent import (
     solve_drives)
 from tudor_dynamics.models.estimation import Constants
 from tudor_dynamics.models.friction import BY_LOAD, FRICTION, term_of, TERMS
-from tudor_dynamics.models.regressor import BaseSet
 from tudor_dynamics.models.settings import FROM_BOTH, FROM_DATA
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
@@ -225,10 +224,7 @@ def _full(arm: Arm, model: AnalyticalModel, solution: BodySolution) -> FullParam
             constants = Constants(solution.constants[channels], solution.constant_errors[channels])
             values = np.concatenate([solution.bodies.ravel(), solution.drives])
         kept = np.flatnonzero(np.any(full[channels] != 0.0, axis=0))
-        estimate = replace(group.estimate, parameters=values[kept], unexcited=(),
-                           standard_errors=np.full(len(kept), np.nan))
-        groups.append(Group(BaseSet(group.base.channels, kept, tuple(
-            columns[i] for i in kept)), estimate, constants))
+        groups.append(group.of(columns, kept, values, constants))
     return FullParameters(arm, solution, columns, AnalyticalModel(
         model.regressor, model.n_joints, estimator=model.estimator, groups=groups))
 
@@ -290,11 +286,10 @@ def described_bodies(arm: Arm) -> dict[str, FloatArray]:
 
 def body_row(joint: str, arms: tuple[Arm, Arm], bodies: tuple[FloatArray, FloatArray]) -> BodyRow:
     """Compare a body with another: bodies (10,)."""
-    (one, other), (a, b) = bodies, (pin.Inertia.FromDynamicParameters(body) for body in bodies)
-    turns = []
-    for arm, body in zip(arms, (one, other), strict=True):
-        axis = np.asarray(joint_axis(arm.model, joint))
-        turns.append(float(axis @ body[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3) @ axis))
+    a, b = (pin.Inertia.FromDynamicParameters(body) for body in bodies)
+    # the lower right block of a spatial inertia is that about the joint
+    turns = [float(axis @ body.matrix()[3:, 3:] @ axis) for body, axis in zip(
+        (a, b), (joint_axis(arm.model, joint) for arm in arms), strict=True)]
     return BodyRow(joint, (float(a.mass), float(b.mass)),
                    float(np.linalg.norm(b.lever - a.lever)), (turns[0], turns[1]))
 

@@ -122,9 +122,8 @@ def _rods(model: pin.Model) -> list[FloatArray]:
     """Guess bodies as rods from their joint to the next."""
     found = []
     for joint in range(1, model.njoints):
-        next_ones = [child for child in range(joint + 1, model.njoints)
-                     if model.parents[child] == joint]
-        end = (np.asarray(model.jointPlacements[next_ones[0]].translation) if next_ones
+        next_ones = model.children[joint]
+        end = (np.asarray(model.jointPlacements[next_ones[0]].translation) if len(next_ones)
                else np.array([0.0, 0.0, TOOL]))
         length = max(float(np.linalg.norm(end)), TOOL)
         mass = ROD * length
@@ -198,7 +197,6 @@ class BodySolution:
     drive_errors: FloatArray
     constant_errors: FloatArray
     body_widths: FloatArray  # standard deviations before any data, (bodies, 10)
-    described: bool  # whether masses stood in the description
     speeds: FloatArray  # up to which friction takes energy, (channels,) [rad/s or m/s]
     # Root mean square of what each joint carries, where friction grows with it; else 0,
     # (channels,) [N m or N].
@@ -379,8 +377,8 @@ class BodyProblem:
         drives = raised(full[self.first:], self.columns[self.first:], self.rows)
         return BodySolution(
             full[:self.first].reshape(-1, PARAMETERS), drives, np.exp(constants), errors,
-            self.sizes * deviation[self.first:self.end], relative, widths, self.prior.described,
-            self.speeds, self.loads, self.errors(full, np.exp(constants)), self.free)
+            self.sizes * deviation[self.first:self.end], relative, widths, self.speeds,
+            self.loads, self.errors(full, np.exp(constants)), self.free)
 
 
 def _mean_sizes(

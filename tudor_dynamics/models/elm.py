@@ -22,6 +22,7 @@ ridge regression with lambda.
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -176,17 +177,16 @@ class ExtremeLearningMachine(MemorylessModel):
     def at(self, payload: float) -> ExtremeLearningMachine:
         if self.payload_range is None:
             return self
-        weights = self._weights()
+        self._weights()  # raises if there are none
         check_payload(payload, self.payload_range)
-        plain = ExtremeLearningMachine(self.channels, hidden=self.hidden, ridge=self.ridge,
-                                       seed=self.seed, clip=self.clip)
+        plain = copy(self)
+        plain.payload_range = None
         low, high = self.input_range_[:, -1]
         normal = 2.0 * (payload - low) / (high - low) - 1.0 if high > low else 0.0
         normal = min(max(normal, -1.0), 1.0) if self.clip else normal
-        plain.input_range_, plain.output_range_ = self.input_range_[:, :-1], self.output_range_
+        plain.input_range_ = self.input_range_[:, :-1]
         plain.input_weights_ = self.input_weights_[:-1]
         plain.biases_ = self.biases_ + normal * self.input_weights_[-1]
-        plain.output_weights_ = weights
         return plain
 
     def _weights(self) -> FloatArray:

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,12 +98,8 @@ class Products:
 
 def summed(parts: Iterable[Sequence[Sequence[Products]]]) -> list[list[Products]]:
     """Join the data of several parts."""
-    first, *others = parts
-    total = [list(group) for group in first]
-    for part in others:
-        total = [[one + other for one, other in zip(*groups, strict=True)]
-                 for groups in zip(total, part, strict=True)]
-    return total
+    return [[reduce(add, channel) for channel in zip(*groups, strict=True)]
+            for groups in zip(*parts, strict=True)]
 
 
 def squared_residuals(product: Products, parameters: FloatArray) -> float:

@@ -16,8 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 import math
 
 import numpy as np
@@ -198,15 +199,24 @@ def has_constant(joint: JointSpec) -> bool:
 
 def friction_names(joint: JointSpec) -> tuple[str, ...]:
     """Name the friction parameters of a joint."""
-    names: list[str] = []
-    for term in joint.friction:
-        if term in STATE_KEYS:
-            names += [f'{term}@{value:g}({joint.name})' for value in joint.state_values(term)]
-        elif joint.asymmetric and TERMS[term].each_way:
-            names += [f'{term}+({joint.name})', f'{term}-({joint.name})']
+    return tuple(f'{name}({joint.name})' for name, _ in _columns(joint))
+
+
+def friction_codes(joint: JointSpec) -> NDArray[np.intp]:
+    """Give the terms of a joint as `friction_term` takes them, one a column."""
+    return np.array([code for _, code in _columns(joint)], dtype=np.intp)
+
+
+def _columns(joint: JointSpec) -> Iterator[tuple[str, int]]:
+    """Give name and code of each column: of a direction, a value of a state, or a whole term."""
+    for name in joint.friction:
+        term = TERMS[name]
+        if name in STATE_KEYS:
+            yield from ((f'{name}@{value:g}', term.code) for value in joint.state_values(name))
+        elif joint.asymmetric and term.each_way:
+            yield from ((name + way, code) for way, code in zip('+-', term.each_way, strict=True))
         else:
-            names.append(f'{term}({joint.name})')
-    return tuple(names)
+            yield name, term.code
 
 
 def friction_columns(
@@ -223,18 +233,6 @@ def friction_columns(
     if load is not None:
         out[:, codes == LOAD] *= np.abs(load)[:, None]
     return out
-
-
-def friction_codes(joint: JointSpec) -> NDArray[np.intp]:
-    """Give the terms of a joint as `friction_term` takes them, one a column."""
-    codes: list[int] = []
-    for name in joint.friction:
-        term = TERMS[name]
-        if name in STATE_KEYS:
-            codes += [term.code] * len(joint.state_values(name))
-        else:
-            codes += term.each_way if joint.asymmetric and term.each_way else (term.code,)
-    return np.array(codes, dtype=np.intp)
 
 
 @compiled
@@ -323,12 +321,8 @@ class FrictionStates:
         self.coupling = Coupling(arm)
         found = [[(TERMS[term].code, value) for term in joint.friction
                   for value in joint.state_values(term)] for joint in arm.joints]
-        most = max(len(states) for states in found)
-        self.codes = np.full((most, len(found)), FIRST_STATE, dtype=np.intp)
-        self.values = np.full((most, len(found)), np.inf)
-        for i, states in enumerate(found):
-            for k, (code, value) in enumerate(states):
-                self.codes[k, i], self.values[k, i] = code, value
+        table = np.array([*zip_longest(*found, fillvalue=(FIRST_STATE, np.inf))])
+        self.codes, self.values = table[..., 0].astype(np.intp), table[..., 1].copy()
         self.count = self.values.size
 
     def follow(self, stretch: Stretch) -> FloatArray:

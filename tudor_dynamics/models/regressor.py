@@ -364,10 +364,8 @@ def column_unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -
         term_of(column) not in TERMS and any(
             efforts[other].unit != 'A' or efforts[other].torque_constant is not None
             for other in channels))
-    if absolute:
-        return parameter_unit(column, 'N' if prismatic else 'N m', scaled=False,
-                              prismatic=prismatic)
-    return parameter_unit(column, effort.unit, scaled=effort.unit == 'A', prismatic=prismatic)
+    unit = ('N' if prismatic else 'N m') if absolute else effort.unit
+    return parameter_unit(column, unit, scaled=unit == 'A', prismatic=prismatic)
 
 
 # -- Rows of all loads: parameters are affine in the mass at the tip.
@@ -380,10 +378,7 @@ def column_unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -
 
 def last_body(model: pin.Model) -> str:
     """Give the joint that moves the body at the end of the longest chain."""
-    depth = [0] * model.njoints
-    for index in range(1, model.njoints):
-        depth[index] = depth[int(model.parents[index])] + 1
-    return str(model.names[int(np.argmax(depth))])
+    return str(model.names[int(np.argmax([len(chain) for chain in model.supports]))])
 
 
 class PayloadRegressor(Regressor):

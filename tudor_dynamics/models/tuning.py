@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.limits import Limits, planned_limits
+from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.control.schedule import columns_of, Mode, Point, Schedule, ScheduleFile
 from tudor_dynamics.control.settings import INTEGRAL_SHARE
@@ -38,6 +38,7 @@ from tudor_dynamics.models.settings import (
     AFTER_MOVE, DRIVE_NUDGE, EVERY, FACTORS, FINER, HALVINGS, LEAST_DELAY,
     LONGEST_DELAY, LOOKS, MEAN, MOVE_SAMPLE, NOTHING, POSES, ROOM, SHORTEST_DELAY, SLOW,
     SPACING, STIFFNESS)
+from tudor_dynamics.signals.motion_profile import joint_range
 from tudor_dynamics.signals.shaping import Profile, refine
 from tudor_dynamics.typing import FloatArray
 
@@ -284,14 +285,12 @@ class Wish:
 
 def pose_axes(tuned: TunedArm) -> tuple[FloatArray, ...]:
     """Lay the grid over the planned range of each joint; see ``SPACING`` and ``POSES``."""
-    planned = planned_limits(tuned.arm)
-    lower = np.where(np.isfinite(planned.lower), planned.lower, -math.pi)
-    upper = np.where(np.isfinite(planned.upper), planned.upper, math.pi)
-    points = np.maximum(np.ceil((upper - lower) / SPACING).astype(int) + 1, 2)
+    planned = joint_range(tuned.arm)
+    points = np.maximum(np.ceil((planned.upper - planned.lower) / SPACING).astype(int) + 1, 2)
     while math.prod(points.tolist()) > POSES and points.max() > 2:
         points[int(np.argmax(points))] -= 1
     return tuple(np.linspace(a, b, count) for a, b, count in zip(
-        lower, upper, points.tolist(), strict=True))
+        planned.lower, planned.upper, points.tolist(), strict=True))
 
 
 def design(

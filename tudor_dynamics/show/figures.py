@@ -109,6 +109,12 @@ def trace(look: str, x: Any, y: Any, name: str = '', **more: Any) -> Plot:
     return {'look': look, 'x': plain(x), 'y': plain(y), 'name': pretty_name(name), **more}
 
 
+def shares(look: str, edges: FloatArray, values: FloatArray, name: str) -> Plot:
+    """Give as stairs how many of some values lie between edges [%]."""
+    share = 100.0 * np.histogram(values, edges)[0] / len(values)
+    return trace(look, edges, np.append(share, share[-1]), name, stairs=True)
+
+
 def panel(title: str, x: str, y: str, *traces: Plot, **more: Any) -> Plot:
     """Give one panel with titles of its axes."""
     return {'title': title, 'xlabel': x, 'ylabel': y, 'traces': traces, **more}
@@ -190,9 +196,8 @@ def error_figure(arm: Arm, output: str, judged: Mapping[str, Validation]) -> Plo
         edges = np.linspace(-bound, bound, SIGNAL_BINS + 1)
         # what lies beyond is counted in the outermost bins, not dropped
         panels.append(panel(pretty_name(name), label('error', units[name]), '% of samples', *(
-            trace(kind, edges, np.append(share, share[-1]), kind, stairs=True)
-            for kind, values in errors.items() for share in [
-                100.0 * np.histogram(np.clip(values, -bound, bound), edges)[0] / len(values)])))
+            shares(kind, edges, np.clip(values, -bound, bound), kind)
+            for kind, values in errors.items())))
     return {'columns': 3, 'panels': panels}
 
 
@@ -277,13 +282,10 @@ def density_figure(joints: Sequence[JointPositions]) -> Plot:
     """Draw how often each position was visited."""
     panels = []
     for joint in joints:
-        edges, traces = _edges(joint), []
-        for look, name, values in (('fill', 'training', joint.training),
-                                   ('other', 'validation', joint.test)):
-            if len(values):
-                share = 100.0 * np.histogram(values, edges)[0] / len(values)
-                traces.append(trace(look, edges, np.append(share, share[-1]), name, stairs=True))
-        panels.append(panel('', label(joint.name, joint.unit), '% of samples', *traces))
+        panels.append(panel('', label(joint.name, joint.unit), '% of samples', *(
+            shares(look, _edges(joint), values, name) for look, name, values in (
+                ('fill', 'training', joint.training), ('other', 'validation', joint.test))
+            if len(values))))
     return {'columns': 3, 'panels': panels}
 
 

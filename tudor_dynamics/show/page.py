@@ -39,7 +39,7 @@ from tudor_dynamics.identification.fit import FitResult, FittedOutput, headline
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, changes, Comparison, ErrorChange)
 from tudor_dynamics.identification.ringdowns import (
-    find_ringdowns, LEAST_SECONDS, mode_map, Ringdown)
+    find_ringdowns, LEAST_SECONDS, mode_map, Ringdown, Ringing)
 from tudor_dynamics.identification.validation import (
     GOOD_FIT, Grade, LARGEST_CONDITION, USABLE_FIT, Validation)
 from tudor_dynamics.load.offline import PayloadEstimate
@@ -286,13 +286,11 @@ def over_time(arm: Arm, output: str, judged: Mapping[str, Validation]) -> dict[s
         'errors': error_figure(arm, output, judged)}
 
 
-def _ringing(result: FitResult) -> list[dict[str, Any]]:
+def _ringing(result: FitResult) -> list[tuple[Ringing, str]]:
     """Vibrations with their units: they stand in the last output with an analytical model."""
     rigid = [item.output for item in result.fitted if item.kind == 'analytical']
     units = output_units(result.arm, rigid[-1]) if rigid else {}
-    return [{'channel': item.channel, 'frequency': item.frequency, 'rms': item.rms,
-             'share': 100.0 * item.share, 'unit': units[item.channel]}
-            for item in result.ringing]
+    return [(item, units[item.channel]) for item in result.ringing]
 
 
 # -- The section on the elastic model, with its modes and ring-downs

@@ -219,11 +219,11 @@ def zero_phase(
     uniform = bool(np.max(np.abs(grid - t)) < 1e-3 * dt)
 
     def smooth(x: FloatArray) -> FloatArray:
-        even = x if uniform else _interpolate(grid, t, x)
+        even = x if uniform else interpolated(grid, t, x)
         return forward_backward(sections, even, min(n - 1, max(27, int(3.0 / (cutoff * dt)))))
 
     def back(x: FloatArray) -> FloatArray:
-        return x if uniform else _interpolate(t, grid, x)
+        return x if uniform else interpolated(t, grid, x)
 
     smooth_q = smooth(q)
     dq = derivative(smooth_q, dt) if measured is None else smooth(measured)
@@ -241,7 +241,8 @@ def derivative(x: FloatArray, dt: float) -> FloatArray:
     return np.asarray(slope)
 
 
-def _interpolate(new: FloatArray, old: FloatArray, x: FloatArray) -> FloatArray:
+def interpolated(new: FloatArray, old: FloatArray, x: FloatArray) -> FloatArray:
+    """Give signals (samples, columns) at other times, linearly between those known."""
     return np.stack([np.interp(new, old, x[:, i]) for i in range(x.shape[1])], axis=1)
 
 

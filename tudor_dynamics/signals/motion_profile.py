@@ -55,13 +55,10 @@ def _segment(kind: float, a: float, v: float, length: float, t: float) -> tuple[
     """Give distance, speed and acceleration inside a segment."""
     if length <= 0.0:
         return 0.0, v, 0.0
-    if kind == PULSE:
-        w = 2.0 * math.pi / length
-        return (v * t + 0.25 * a * t * t + 0.5 * a / (w * w) * (math.cos(w * t) - 1.0),
-                v + 0.5 * a * (t - math.sin(w * t) / w), 0.5 * a * (1.0 - math.cos(w * t)))
-    w = math.pi / length
-    return (v * t + 0.25 * a * t * t + 0.5 * a / (w * w) * (1.0 - math.cos(w * t)),
-            v + 0.5 * a * (t + math.sin(w * t) / w), 0.5 * a * (1.0 + math.cos(w * t)))
+    w, sign = (2.0 * math.pi / length, -1.0) if kind == PULSE else (math.pi / length, 1.0)
+    return (v * t + 0.25 * a * t * t + sign * 0.5 * a / (w * w) * (1.0 - math.cos(w * t)),
+            v + 0.5 * a * (t + sign * math.sin(w * t) / w),
+            0.5 * a * (1.0 + sign * math.cos(w * t)))
 
 
 @compiled

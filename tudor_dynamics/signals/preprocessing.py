@@ -114,17 +114,13 @@ def _fitted(t: FloatArray, index: FloatArray, largest: float) -> FloatArray | No
 
 def _unexpected(t: FloatArray, x: FloatArray) -> FloatArray:
     """Give by how much each sample differs from the cubic through its four neighbours."""
-    places = [t[:-4], t[1:-3], t[3:-1], t[4:]]
-    values = [x[:-4], x[1:-3], x[3:-1], x[4:]]
-    at = t[2:-2]
-    expected = np.zeros_like(x[2:-2])
-    for i, value in enumerate(values):
-        weight = np.ones_like(at)
-        for j, other in enumerate(places):
-            if j != i:
-                weight *= (at - other) / (places[i] - other)
-        expected += weight[:, None] * value
-    return np.asarray(x[2:-2] - expected)
+    places, values = ([y[:-4], y[1:-3], y[3:-1], y[4:]] for y in (t, x))
+    left = x[2:-2].copy()
+    for i, (place, value) in enumerate(zip(places, values, strict=True)):
+        weight = np.prod([(t[2:-2] - other) / (place - other)
+                          for j, other in enumerate(places) if j != i], axis=0)
+        left -= weight[:, None] * value
+    return left
 
 
 # From a recording to what models are fitted to: filtered states and outputs, without warm-up,

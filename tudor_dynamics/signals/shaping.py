@@ -274,24 +274,19 @@ def _solve(
     scale = max(float(np.abs(plain).sum(axis=1).max()) / KNOTS, 1e-12)
     equal = [plain / scale]
     wanted = [np.zeros(len(plain))]
-    for j in range(n):
-        row = np.zeros((2, count))
-        row[0, j * inner:(j + 1) * inner] = 1.0
-        row[1, j * inner:(j + 1) * inner] = reach / reach.sum()
-        equal.append(row)
-        wanted.append(np.array([0.0, float(abs(way[j])) / (abs(unit[j]) * reach.sum())]))
     off = np.vstack([oscillations(other)[[0, len(modes.size)]] / scale
                      for other in (1.0 - settings.SPREAD, 1.0 + settings.SPREAD)])
     change = np.diff(np.pad(np.eye(inner), ((1, 1), (0, 0))), axis=0)
+    ends = np.stack([np.ones(inner), reach / reach.sum()])
     bound, right = [], []
-    for j in range(n):
-        block = np.zeros((KNOTS, count))
-        block[:, j * inner:(j + 1) * inner] = change
+    for j, own in enumerate(np.eye(n)):
+        equal.append(np.kron(own, ends))
+        wanted.append(np.array([0.0, float(abs(way[j])) / (abs(unit[j]) * reach.sum())]))
+        block = np.kron(own, change)
         bound += [np.hstack([side * block, -np.ones((KNOTS, 1)), np.zeros((KNOTS, 1))])
                   for side in (1.0, -1.0)]
         right += [np.zeros(KNOTS)] * 2
-        block = np.zeros((2 * KNOTS, count))
-        block[:, j * inner:(j + 1) * inner] = speed * abs(unit[j])
+        block = np.kron(own, speed * abs(unit[j]))
         most = float(limits.velocity[joints[j]]) * ROUNDING
         bound += [np.hstack([side * block / most, np.zeros((2 * KNOTS, 2))])
                   for side in (1.0, -1.0)]

@@ -441,26 +441,21 @@ def move(driven: Driven, q: NDArray, dt: float, inner: float, loaded: bool) -> b
 
 
 @compiled
-def apply_gains(equations: Equations, gains: NDArray, unexpected: float, gauge: int) -> None:
-    """Change the state by what one gauge reads and nobody predicted, see ``follow``."""
-    vectors, free = equations.vectors, equations.free
-    for a in range(free.shape[0]):
-        i = free[a]
-        vectors[Z, i] += gains[0, a, gauge] * unexpected
-        vectors[DZ, i] += gains[1, a, gauge] * unexpected
-        vectors[DDZ, i] += gains[2, a, gauge] * unexpected
-        vectors[ACC, i] += gains[2, a, gauge] * unexpected
-
-
-@compiled
 def look(
     driven: Driven, loaded: bool, k: int, measured: NDArray, gains: NDArray, moment: NDArray,
     torque: NDArray,
 ) -> None:
     """Read gauges and gears at sample k, and correct the state after it; see ``follow``."""
     sense(driven, loaded, moment[k], torque[k])
+    vectors, free = driven.equations.vectors, driven.equations.free
     for g in range(measured.shape[1]):
-        apply_gains(driven.equations, gains[k], measured[k, g] - moment[k, g], g)
+        unexpected = measured[k, g] - moment[k, g]
+        for a in range(free.shape[0]):
+            i = free[a]
+            vectors[Z, i] += gains[k, 0, a, g] * unexpected
+            vectors[DZ, i] += gains[k, 1, a, g] * unexpected
+            vectors[DDZ, i] += gains[k, 2, a, g] * unexpected
+            vectors[ACC, i] += gains[k, 2, a, g] * unexpected
 
 
 @compiled

@@ -23,7 +23,8 @@ gears, carries the oscillation as its own state.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import asdict, dataclass
 import math
 from typing import Annotated, Any
 
@@ -268,12 +269,10 @@ class ElasticModel(Model):
     def at(self, payload: float) -> ElasticModel:
         if self.payload_range is not None:
             check_payload(payload, self.payload_range)
-        kept = tuple(p for p in self.physical if p.name != 'payload')
-        model = ElasticModel(self.arm, self.output,
-                             (*kept, PhysicalParameter('payload', payload, 'kg')))
-        model.coefficients_, model.standard_errors_ = self.coefficients_, self.standard_errors_
-        model.noise_ = self.noise_
-        model.strain_model = self.strain_model
+        model = copy(self)
+        model.physical = (*(p for p in self.physical if p.name != 'payload'),
+                          PhysicalParameter('payload', payload, 'kg'))
+        model.payload_range = model._driven = None
         return model
 
     @classmethod
@@ -287,9 +286,8 @@ class ElasticModel(Model):
         content: dict[str, Any] = {
             'units': output_units(arm, output),
             'physical': [
-                {'name': p.name, 'value': float(p.value), 'unit': p.unit, 'standard_error':
-                 None if math.isnan(p.standard_error) else float(p.standard_error),
-                 'shown': p.shown} for p in self.physical],
+                {**asdict(p), 'value': float(p.value), 'standard_error': None if math.isnan(
+                    p.standard_error) else float(p.standard_error)} for p in self.physical],
             'channels': [
                 {'channel': channel, 'residual_std': float(noise),
                  'coefficients': [
