@@ -302,17 +302,18 @@ def compared(push: Push, force: float, found: dict[str, Any] | None) -> dict[str
             'deviations': off / found['place_deviation'] if placed and found else np.nan,
             'force': abs(found['across'] / force - 1.0) if right and found else 1.0,
             'newton': abs(found['across'] - force) if right and found else abs(force),
+            'peak': abs(found['peak'] / abs(push.force) - 1.0) if right and found else 1.0,
             'found': found}
 
 
 def summary(what: str, rows: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     """Give what a set of pushes came to, as cells of a table."""
-    off, force, newton = (float(np.median([row[name] for row in rows]))
-                          for name in ('off', 'force', 'newton'))
+    off, force, newton, peak = (float(np.median([row[name] for row in rows]))
+                                for name in ('off', 'force', 'newton', 'peak'))
     right, placed = (float(np.mean([row[name] for row in rows])) for name in ('right', 'placed'))
     sure = np.array([row['deviations'] for row in rows if row['placed']] or [np.inf])
     return (what, f'{len(rows)}', f'{right:.0%}', f'{placed:.0%}', f'{1e3 * off:.1f} mm',
-            f'{force:.1%}, {newton:.2f} N', f'{np.mean(sure <= 2.0):.0%}')
+            f'{force:.1%}, {newton:.2f} N', f'{peak:.0%}', f'{np.mean(sure <= 2.0):.0%}')
 
 
 def main() -> None:
@@ -347,7 +348,7 @@ def main() -> None:
     if 'motion' in args.only:
         rows += moving(bags, carrying, args.runs, args.pushes)
     show(('pushes', 'n', 'right link', 'a place', 'median error of the place', 'of the force',
-          'within two deviations'), rows)
+          'of its peak', 'within two deviations'), rows)
 
 
 if __name__ == '__main__':

@@ -31,11 +31,12 @@ from tudor_dynamics.online.contact_fronts import (
     ACROSS, ALONG, correct, ElasticFront, gauge_gain, link_axes, MOMENT, newtons_of, PRESSING,
     RigidFront, Span, spans_of, strain_deviation, torque_scale, validation_rmse)
 from tudor_dynamics.online.settings import (
-    CONTACT_STEP, DEVIATION_STEP, ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET, EVIDENCE_MEMORY,
-    FORCE_MEMORY, FREE_EVIDENCE_MEMORY, HELD_FORCE_MEMORY, INNOVATION_BOUND, LARGEST_FORCE,
-    MOVING_DEVIATIONS, OFFSET_MEMORY, OTHER_SHARE, PLACE_CERTAIN, RIGID_DETECTED, RIGID_ENDED,
-    RIGID_OFFSET, RINGING_FLOOR, RINGING_MEMORY, RINGING_SAMPLES, STANDING_DEVIATION,
-    STANDING_MEMORY, STANDING_SPEED, STANDING_VARIANCE, TORQUE_DETECTED, TORQUE_ENDED, TOUCH_SHARE)
+    CONTACT_STEP, DEVIATION_STEP, ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET,
+    EVIDENCE_MEMORY, FORCE_MEMORY, FREE_EVIDENCE_MEMORY, HELD_FORCE_MEMORY, INNOVATION_BOUND,
+    LARGEST_FORCE, MOVING_DEVIATIONS, OFFSET_MEMORY, OTHER_SHARE, PEAK_TIME, PLACE_CERTAIN,
+    RECORD_ROWS, RIGID_DETECTED, RIGID_ENDED, RIGID_OFFSET, RINGING_FLOOR, RINGING_MEMORY,
+    RINGING_SAMPLES, STANDING_DEVIATION, STANDING_MEMORY, STANDING_SPEED, STANDING_VARIANCE,
+    TORQUE_DETECTED, TORQUE_ENDED, TOUCH_SHARE)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -97,7 +98,12 @@ class ContactRecord:
         self._seen += estimates
 
     def summary(self) -> dict[str, Any]:
-        """Give link, mean force [N], seconds of touch, places [m]; empty without a sample."""
+        """
+        Give link, mean, peak and course of the force [N], seconds of touch, places [m].
+
+        The course has rows of seconds since the touch began, and force; the peak is the largest
+        mean over 0.15 s, as links ring. Empty without a sample.
+        """
         if not self._seen or not self.spans:
             return {}
         pressing = np.array([item.pressing for item in self._seen])
@@ -125,12 +131,19 @@ class ContactRecord:
         deviation = math.sqrt(variance[during].sum(axis=1).mean() / self.together)
         factor, doubt = self._newtons
         mean = math.hypot(across, along)
-        forces = {'force': mean, 'across': across, 'along': along if span.along else math.nan,
+        t = 1e-9 * np.array([item.stamp - kept[0].stamp for item in kept])
+        width = min(max(1, int(np.searchsorted(t, PEAK_TIME))), len(t))
+        held = np.lib.stride_tricks.sliding_window_view(force[during], width, axis=0).mean(axis=-1)
+        course = np.column_stack([t, factor * np.hypot(*force[during].T)])
+        forces = {'force': mean, 'peak': np.hypot(*held.T).max(), 'across': across,
+                  'along': along if span.along else math.nan,
                   'force_deviation': math.hypot(deviation, doubt * mean)}
         return {'link': link, 'certain': round(float(sum(weights[k] for k in own)), 4),
                 **{name: None if math.isnan(factor * value) else float(factor * value)
                    for name, value in forces.items()},
-                'seconds': 1e-9 * (kept[-1].stamp - kept[0].stamp),
+                'course': [] if math.isnan(factor) else (
+                    course[::-(-len(t) // RECORD_ROWS)].tolist()),
+                'seconds': float(t[-1]),
                 'place': place if known else None, 'place_deviation': unsure if known else None,
                 'or_place': others[0] if known and others else None,
                 'note': not_known(span, self._newtons, placed=known)}
@@ -138,7 +151,8 @@ class ContactRecord:
 
 def contact_text(found: dict[str, Any]) -> str:
     """Write force, link and place of a summary on a line."""
-    force = 'a force' if found['force'] is None else f'{found["force"]:.2f} N'
+    force = 'a force' if found['force'] is None else (
+        f'{found["force"]:.2f} N (at most {found["peak"]:.2f} N)')
     return f'{force} on {found["link"]}' + (
         '' if found['place'] is None else f', {1e3 * found["place"]:.0f} mm from its joint')
 

@@ -210,6 +210,9 @@ OTHER_SHARE = 0.1  # probability from which another place that explains a contac
 TOUCH_SHARE = 0.05
 """Part of its largest force below which a touch has not begun, or has ended: half and 0.2 leave
 twice the error of the mean force, measured by papers/contact.py."""
+PEAK_TIME = 0.15
+"""Time over which a force is averaged for its peak [s]: links ring, which makes single samples a
+fifth larger than the push, and these means an eighth to a twelfth (bench/other_plant.py)."""
 TORQUE_DETECTED, TORQUE_ENDED = 5.0, 3.0
 """Standard deviations of free motion from which, and until which, a joint detects a contact by
 efforts alone; docs/explanation/contact.md: 5."""
