@@ -66,10 +66,12 @@ smartquotes = False  # options have two hyphens in text, too
 library = Path(__file__).parent / 'reference' / 'generated' / 'library.txt'
 library.parent.mkdir(exist_ok=True)
 sources = Path(tudor_dynamics.__file__).parents[1]
-for page in library.parent.glob('tudor_dynamics*.rst'):
+for page in [*library.parent.glob('tudor_dynamics*.rst')]:
     module = sources / page.stem.replace('.', '/')
     if not module.is_dir() and not module.with_suffix('.py').is_file():
-        page.unlink()  # otherwise a build in an old checkout ends with a warning
+        # otherwise a build in an old checkout ends with a warning, as the page of its package does
+        page.unlink(missing_ok=True)
+        page.with_name(f'{page.stem.rpartition(".")[0]}.rst').unlink(missing_ok=True)
 library.write_text('.. autosummary::\n   :nosignatures:\n\n' + ''.join(
     f'   ~{getattr(tudor_dynamics, name).__module__}.{name}\n' for name in tudor_dynamics.__all__))
 
