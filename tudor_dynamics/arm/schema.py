@@ -213,8 +213,8 @@ class JointSpec(Spec):
     effort: Annotated[EffortSpec, read_by('MER')] = EffortSpec()
     """Where the effort of its actuator comes from."""
     friction: Annotated[tuple[FrictionTerm, ...], read_by('ME')] = ('viscous', 'coulomb')
-    """Terms of friction to identify, each a column of the regressor; ``auto``, or the key left
-    out, for ``tudor fit`` to choose by left-out parts, from viscous and coulomb on."""
+    """Terms of friction to identify, each a column of the regressor; where the key is left out, or
+    ``auto``, ``tudor fit`` chooses by left-out parts, and all else takes the default."""
     asymmetric: Annotated[bool, read_by('ME')] = False
     """Separate viscous and Coulomb coefficients for each direction of motion."""
     rotor_inertia: Annotated[bool, read_by('ME')] = True
@@ -353,8 +353,8 @@ class PreprocessingSpec(Spec):
     """How positions become velocities and accelerations, and how often samples are used."""
 
     filter: Annotated[Literal['causal', 'zero_phase'], read_by('ME')] = 'causal'  # noqa: A003
-    """The papers' causal filters, or zero-phase ones (offline; causal ones beside the robot);
-    ``auto``, or the key left out, for ``tudor fit`` to choose by left-out parts."""
+    """The papers' causal filters, or zero-phase ones (offline; causal ones beside the robot); left
+    out, or ``auto``: ``tudor fit`` chooses by left-out parts, all else takes the default."""
     velocity_cutoff: Positive = 80.0
     """First-order low-pass after the first difference quotient, causal [Hz]."""
     acceleration_cutoff: Annotated[Positive, read_by('ME')] = 20.0
