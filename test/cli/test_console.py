@@ -196,7 +196,7 @@ PLACE = '/no/such/folder/with/a/long/name/and/more/of/it/recording_1.25e+300'
 @pytest.mark.parametrize(('words', 'text'), [
     (['info', PLACE], f'tudor info: {PLACE}: '),
     (['fit', '--frobnicate=1'], 'there is no option --frob'),
-    (['evaluate', 'run', '--model', PLACE], f'tudor evaluate: {PLACE}/model.yaml: '),
+    (['evaluate', 'run', '--model', PLACE], f'tudor evaluate: {PLACE}: no such folder; '),
     (['simulate', PLACE, '--plot', '--out', 'x'], '--plot is now --pictures')])
 def test_errors_on_a_terminal(words: list[str], text: str) -> None:
     """Wrapped at its width, no word, path or number in two; elsewhere they are lines."""

@@ -197,4 +197,4 @@ def test_plans_that_are_none(root: Path, tmp_path: Path,
     head = 't,' + ','.join(f'{name}{end}' for name in ('joint3', 'joint2') for end in (
         '', '_velocity', '_acceleration'))
     (folder / 'trajectory.csv').write_text(f'{head}\n0,9,0,0,0,0,0\n1,9,0,0,0,0,0\n')
-    assert 'takes joint2, joint3 beyond' in refused(*record)
+    assert 'at 0 s the trajectory has joint2 at 0 with speed 0; its limits are' in refused(*record)

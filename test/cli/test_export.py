@@ -68,7 +68,7 @@ def test_a_place_that_cannot_be_written_is_named(model, tmp_path, capsys):
 
 def test_a_model_without_data_says_what_to_do(model, tmp_path, capsys):
     assert main(['export', str(tmp_path / 'none'), '--to', 'csv', '--out', 'x.csv']) == 2
-    assert 'model.yaml' in capsys.readouterr().err
+    assert 'none: no such folder; give the folder that' in capsys.readouterr().err
 
 
 @pytest.fixture(scope='module')

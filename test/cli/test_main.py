@@ -96,8 +96,9 @@ def test_mistakes_of_ours_are_one_line_and_a_file(
     assert 'call: tudor evaluate bag' in text and 'Traceback' in text and __version__ in text
     monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path / 'gone'))
     assert entry.main(['evaluate']) == 70
-    assert ('gone takes no report (No such file or directory), so run the command again with '
-            '--debug FILE, and send FILE, as docs/howto/' in capsys.readouterr().err)
+    assert (f'its report cannot be written to {tmp_path / "gone"} (No such file or directory); '
+            'run the command again with --debug FILE, and send FILE, as docs/howto/'
+            in capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(('err', 'code', 'ended'), [
@@ -229,8 +230,8 @@ def test_missing_model(capsys: pytest.CaptureFixture[str]) -> None:
     """A model that is not there is named on one line."""
     assert entry.main(['evaluate', '--model', 'no/where', 'bag']) == 2
     err = capsys.readouterr().err
-    assert err.startswith('tudor evaluate: no/where/model.yaml: cannot be read')
-    assert err.count('\n') == 1
+    assert err == ('tudor evaluate: no/where: no such folder; give the folder that tudor fit '
+                   'wrote\n')
 
 
 def test_reader_that_has_gone() -> None:

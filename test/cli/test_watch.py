@@ -76,7 +76,7 @@ def test_a_gauge_that_stands_still(root: Path, model: Path, tmp_path: Path) -> N
     (['run', '--model', 'm', '--speed', '-1'], '--speed -1'),
     (['run', '--model', 'm', '--speed', 'nan'], '--speed nan'),
     (['run', '--model', 'm', '--false-alarms', '0'], 'more than 0'),
-    (['--picture', 'v.svg'], 'need a BAG'), (['--json'], 'need a BAG'),
+    (['--picture', 'v.svg'], 'need a BAG; give a BAG, or omit them'), (['--json'], 'need a BAG'),
     (['--web', '0'], 'port of 1 to 65535')])
 def test_refusals(options: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     """One line each."""

@@ -162,8 +162,10 @@ def test_damage(name: str, model: Path, saved: dict[str, bytes]) -> None:
 
 def test_nothing_there(tmp_path: Path) -> None:
     """A bundle that is not there is named."""
-    with pytest.raises(ModelError, match='nowhere/model.yaml: cannot be read'):
+    with pytest.raises(ModelError, match='nowhere: no such folder; give the folder that'):
         load_bundle(tmp_path / 'nowhere')
+    with pytest.raises(ModelError, match=': model.yaml cannot be read'):
+        load_bundle(tmp_path)
 
 
 @pytest.mark.skipif(not hasattr(os, 'mkfifo'), reason='no named pipes here')

@@ -93,7 +93,7 @@ def test_a_parameter_that_no_node_has(world: World, model: Path, recording) -> N
     """A typo is named, with what was meant; what a file holds for other nodes is not."""
     node = start(world, model, fasle_alarms_per_hour=2.0, damping=0.5)
     world.status('monitor', lambda status: status.level == DiagnosticStatus.STALE and (
-        '; the unknown parameter fasle_alarms_per_hour is ignored; ' in status.message))
+        '; also: the unknown parameter fasle_alarms_per_hour is ignored; ' in status.message))
     feed(world, recording, counter(node), last=60)
     world.status('monitor', lambda status: status.message == (
         'the unknown parameter fasle_alarms_per_hour is ignored; '

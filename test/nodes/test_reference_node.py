@@ -339,7 +339,8 @@ def test_rivals_are_named(world: World, tudor: Path) -> None:
     generator.node._look()
     status = generator.told()
     assert status.level == DiagnosticStatus.WARN
-    assert '2 nodes publish positions on joint_states: /probe, /probe' in status.message
+    assert ('2 publishers send positions on joint_states, from nodes named /probe; stop'
+            in status.message)
     rival = world.probe.create_publisher(JointState, 'joint_reference', 10)
     assert world.spin(lambda: generator.node.count_publishers('/joint_reference') == 2)
     generator.node._look()

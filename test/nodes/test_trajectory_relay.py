@@ -280,7 +280,7 @@ def test_timing_without_a_tool(world: World, root: Path) -> None:
     chain = Chain(world, root, shaping='timing')
     chain.send(*SMOOTH)
     assert world.spin(lambda: bool(chain.controller.taken))
-    assert chain.relay.not_shaped.startswith('shaping is timing, but tool names no model; set it')
+    assert chain.relay.not_shaped.startswith('shaping is timing, but tool is empty; set it')
 
 
 class Client:

@@ -96,8 +96,9 @@ def choose_clock(
             map(len, delays)) else 0
         for name, states in topics.items():
             if not states.stamped and len(states.stamp):
-                notes.add(f'messages in {name} have no stamp; their log times are used, less the '
-                          f'delay of stamped messages, {delay * 1e-6:.3g} ms')
+                notes.add(f'messages on {name} have no stamp, so log times are used, minus '
+                          f'{delay * 1e-6:.3g} ms, the delay of stamped messages; for exact '
+                          'times, publish a type with a header')
         return {name: states.stamp if states.stamped else states.log_time - delay
                 for name, states in topics.items()}
     for name, states in topics.items():
@@ -348,9 +349,9 @@ class Assembly:
             lengths = (stamp[starts] - stamp[starts - 1]) * 1e-9
             at = (stamp[starts[0] - 1] - stamp[0]) * 1e-9
             self.notes.add(
-                f'{len(lengths)} gap(s) longer than {gap_limit(stamp):.3g} s, the longest '
-                f'{lengths.max():.3f} s, the first at {at:.3f} s; the record is '
-                'split there; if this recurs, look for lost messages')
+                f'{len(lengths)} gap(s) on {self.names[self.plan.joint_topic]} longer than '
+                f'{gap_limit(stamp):.3g} s, the longest {lengths.max():.3f} s, the first at '
+                f'{at:.3f} s; the record is split at each; if this recurs, look for lost messages')
         for cut in np.searchsorted(stamp, self.cuts, side='right').tolist():
             parts = tuple(piece for part in parts for piece in (
                 (slice(part.start, cut), slice(cut, part.stop))

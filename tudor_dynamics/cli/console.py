@@ -171,11 +171,11 @@ def print_verdicts(name: str, uses: Sequence[Use]) -> None:
 def print_findings(findings: Sequence[Finding]) -> None:
     """Print what the doctor says, one finding after the other."""
     for item in findings:
-        where = f'{item.bag}: ' if item.bag else ''
+        where = f'bag {item.bag}: ' if item.bag else ''
         say(f'doctor: {item.title}: {where}{item.what}')
         if item.evidence:
             say(f'  evidence: {item.evidence}')
-        say(f'  remedy: {item.remedy}')
+        say(*[f'  remedy: {item.remedy}'] * bool(item.remedy))
 
 
 def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) -> Table:

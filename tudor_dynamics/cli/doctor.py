@@ -34,9 +34,9 @@ import traceback
 from typing import Any, TextIO
 
 from tudor_dynamics.bags.info import describe
-from tudor_dynamics.cli.console import print_json, say, say_verdict, steps
+from tudor_dynamics.cli.console import print_json, say, say_verdict, steps, write
 from tudor_dynamics.compiled import DIRECTORY
-from tudor_dynamics.files import installed, provenance, read_bounded, write_whole
+from tudor_dynamics.files import installed, provenance, read_bounded
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.online.settings import BAGS, RING_BYTES
@@ -244,5 +244,5 @@ def recorded(path: Path, arguments: Sequence[str], run: Callable[[], int]) -> in
     finally:
         sys.stdout, sys.stderr = streams
         ended = 'ended by the error below' if code is None else f'exit code: {code}'
-        write_whole(path, report(arguments, said.getvalue(), f'{ended}, after '
-                                 f'{time.monotonic() - begun:.1f} s').encode())
+        write(path, '--debug', report(arguments, said.getvalue(), f'{ended}, after '
+                                      f'{time.monotonic() - begun:.1f} s').encode())

@@ -156,7 +156,8 @@ def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpe
         return PreprocessingSpec.model_validate({
             **arm.spec.preprocessing.model_dump(exclude_unset=True), **changes})
     except ValidationError as err:
-        raise UsageError(f'signal option {validation_message(err)}; see --help') from None
+        said = validation_message(err).replace('output_cutoff', 'output-cutoff')
+        raise UsageError(f'--{said}; see tudor fit --help') from None
 
 
 def run(args: argparse.Namespace) -> int:

@@ -294,8 +294,8 @@ def _traceback_file(arguments: Sequence[str]) -> str:
         with open(number, 'w', encoding='utf-8', errors='replace') as file:
             file.write(report(arguments))
     except OSError as err:
-        return (f'{tempfile.gettempdir()} takes no report ({err.strerror}), so run the command '
-                'again with --debug FILE, and send FILE')
+        return (f'its report cannot be written to {tempfile.gettempdir()} ({err.strerror}); run '
+                'the command again with --debug FILE, and send FILE')
     return f'please send {path}'
 
 

@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'--web {args.web}: expected a port of 1 to {LAST_PORT}')
     if args.bag is None:
         if args.picture or args.model or args.json:
-            raise UsageError('--picture, --model and --json need a BAG; give one, or none of them')
+            raise UsageError('--picture, --model and --json need a BAG; give a BAG, or omit them')
         return _topics(args)
     if not args.model:
         raise UsageError('watching a bag needs a model of its arm', remedy='give --model MODEL')

@@ -90,7 +90,7 @@ def causes(args: argparse.Namespace) -> list[Cause]:
     bundle = load_bundle(model)
     digest = records[0].get('digest', bundle.digest) if records else bundle.digest
     if digest != bundle.digest:
-        warnings.warn(f'the model {model} (digest {bundle.digest[:12]}) is not the one that the '
+        warnings.warn(f'the model {model!r} (digest {bundle.digest[:12]}) is not the one that the '
                       f'monitor used for this event (digest {str(digest)[:12]}), so results may '
                       "differ from the monitor's; give the monitor's model with --model",
                       TudorWarning, stacklevel=2)

@@ -115,9 +115,9 @@ class ReferenceGate:
             return f'reference not finite: {self._joints[j]} at {q[j]:g}, speed {dq[j]:g}; mend it'
         limits = self._limits
         for j in np.flatnonzero(limits.outside(q)):
-            fix = 'correct it' if abs(q[j]) < 2.0 * math.pi else 'send rad or m, not degrees or mm'
-            return (f'reference outside limits: {self._joints[j]} at {q[j]:.4g} is not within '
-                    f'{limits.lower[j]:.4g} .. {limits.upper[j]:.4g} [rad or m]; {fix}')
+            unit = '' if abs(q[j]) < 2.0 * math.pi else ', not degrees or mm'
+            return (f'reference outside limits: {q[j]:.4g} for {self._joints[j]} is refused; send '
+                    f'{limits.lower[j]:.4g} to {limits.upper[j]:.4g} [rad or m]{unit}')
         for j in np.flatnonzero(np.abs(dq) > limits.velocity):
             return (f'reference too fast: {self._joints[j]} at {dq[j]:.4g} exceeds its velocity '
                     f'limit of {limits.velocity[j]:.4g} [rad/s or m/s]; send slower motion')

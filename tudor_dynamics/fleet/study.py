@@ -349,7 +349,7 @@ class _Study:
             raise UsageError(f'bags of several payloads cannot be compared: {said}',
                              remedy='list bags of one payload in the plan')
         if not self.dates:
-            raise FitError(f'none of the {len(self.unused)} bags can be used; the first one is '
+            raise FitError(f'no bag can be used ({len(self.unused)} tried): bag '
                            f'{self.unused[0]}', remedy='or name other bags in the plan')
         for date_ in self.dates.values():
             date_.sights = parted(date_.whole, PARTS)

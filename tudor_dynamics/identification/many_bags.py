@@ -583,7 +583,7 @@ class ManyBags:
             raise FitError(f'--strict: {len(wrong)} unusable bags, first {wrong[0]}',
                            remedy='leave out such bags, or leave out --strict')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
-            warnings.warn(f'left out: {item}', TudorWarning, stacklevel=2)
+            warnings.warn(f'left out: bag {item}', TudorWarning, stacklevel=2)
         self.unused += wrong
         if wrong and len(self.unused) > WARNED:
             warnings.warn(f'{len(self.unused)} bags are left out, the fit uses the others; see '

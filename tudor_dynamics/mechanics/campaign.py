@@ -197,11 +197,12 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
                               f'the arm {arm.name} has {own}; give a trajectory of {own}')
     q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
     hard = hard_limits(arm)
-    wrong = np.any((q < hard.lower) | (q > hard.upper) | (np.abs(dq) > hard.velocity), axis=0)
-    beyond = [name for name, outside in zip(arm.active_joints, wrong, strict=True) if outside]
-    if beyond:
-        raise SimulationError(f'the trajectory takes {", ".join(beyond)} beyond limits of '
-                              f'position or speed; plan one with `tudor excite {arm.source}`')
+    for k, j in np.argwhere(hard.outside(q) | (np.abs(dq) > hard.velocity))[:1]:
+        raise SimulationError(
+            f'at {trajectory.t[k]:.4g} s the trajectory has {arm.active_joints[j]} at '
+            f'{q[k, j]:.4g} with speed {dq[k, j]:.4g}; its limits are {hard.lower[j]:.4g} to '
+            f'{hard.upper[j]:.4g}, speed {hard.velocity[j]:.4g}; plan one within them with '
+            f'`tudor excite {arm.source}`')
     t = trajectory.t - trajectory.t[0]
     check_budget(f'a trajectory of {t[-1]:g} s at steps of {dt:g} s', t[-1] / dt,
                  48.0 * len(arm.joints))

@@ -107,8 +107,9 @@ def _read_file(path: Path, name: str) -> bytes:
     try:
         return files.read_bounded(path / name, MAX_BYTES[name])
     except OSError as err:
-        msg = f'cannot be read ({err.strerror}); expected a model bundle of tudor fit'
-        raise ModelError(msg, place=path / name) from None
+        msg = ('no such folder' if isinstance(err, FileNotFoundError) and not path.is_dir() else
+               f'{name} cannot be read ({err.strerror})')
+        raise ModelError(msg, place=path, remedy='give the folder that tudor fit wrote') from None
 
 
 class ModelsPart(BundlePart):
@@ -366,8 +367,8 @@ def load_bundle(
     # but for the friction of its joints, which a fit may choose
     if arm is not None and arm.with_friction_of(own).digest != own.digest:
         raise ModelError(
-            f'was fitted to another description (of {own.name!r}) than {arm.source} (of '
-            f'{arm.name!r})', place=path,
+            f'this model was fitted to another description (of {own.name!r}) than {arm.source} '
+            f'(of {arm.name!r})', place=path,
             remedy='give the description that it was fitted to, or fit it again')
     try:
         arrays = load_npz(content['elm.npz'], path / 'elm.npz') if 'elm.npz' in content else {}

@@ -189,8 +189,8 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
-            'masses come from an analytical model of efforts for one payload, and the bundle has '
-            'none', remedy='run tudor fit on bags with efforts that carry the same payload')
+            'masses cannot be computed: the bundle has no analytical model of efforts for one '
+            'payload', remedy='run tudor fit on bags with efforts that carry the same payload')
     if not model.data_:
         raise ModelError('the bundle lacks the sums over its training bags (data.npz)',
                          remedy='fit the model again with this version')

@@ -193,8 +193,8 @@ class MonitorsNode(TudorNode):
         if level == OK and faults:
             return ERROR, '; '.join(faults)
         if level == OK and failed:
-            return WARN, (f'the monitor of {", ".join(failed)} failed and runs again; if it '
-                          'repeats, see the log')
+            return WARN, (f'the monitor of {", ".join(failed)} failed and runs again; report '
+                          'the error in the log, as docs/howto/report_a_bug.md says')
         return level, message
 
     def close(self) -> None:

@@ -42,5 +42,6 @@ class PayloadEstimatorNode(MonitorNode):
     def verdict(self) -> tuple[bytes, str]:
         """Say what it means for the load that contacts go unseen."""
         level, message = super().verdict()
-        blind = level != OK and self.coverage.verdict.level is not CoverageLevel.ENOUGH
+        blind = level != OK and (self.coverage.verdict.level is not CoverageLevel.ENOUGH
+                                 or message.startswith('weak collisions are missed'))
         return level, f'a touch may be taken for a load, as {message}' if blind else message

@@ -265,7 +265,7 @@ class ReferenceGeneratorNode(MovingNode):
         elif alive:
             self._unwatched = f'{names} cannot detect collisions; see the diagnostics of {names}'
         elif self.monitors:
-            self._unwatched = f'{names} sends no diagnostics; restart {names}'
+            self._unwatched = f'{names} publishes {COLLISION} but sends no diagnostics; restart it'
         else:
             self._unwatched = f'no node publishes the topic {COLLISION}; start monitor'
         self.source.halt(self._unwatched if self.value('require_monitor') else '')
@@ -302,15 +302,15 @@ class ReferenceGeneratorNode(MovingNode):
         if level != OK:
             return level, message
         if source.reacting or source.collision:
-            return WARN, (f'collision: the reaction is {self.value("reaction")}; check the arm, '
-                          'then call ~/reset')
+            return WARN, (f'the node accepts no goals after a collision (reaction: '
+                          f'{self.value("reaction")}); check the arm, then call ~/reset')
         if source.halted:
             return WARN, f'the node accepts no goals: {source.halted}'
         if self.crowded is not None:
             return self.crowded
         if len(self.monitors) > 1:
             return WARN, (f'the topic {COLLISION} has {len(self.monitors)} publishers, in nodes '
-                          f'{", ".join(self.monitors)}; stop all but one')
+                          f'{", ".join(self.monitors)}; stop all but the one of this arm')
         if self._unwatched and self.monitors:
             return WARN, f'no node watches for collisions any more: {self._unwatched}'
         return level, message

@@ -244,11 +244,11 @@ class TrajectoryRelayNode(TudorNode):
             kind, frequency = self.value('shaping'), self.value('shaping_frequency')
             tool = self._tool if kind == TIMING or not frequency else None
             if kind == TIMING and tool is None:
-                raise SignalError('shaping is timing, but tool names no model', remedy='set it to '
+                raise SignalError('shaping is timing, but tool is empty', remedy='set it to '
                                   'a bundle of `tudor fit --models analytical vibration`')
             if tool is None and not frequency:
-                raise SignalError('shaping_frequency is 0, and tool names no model', remedy='set '
-                                  'the frequency of the tool [Hz], or the path of its model')
+                raise SignalError('shaping_frequency is 0 and tool is empty', remedy='set one of '
+                                  'these parameters: a frequency [Hz], or the path of a model')
             shape = partial(shaped_for, tool, kind=kind) if tool is not None else partial(
                 convolved, shaper=impulses(kind, frequency, self.value('shaping_damping')))
             if np.abs(state.dq).max() > AT_REST:

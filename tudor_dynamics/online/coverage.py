@@ -66,8 +66,8 @@ MEANING = {
                    'model of the connected arm, or compare the names (ros2 topic echo)',
     'short_array': 'messages on {on} have fewer values than names: correct the driver',
     'no_measurement': 'no measurements come on {on} during the motion: check topic and driver',
-    'no_neighbour': 'no measurement on {on} is near a joint state in time: check its rate, and '
-                    'synchronise the clocks of both',
+    'no_neighbour': 'no measurement on {on} is near a joint state in time: check the rate of {on} '
+                    'and synchronise the clocks of both publishers',
     'no_prediction': 'no prediction comes, or the model diverged: check the node that predicts',
     'no_thresholds': 'the model has no thresholds: fit it with more motion without contact, or '
                      'call ~/calibrate while the arm moves without contact'}
@@ -197,7 +197,7 @@ class OutputCoverage:
         faults = list(filter(None, [self._apart(new, old)]))
         if share >= UNJUDGED_WARNING:
             faults.append(f'collisions cannot be detected in {100.0 * share:.1f} % of the samples '
-                          f'of {self.output}{self._main(causes, motions)}')
+                          f'of {self.output} in the last second{self._main(causes, motions)}')
         lasting = share - (settling if patient else 0.0)
         full = (self._flowing is not None
                 and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
@@ -210,7 +210,7 @@ class OutputCoverage:
         silent = [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
                   if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
         return '' if not silent else (
-            f'no message came on {", ".join(silent)}: check the node that publishes there')
+            f'no message came on {" or ".join(silent)}: start or check what publishes there')
 
     def _main(self, causes: dict[str, float], motions: dict[str, float]) -> str:
         """Name the cause that explains most, what it means, and the topics it is about."""
@@ -307,17 +307,19 @@ def _together(found: dict[str, CoverageReport]) -> CoverageReport:
     """Give the worst level with the texts that have it, and the largest shares: by output."""
     level = max((verdict.level for verdict in found.values()), default=CoverageLevel.ENOUGH)
     causes: dict[str, float] = {}
-    texts: dict[str, tuple[float, str]] = {}  # what is the same for several outputs is said once
+    # what is the same for several outputs is said once: text, and outputs by their share
+    texts: dict[str, tuple[str, dict[str, list[str]]]] = {}
     for output, verdict in found.items():
         for cause, share in verdict.causes.items():
             causes[cause] = max(share, causes.get(cause, 0.0))
         if verdict.level == level and verdict.text:
-            text = verdict.text.replace(f' of {output}', ' of OUTPUT').replace(
-                f'{100.0 * verdict.share:.1f} % of', 'SHARE of')
-            share, outputs = texts.get(text, (0.0, ''))
-            texts[text] = (max(share, verdict.share),
-                           f'{outputs} and {output}' if outputs else output)
-    said = ALSO.join(
-        text.replace('OUTPUT', outputs).replace('SHARE', f'{100.0 * share:.1f} %')
-        for text, (share, outputs) in texts.items())
+            part = f'{100.0 * verdict.share:.1f} % of the samples'
+            part = part if part in verdict.text else 'any sample'
+            text = verdict.text.replace(f'{part} of {output}', 'SAMPLES')
+            longest, outputs = texts.get(text.replace('(mainly ', '('), ('', {}))
+            outputs.setdefault(part, []).append(output)
+            texts[text.replace('(mainly ', '(')] = max(text, longest, key=len), outputs
+    said = ALSO.join(text.replace('SAMPLES', ' and '.join(
+        f'{part} of {" and ".join(names)}' for part, names in outputs.items()))
+        for text, outputs in texts.values())
     return CoverageReport(level, said, max((v.share for v in found.values()), default=0.0), causes)

@@ -145,7 +145,7 @@ CHECKS = {
     'gauge_zero': Check('the zero offset of a gauge has changed since the fit', CHANGED),
     'load_unknown': Check(
         'the arm carries a load that the model lacks', 'fit a model to bags with this load, or to '
-        'bags of two known loads (tudor fit --payload-of BAG=KG)', 'kg', 'relative error')}
+        'bags of two known loads (tudor fit --payload-of BAG=KG)', 'kg', 'relative model error')}
 """All that can be found, by its stable key."""
 
 

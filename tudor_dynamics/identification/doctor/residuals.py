@@ -240,8 +240,8 @@ def _wave(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
 def _unexplained(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
     """Say that most of a channel is left, and no check has found a cause: now, its share."""
     return None if now < settings.UNEXPLAINED ** 2 or ringing(chosen, name) else _found(
-        chosen, 'unexplained', name, i, f'does not fit the model: {100 * now:.0f} % of its '
-        f'variance is unexplained (limit {100 * settings.UNEXPLAINED ** 2:.0f} %)', 0.0, now)
+        chosen, 'unexplained', name, i, 'does not fit the model: the relative residual '
+        f'is above the limit of {100 * settings.UNEXPLAINED:.0f} %', 0.0, now)
 
 
 # -- Outputs that come late

@@ -45,7 +45,7 @@ from tudor_dynamics.nodes.common.messages import JointStateDecoder
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.settings import (
     AGE_SHARE, DEPTH, EARLY, ENOUGH, LATENCIES, OLD, REPEAT, STANDS, TOO_MANY)
-from tudor_dynamics.online.coverage import MEANING, OF_OTHERS
+from tudor_dynamics.online.coverage import ALSO, MEANING, OF_OTHERS
 
 
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
@@ -349,8 +349,8 @@ class TudorNode(Node):
             return ERROR, (f'{", ".join(rivals)} can also {verb} on {publisher.topic_name}: let '
                            'only one node publish there')
         return None if len(sources) < 2 else (WARN, (
-            f'{len(sources)} nodes publish positions on {positions}: {", ".join(sources)}; let '
-            'only one publish there'))
+            f'{len(sources)} publishers send positions on {positions}, from nodes named '
+            f'{", ".join(dict.fromkeys(sources))}; stop all but one'))
 
     def serve(self, name: str, action: Callable[[], str]) -> None:
         """Offer a Trigger service."""
@@ -376,7 +376,7 @@ class TudorNode(Node):
     def described_arm(self, contents: str, reader: str = '') -> Arm:
         """Read the parameter ``arm``; a reader takes no interfaces but JointStates."""
         if not self.value('arm'):
-            raise ArmError(f'the parameter arm is empty; give an arm description with {contents}')
+            raise ArmError(f'the parameter arm is empty; set it to an arm.yaml with {contents}')
         arm = load_arm(self.value('arm'))
         if reader:
             refuse_interfaces(arm, reader)
@@ -412,7 +412,7 @@ class TudorNode(Node):
         if self.fault:
             return ERROR, self.fault
         if 'timeout' in self.params and self.meter.stale(float(self.value('timeout'))):
-            topics = self._own or self.about()['hears']
+            topics = self._own or self.about()['hears'].replace(' ', ' or ')
             return STALE, f'no input on {topics}: start what publishes there'
         return OK, 'running'
 
@@ -449,7 +449,7 @@ class TudorNode(Node):
         if level == OK and unusable:
             level, message = WARN, unusable
         elif self._unknown:  # it may be why nothing arrives
-            message = f'{message}; {self._unknown}'
+            message = f'{message}{ALSO}{self._unknown}'
         values = {**self.meter.report(), **more}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,

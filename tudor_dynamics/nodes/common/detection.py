@@ -330,7 +330,8 @@ class DetectNode(ModelNode):
         self._calibration = Calibration(
             {method: self.bundle.arm.channels[SOURCE[method]] for method in self.watch.methods},
             seconds, self.watch.stiction)
-        self._note = f'learning thresholds for {seconds:g} s: move the arm, let nothing touch it'
+        self._note = (f'learning thresholds for {seconds:g} s (until then, older ones count): '
+                      'move the arm, let nothing touch it')
         return self._note
 
     def _collect(self, calibration: Calibration, method: str, residual: Residual) -> None:
@@ -346,7 +347,8 @@ class DetectNode(ModelNode):
             def take() -> None:
                 if self.bundle is bundle and self.watch is not None:
                     self.watch.use_thresholds(learned, settings)
-                    self._note = 'thresholds of ~/calibrate are in use; loading a model drops them'
+                    self._note = ('thresholds of ~/calibrate are in use; loading a model drops '
+                                  'them: then call it again, or fit it with bags of this motion')
             return take
 
         def refuse(why: str) -> None:
@@ -387,4 +389,4 @@ class DetectNode(ModelNode):
             (ERROR, errors), (WARN, warnings)) if any(texts)), (OK, ''))
         if level in (OK, WARN) and own > level:
             return own, said
-        return level, f'{message}; {said}' if level == own == WARN else message
+        return level, f'{message}{ALSO}{said}' if level == own == WARN else message
