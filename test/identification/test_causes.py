@@ -82,7 +82,26 @@ def test_a_clock_that_is_hours_wrong() -> None:
     """A leap longer than all that is kept changes nothing of the usual steps."""
     shown = scene(10**6, COUNT, 0, 1.0, 10**18, 1)
     assert 'leap by +1000000.0 periods' in _clock(shown)
-    assert np.isfinite([steps for _, *steps in shown.steps(10.0)][0]).all()
+    assert np.isfinite([steps for _, *steps, _ in shown.steps(10.0)][0]).all()
+
+
+def test_a_clock_that_leaps_after_the_event() -> None:
+    """It is no cause of what came before."""
+    shown = scene(0, 0, 0, 1.0, 10**18, 1)
+    begin = 10**18 + (AT + 30) * PERIOD
+    later = [replace(item, stamp=item.stamp + 25 * PERIOD)
+             if item.topic == '/link_strains' and item.stamp >= begin else item
+             for item in shown.messages]
+    assert later != shown.messages
+    assert not _clock(replace(shown, messages=later))
+
+
+@pytest.mark.parametrize('speed', [0.95, 0.97, 0.99, 1.01, 1.05])
+@pytest.mark.parametrize('lost', [3, 5, 8])
+def test_a_gap_where_the_clock_is_a_little_slow(speed: float, lost: int) -> None:
+    """Or fast, as where a driver stamps by the rate that it should have: no leap."""
+    shown = scene(0, 0, lost, speed, 10**18, 1)
+    assert not _clock(shown) and f'{lost} samples' in _gap(shown)
 
 
 def test_losses_before_a_long_event() -> None:

@@ -21,13 +21,14 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tudor_dynamics.bags.storage import bags_below, open_bag
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.black_box import (
-    ASKED, EVENTS, MessageRing, record_of, records_of, write_events)
+    ASKED, EVENTS, Heard, MessageRing, record_of, records_of, replayed, write_events)
 from tudor_dynamics.online.detector import CollisionEvent, Excess
 from tudor_dynamics.online.settings import BAGS, RING_BYTES, RING_TIME
 from tudor_dynamics.online.streams import Motion, Residual
@@ -63,6 +64,15 @@ def test_old_messages_go() -> None:
     assert [data[0] for _, _, _, data in made.kept()] == [1, 2, 3, 4]
 
 
+def test_a_message_that_is_too_large_is_not_kept() -> None:
+    """Whatever a topic carries, the ring stays within its bounds."""
+    made = ring(3)
+    made.add(2 * 10**9, '/a', KIND, bytes(RING_BYTES + 1))
+    assert not made.kept()
+    made.add(3 * 10**9, '/a', KIND, b'x')
+    assert len(made.kept()) == 1
+
+
 def test_a_load_that_was_said_long_ago_is_kept() -> None:
     """The last of them stands just before the ring, in its time."""
     made = MessageRing()
@@ -72,6 +82,25 @@ def test_a_load_that_was_said_long_ago_is_kept() -> None:
     made.add(later, '/a', KIND, b'x')
     assert [(time, data) for time, _, _, data in made.kept()] == [(later - 1, b'last'),
                                                                   (later, b'x')]
+
+
+def test_a_clock_set_back_forgets_no_load() -> None:
+    """What is carried is carried, whatever the clock says: the newest of all that were said."""
+    made = MessageRing()
+    for k, (topic, load) in enumerate(((ASKED, b'first'), (ASKED, b'last'), ('/a', b'x'))):
+        made.add(10**12 + k, topic, KIND, load)
+    made.add(10**9, '/a', KIND, b'y')
+    assert [data for _, _, _, data in made.kept()] == [b'last', b'y']
+
+
+@pytest.mark.parametrize('asked', [
+    [np.nan, 0.0, 0.0], [0.2, np.nan, 0.0], [-1.0, 0.0, 0.0], [np.inf, 0.0, 1.0]])
+def test_loads_that_nobody_has_are_passed_over(asked: list[float]) -> None:
+    """A bag is not to be trusted; the node took none of these."""
+    watch = SimpleNamespace(outputs=(), answer=lambda *given: pytest.fail(str(given)))
+    arm = SimpleNamespace(spec=SimpleNamespace(joint_topic='/joint_states'))
+    messages = [Heard(1, 0, ASKED, {ASKED: np.array(asked)})]
+    assert not [*replayed(messages, arm, SimpleNamespace(watch=watch))]
 
 
 def test_a_clock_set_back_begins_again() -> None:
@@ -176,7 +205,7 @@ def test_killed_in_the_middle(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('memory', [
-    7, {'strain': 7}, {'strain': {'stamp': 1}}, {'strain': {
+    7, [], [['strain', {}]], {'strain': 7}, {'strain': {'stamp': 1}}, {'strain': {
         'stamp': 1, 'channels': [[1.0], [1.0, 2.0]], 'joints': [], 'reversed': []}}, {'strain': {
             'stamp': 1, 'channels': [], 'joints': [], 'reversed': [2**80]}}])
 def test_damaged_memories_are_refused(tmp_path: Path, memory: object) -> None:

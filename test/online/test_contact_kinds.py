@@ -161,7 +161,7 @@ def test_an_event_that_outlasts_its_push_has_the_force_of_the_push() -> None:
     assert summary['across'] == pytest.approx(-3.0, rel=0.05)
     assert summary['force'] == pytest.approx(3.0, rel=0.05)
     assert summary['seconds'] == pytest.approx(2.0, abs=0.1)
-    assert summary['peak'] == pytest.approx(3.0, rel=0.1)
+    assert summary['force'] <= summary['peak'] == pytest.approx(3.0, rel=0.1)
     t, size = np.array(summary['course']).T
     assert 25 < len(t) <= 50 and t[0] == 0.0 and summary['seconds'] - t[-1] < 0.1
     assert np.median(size) == pytest.approx(3.0, rel=0.1)

@@ -73,8 +73,8 @@ def test_a_memory_goes_on_to_the_last_bit(learned: MethodThresholds) -> None:
     record = scaled(ringing(60, 24), 1.5)
     stage = ExcessStage(learned, RATES)
     walked = walk(stage, record)
-    memory = json.loads(json.dumps(stage.memories[0]))
-    assert 20.0 < (record.stamp[-1] - memory['stamp']) * 1e-9 < 30.0
+    memory = json.loads(json.dumps(stage.memory_before(int(record.stamp[-1]))))
+    assert 10.0 < (record.stamp[-1] - memory['stamp']) * 1e-9 <= 15.0
     late = record.t > record.t[-1] - 30.0
     last = FreeMotion(record.stamp[late], record.motion[late], record.residual[late])
 
@@ -82,12 +82,17 @@ def test_a_memory_goes_on_to_the_last_bit(learned: MethodThresholds) -> None:
         other = ExcessStage(learned, RATES)
         for each in memories:
             other.recall(each)
-        return np.array([x.collision for x in walk(other, last)])[-1900:]
-    expected = np.array([x.collision for x in walked])[-1900:]
+        return np.array([x.collision for x in walk(other, last)])[-900:]
+    expected = np.array([x.collision for x in walked])[-900:]
     assert np.array_equal(ratios(memory), expected)
     assert not np.array_equal(ratios(), expected)
-    other_arm = {**memory, 'joints': [[0.0]] * 3}
-    assert np.array_equal(ratios(other_arm), ratios())
+    usual, *others = memory['channels']
+    twice = (2.0 * np.array(memory['joints'])).tolist()
+    for another in ({'joints': [[0.0]] * 3}, {'joints': twice},
+                    {'channels': [[3.0 * item for item in usual], *others]}):
+        assert np.array_equal(ratios({**memory, **another}), ratios())  # of other thresholds
+    assert not stage.memory_before(memory['stamp'] - 1)  # the clock was set back
+    assert not stage.memory_before(int(record.stamp[-1]) + 16 * 10**9)  # or there was a pause
 
 
 def test_a_push_hardly_widens(learned: MethodThresholds) -> None:

@@ -27,7 +27,7 @@ from tudor_dynamics.bags.storage import Bag
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FREE
 from tudor_dynamics.identification.settings import (
-    BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_AFTER, JUST_BEFORE, LATE_LOAD, LEAP,
+    AROUND, BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_AFTER, JUST_BEFORE, LATE_LOAD, LEAP,
     LEAST_TOUCH, LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, SAME_ONSET, SHARED_TOUCH,
     STARTED, STOOD_BEFORE, SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
@@ -48,21 +48,20 @@ class Replay:
     excesses: dict[str, list[Excess]] = field(default_factory=dict)  # by method
     loads: list[LoadFound] = field(default_factory=list)
     contacts: list[ContactEstimate] = field(default_factory=list)
-    # when the message that made each event certain came [ns], why motion was unlike training then,
-    # and the load that was known [kg], None where it is a parameter
+    # when each event was certain: arrival [ns], what of the motion is strange, load known [kg]
     certain: list[tuple[int, str, float | None]] = field(default_factory=list)
 
 
 def replay(messages: list[Heard], monitor: Monitor) -> Replay:
     """Let a monitor take messages, and keep what it found."""
-    begin = next(message.stamp for message in messages if ASKED not in message.fields)
+    begin = next((message.stamp for message in messages if message.topic != ASKED), 0)
     seen, watch = Replay(EventLog(begin, FREE)), monitor.watch
     for message, found in replayed(messages, watch.bundle.arm, monitor):
         for method, excess in found.excesses:
             seen.excesses.setdefault(method, []).append(excess)
         seen.loads += found.loads
         seen.contacts += found.contacts
-        known = None if watch.payload is None else watch.payload.mass
+        known = watch.payload.mass if watch.payload else None
         seen.certain += [(message.time, watch.outside_training, known)] * len(found.events)
         seen.log.add(found, watch)
     return seen
@@ -106,8 +105,8 @@ class Scene:
 
     def steps(
         self, before: float, after: float = 0.0,
-    ) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-        """Give steps of stamps and of arrivals around the event [s], in usual ones."""
+    ) -> Iterator[tuple[str, FloatArray, FloatArray, int]]:
+        """Give steps of stamps and arrivals around it [s], in usual ones; how many are before."""
         event = self.seen.event
         since = before * 1e9 + event.stamp - event.onset
         for topic in dict.fromkeys(message.topic for message in self.messages):
@@ -124,16 +123,17 @@ class Scene:
                 if abs(pace - 1.0) > PLAYED:  # the newest stamp of the others is the clock
                     own[:, 1] = own[:, 0] if not len(others) else others[
                         np.maximum(np.searchsorted(others[:, 1], own[:, 1]) - 1, 0), 0]
-                steps = np.diff(own, axis=0) / np.median(np.diff(own[:, 0]))
-                yield topic, *steps[near].T
+                    pace = 1.0
+                steps = np.diff(own, axis=0) / np.median(np.diff(own[:, 0])) / [1.0, pace]
+                yield topic, *steps[near].T, int(np.sum(ago[near] >= 0))
 
 
 def _clock(scene: Scene) -> str:
-    for topic, stamp, arrival in scene.steps(LONG_BEFORE, after=JUST_AFTER):
-        ahead = np.cumsum(stamp - arrival)
-        for at in np.flatnonzero(np.abs(stamp - 1.0) > CLOCK_STEP):
+    for topic, stamp, arrival, before in scene.steps(LONG_BEFORE, after=JUST_AFTER):
+        ahead, last = np.cumsum(stamp - arrival), min(before, len(stamp) - AROUND)
+        for at in AROUND + np.flatnonzero(np.abs(stamp[AROUND:last] - 1.0) > CLOCK_STEP):
             leap = stamp[at] - 1.0
-            stays = np.median(ahead[at:]) - np.median(ahead[:at] if at else 0.0)
+            stays = np.median(ahead[at:]) - np.median(ahead[:at])
             if abs(stays - leap) < 0.5 * abs(leap):  # messages may come in bunches
                 return (f'stamps of {topic} leap by {leap:+.1f} periods while its messages come '
                         'as always')
@@ -145,7 +145,7 @@ def _gap(scene: Scene) -> str:
 
 
 def _losses(scene: Scene, share: float = 0.0) -> str:
-    for topic, stamp, _ in scene.steps(LOST_BEFORE):
+    for topic, stamp, *_ in scene.steps(LOST_BEFORE):
         lost = int(np.sum(np.round(stamp[stamp > LOST_STEP]) - 1))
         if lost > share * (lost + len(stamp)):
             return f'{lost} samples of {topic} are missing within {LOST_BEFORE:g} s before it'
@@ -309,7 +309,7 @@ def explain(
 
     def monitor(how: str) -> Monitor:
         return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
-    own, sensed = monitor(source), [item for item in messages if ASKED not in item.fields]
+    own, sensed = monitor(source), [item for item in messages if item.topic != ASKED]
     for method, memory in records[0].get('memory', {}).items() if records else ():
         if method in own.watch.stages:
             own.watch.stages[method].recall(memory)

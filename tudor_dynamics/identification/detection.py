@@ -177,9 +177,8 @@ class CollisionScore:
     """Figures of one method."""
 
     events: int  # events in all bags
-    # Pushes in the bags, and those found.
-    pushes: int
-    found: int
+    pushes: int  # pushes in the bags
+    found: int  # those found
     detection_rate: float | None  # their ratio; None without pushes
     # From the start of the push to certainty, over those found, 0 within its tolerance [s].
     latency_median: float | None
@@ -309,9 +308,8 @@ class Roc(Shown):
     """Receiver operating characteristic of one method; intervals are exact ones of 90 %."""
 
     factor: FloatArray  # thresholds, as multiples of those in force, falling, (points,)
-    # Pushes found, and seconds of free motion with a false event, (points,).
-    found: NDArray[np.int64]
-    false: NDArray[np.int64]
+    found: NDArray[np.int64]  # pushes found, (points,)
+    false: NDArray[np.int64]  # seconds of free motion with a false event, (points,)
     pushes: int
     hours: float  # free time [h]
 

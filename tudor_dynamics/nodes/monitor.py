@@ -186,7 +186,8 @@ class MonitorNode(DetectNode):
     def asked(self, what: str) -> None:
         """Keep it among the messages."""
         self._box.keeping(JointState, ASKED, len)(JointStateEncoder(ASKS, ('position',)).encode(
-            0, np.array([self.port.mass, what == 'expect', what == 'reset'])))
+            0, np.array([self.port.load.mass if self.port.load else 0.0,
+                         what == 'expect', what == 'reset'])))
 
     def keep(self, record: dict[str, Any]) -> None:
         """Let a bag of the event be written."""

@@ -33,7 +33,7 @@ from tudor_dynamics.bags.messages import DATA, JOINT_STATE, load_topics
 from tudor_dynamics.bags.storage import Bag, METADATA, one_line, read_metadata
 from tudor_dynamics.bags.writer import write_messages
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.online.detector import CollisionEvent, Excess, MEMORY, time_of_day
+from tudor_dynamics.online.detector import CollisionEvent, Excess, time_of_day
 from tudor_dynamics.online.monitor import FIELD, Found, Monitor
 from tudor_dynamics.online.settings import BAGS, RECORD_ROWS, RECORD_TIME, RING_BYTES, RING_TIME
 from tudor_dynamics.online.streams import Gathering
@@ -80,10 +80,10 @@ def records_of(bag: Bag) -> list[dict[str, Any]]:
         found = json.loads(bag.metadata.custom.get(EVENTS, '[]'))
         for record in found:
             int(record['onset']), record['method'], dict(record['ratio']), dict(record['settings'])
-            for memory in dict(record.get('memory', {})).values():
-                for key, kind in MEMORY.items():
-                    np.array(memory[key], dtype=kind)
-    except (KeyError, OverflowError, RecursionError, TypeError, ValueError) as err:
+            for memory in record.get('memory', {}).values():
+                np.array([memory['stamp'], *memory['reversed']], dtype=np.int64)
+                np.array(memory['channels'], float), np.array(memory['joints'], float)
+    except (AttributeError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as err:
         raise BagError(f'{METADATA} has damaged records of events (key {EVENTS}: {one_line(err)})',
                        place=str(bag.path), remedy='copy the bag again') from None
     return list(found)
@@ -99,21 +99,20 @@ class MessageRing:
 
     def add(self, time: int, topic: str, msgtype: str, data: bytes) -> None:
         """Keep a message: when it arrived [ns]. No two have one time: their order is kept."""
-        if time < self.last - round(RING_TIME * 1e9):  # the clock was set back
-            self._messages.clear()
-            self._bytes = self.last = 0
-        self.last = time = max(time, self.last + 1)
+        span = round(RING_TIME * 1e9)
+        # those whose times are later all go where the clock was set back
+        self.last = time = time if time < self.last - span else max(time, self.last + 1)
         self._messages.append((time, topic, msgtype, data))
         self._bytes += len(data)
-        oldest = time - round(RING_TIME * 1e9)
-        while self._messages[0][0] < oldest or self._bytes > RING_BYTES:
+        while self._messages and (
+                not time - span <= self._messages[0][0] <= time or self._bytes > RING_BYTES):
             gone = self._messages.popleft()
             self._bytes -= len(gone[3])
             if gone[1].endswith(ASKED):
                 self._carried = (gone,)
 
     def kept(self) -> tuple[Message, ...]:
-        """Give what is kept now; all of it in one step, so that any thread may ask."""
+        """Give what is kept now."""
         kept = tuple(self._messages)
         return tuple((kept[0][0] - 1, *gone[1:]) for gone in self._carried if kept) + kept
 
@@ -192,7 +191,7 @@ def replayed(
                  for output in monitor.watch.outputs}
     for message in messages:
         fields = message.fields
-        if ASKED in fields:
+        if ASKED in fields and 0.0 <= fields[ASKED].min() and fields[ASKED].max() < np.inf:
             monitor.watch.answer(*fields[ASKED].tolist())
         if message.topic == arm.spec.joint_topic:
             if 'q' not in fields:

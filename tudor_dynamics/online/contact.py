@@ -98,12 +98,7 @@ class ContactRecord:
         self._seen += estimates
 
     def summary(self) -> dict[str, Any]:
-        """
-        Give link, mean, peak and course of the force [N], seconds of touch, places [m].
-
-        The course has rows of seconds since the touch began, and force; the peak is the largest
-        mean over 0.15 s, as links ring. Empty without a sample.
-        """
+        """Give link, force (mean, peak, course) [N], time, places [m]; empty without a sample."""
         if not self._seen or not self.spans:
             return {}
         pressing = np.array([item.pressing for item in self._seen])
@@ -132,17 +127,18 @@ class ContactRecord:
         factor, doubt = self._newtons
         mean = math.hypot(across, along)
         t = 1e-9 * np.array([item.stamp - kept[0].stamp for item in kept])
-        width = min(max(1, int(np.searchsorted(t, PEAK_TIME))), len(t))
-        held = np.lib.stride_tricks.sliding_window_view(force[during], width, axis=0).mean(axis=-1)
-        course = np.column_stack([t, factor * np.hypot(*force[during].T)])
-        forces = {'force': mean, 'peak': np.hypot(*held.T).max(), 'across': across,
+        width = math.ceil(len(t) * min(1.0, PEAK_TIME / max(t[-1], 1e-9)))
+        total = np.pad(force[during].cumsum(axis=0), ((1, 0), (0, 0)))
+        held = np.hypot(*(total[width:] - total[:-width]).T) / width
+        course = np.column_stack([t, factor * np.hypot(*force[during].T)])[
+            ::-(-len(t) // RECORD_ROWS)]
+        forces = {'force': mean, 'peak': max(mean, held.max()), 'across': across,
                   'along': along if span.along else math.nan,
                   'force_deviation': math.hypot(deviation, doubt * mean)}
         return {'link': link, 'certain': round(float(sum(weights[k] for k in own)), 4),
                 **{name: None if math.isnan(factor * value) else float(factor * value)
                    for name, value in forces.items()},
-                'course': [] if math.isnan(factor) else (
-                    course[::-(-len(t) // RECORD_ROWS)].tolist()),
+                'course': [] if math.isnan(factor) else course.tolist(),
                 'seconds': float(t[-1]),
                 'place': place if known else None, 'place_deviation': unsure if known else None,
                 'or_place': others[0] if known and others else None,

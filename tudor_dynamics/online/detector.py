@@ -140,8 +140,6 @@ the last reversal of each joint; rows of the past."""
 TO_CONTACT, TO_COLLISION, SUDDEN, THRESHOLD, ONSET, ONSET_RATIO = range(6)
 """Rows of what is found at a sample."""
 GROWTH = 1024
-MEMORY = {'stamp': int, 'channels': float, 'joints': float, 'reversed': int}
-"""What a stage remembers: when [ns], rows of channels and of joints, stamps [ns] of reversals."""
 
 
 class ExcessStage:
@@ -205,9 +203,17 @@ class ExcessStage:
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Go on from a memory at its sample, where it is one of the same thresholds."""
-        if [np.shape(memory[key]) for key in ('channels', 'joints', 'reversed')] == [
-                self._channels[:CONTACT].shape, self._joints.shape, self._joints[0].shape]:
+        channels, joints = np.array(memory['channels']), np.array(memory['joints'])
+        if (channels.shape == self._channels[:CONTACT].shape
+                and np.array_equal(channels[[USUAL, STICTION]], self._channels[[USUAL, STICTION]])
+                and joints.shape == (*self._joints.shape[:1], len(memory['reversed']))
+                and np.array_equal(joints[REACH], self._joints[REACH])):
             self._recalled = memory
+
+    def memory_before(self, stamp: int) -> dict[str, Any]:
+        """Give the oldest memory that a recording of an event holds; empty for none."""
+        return next((memory for memory in self.memories if
+                     0 <= stamp - memory['stamp'] <= MEMORIES * MEMORY_EVERY * 1e9), {})
 
     def _make_room(self) -> None:
         begin, count = self._counts[BEGIN], self._counts[COUNT]

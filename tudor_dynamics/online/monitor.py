@@ -275,12 +275,12 @@ class Watch:
         kind = 'analytical' if method == 'momentum' else self.settings.kind
         return self.bundle.models[SOURCE[method]][kind].stiction(q)
 
-    def answer(self, mass: float, expect: float, reset: float) -> None:
+    def answer(self, mass: float | None, expect: float, reset: float) -> None:
         """Take a load from others [kg], let one come, or restart all: nothing touches the arm."""
         if reset:
             self.detector.reset()
         if self.payload is not None:
-            self.payload.carry(mass)
+            self.payload.carry(self.payload.mass if mass is None else mass)
             if expect:
                 self.payload.expect()
             if reset and isinstance(self.payload, PayloadStage):

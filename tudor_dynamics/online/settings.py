@@ -249,9 +249,9 @@ HELD_WITHIN = 0.01  # how far a joint that is held may be from there [rad or m]
 # Black box.
 
 RING_TIME = 30.0
-"""Messages are kept for so long [s]: filters and loads forget their beginning."""
-MEMORY_EVERY, MEMORIES = 5.0, 5
-"""What stages remember is kept so often [s], so many times: the oldest is always in the ring."""
+"""Messages are kept for so long [s]: filters forget their beginning."""
+MEMORY_EVERY, MEMORIES = 5.0, 3
+"""Memories of thresholds: how often [s], and how many; the oldest is in the ring also later."""
 RING_BYTES = 64 << 20
 """Messages that are kept at most [bytes]: 30 s of 1 kHz on four topics are 20 MB."""
 BAGS = 20  # bags of events in a folder, after which the oldest goes

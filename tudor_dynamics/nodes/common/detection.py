@@ -297,8 +297,8 @@ class DetectNode(ModelNode):
             self.collision_output.event(event, record)
             assert self.watch is not None  # which found it
             self.keep(record | {'memory': {
-                method: stage.memories[0] for method, stage in self.watch.stages.items()
-                if stage.memories}})
+                method: memory for method, stage in self.watch.stages.items()
+                if (memory := stage.memory_before(event.stamp))}})
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
             self.contact_output.publish(self.watch, estimate)
@@ -316,7 +316,7 @@ class DetectNode(ModelNode):
         """Restart, with the load as well: nothing touches the arm now."""
         self.asked('reset')
         if self.watch is not None:
-            self.watch.answer(self.port.mass, 0.0, 1.0)
+            self.watch.answer(None, 0.0, 1.0)
         self.collision_output.level(Level.FREE)
         return 'armed'
 

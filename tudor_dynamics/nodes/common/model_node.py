@@ -100,11 +100,6 @@ class PayloadPort:
             self._subscription = node.subscribe(
                 InertiaStamped, PAYLOAD_TOPIC, self._heard, qos=latched())
 
-    @property
-    def mass(self) -> float:
-        """Give what is carried, 0 where the load is a parameter [kg]."""
-        return 0.0 if self.load is None else self.load.mass
-
     def use(self, load: CarriedLoad | None) -> None:
         """Put another one into use; a load that is known stays."""
         if load is not None and self.load is not None and self.source == 'topic':
