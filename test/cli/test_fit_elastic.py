@@ -126,5 +126,5 @@ def test_a_bag_without_strain(
     bag = saved(tmp_path / 'bare', replace(RECORD, strain=None))
     line = one_line(capsys, 'fit', bag, '--arm', place / 'arm.yaml', '--out', tmp_path / 'm',
                     '--models', 'analytical', 'elastic')
-    assert f'{bag}: no strain' in line and '--models' in line
+    assert f'no strain in {bag}, but the elastic model' in line and '--models' in line
     assert not (tmp_path / 'm').exists()

@@ -141,7 +141,9 @@ def test_decimated_blocks() -> None:
 @pytest.mark.parametrize('settings', [{'hidden': 0}, {'ridge': -1.0}, {'ridge': float('nan')}])
 def test_impossible_settings(settings: dict[str, float]) -> None:
     """No neurons, or a ridge that is none, are refused."""
-    with pytest.raises(FitError, match='; expected (hidden of 1|ridge of 0) or more'):
+    (name, value), = settings.items()
+    expected = rf'--elm-{name} \(elm_{name}\) is {value}; give [01] or more'
+    with pytest.raises(FitError, match=expected):
         ExtremeLearningMachine(CHANNELS, **settings).fit(*_data())  # type: ignore[arg-type]
 
 

@@ -117,7 +117,7 @@ def test_wrench_point_and_diagnosis(world: World, elastic: Path, pushed: Recordi
     behind = say(SECOND[0] - 0.1, round((FIRST[0] + 0.7) * RATE), 'last contact')
     assert 0.0 < float(during['contact place deviation [m]']) < 0.06
     assert behind['contact'] == 'by strain' and 'contact link' not in behind
-    assert 'N on link3' in behind['last contact']
+    assert 'N) on link3' in behind['last contact']
     again = say(SECOND[0] + 0.7, round((SECOND[0] - 0.1) * RATE), 'contact link')
     assert again['contact link'] == 'link2'
 

@@ -191,7 +191,7 @@ def replayed(
                  for output in monitor.watch.outputs}
     for message in messages:
         fields = message.fields
-        if ASKED in fields and 0.0 <= fields[ASKED].min() and fields[ASKED].max() < np.inf:
+        if ASKED in fields and np.isfinite(fields[ASKED]).all():
             monitor.watch.answer(*fields[ASKED].tolist())
         if message.topic == arm.spec.joint_topic:
             if 'q' not in fields:
