@@ -330,8 +330,8 @@ class DetectNode(ModelNode):
         self._calibration = Calibration(
             {method: self.bundle.arm.channels[SOURCE[method]] for method in self.watch.methods},
             seconds, self.watch.stiction)
-        self._note = (f'learning thresholds for {seconds:g} s (until then, older ones count): '
-                      'move the arm, let nothing touch it')
+        self._note = (f'learning thresholds for {seconds:g} s, in which the old ones apply: move '
+                      'the arm as usual, and let nothing touch it')
         return self._note
 
     def _collect(self, calibration: Calibration, method: str, residual: Residual) -> None:
