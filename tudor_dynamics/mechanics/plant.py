@@ -389,8 +389,8 @@ class Plant:
         elif status == gen.SINGULAR:
             loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
                      if not self.tables.prescribed[index]]
-            msg = (f'{name}: the mass matrix is singular, as joint {" or ".join(loose)}, or a node '
-                   'of a beam, moves no mass; give the link after it a mass or hub_inertia')
+            msg = (f'{name}: the mass matrix is singular, as joint {" or ".join(loose)}, or a '
+                   'node of a beam, moves no mass; give the link after it a mass or hub_inertia')
         elif status == gen.TOO_BENT:
             msg = (f'{name}: at t = {t:.6g} s a link is bent by more than '
                    f'{settings.MAX_ROTATION} rad, where a linear beam means nothing; energy '
