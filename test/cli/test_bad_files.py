@@ -20,6 +20,7 @@ from collections.abc import Callable
 import json
 import os
 from pathlib import Path
+import re
 import sqlite3
 import subprocess
 import sys
@@ -182,6 +183,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory, root: Path) -> dict[str, l
 def test_bad_file(answers: dict[str, list], name: str) -> None:
     """One line with the cause, exit code 2, little time and memory."""
     code, out, err, seconds, memory = answers[name]
+    err = re.sub(r'(?m)^\d+ s: .*\n', '', err)  # progress, after 3 s on a busy machine
     assert code == 2, err
     assert out == '' and err.count('\n') == 1 and len(err) < 600
     assert CASES[name][1] in err
