@@ -332,8 +332,8 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
     try:
         spec = ArmSpec.model_validate(content)
     except ValidationError as err:
-        raise ArmError(f'{source}: ' + validation_message(err).replace(
-            'add it', 'add it, as docs/reference/arm_yaml.md shows')) from None
+        raise ArmError(f'{source}: ' + validation_message(
+            err, '; add it, as docs/reference/arm_yaml.md shows')) from None
     model, urdf, notes = build_model(spec, base, source)
     return Arm(spec, model, source, urdf, notes)
 

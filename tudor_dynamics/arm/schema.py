@@ -811,7 +811,7 @@ def _keys(part: type[Spec]) -> set[str]:
     return {*part.model_fields}.union(*(_keys(other) for other in part.__subclasses__()))
 
 
-def validation_message(err: ValidationError) -> str:
+def validation_message(err: ValidationError, add: str = '; add it') -> str:
     """Put a pydantic error on one line: each key, what is wrong, what was found."""
     def short(text: str) -> str:
         return text if len(text) <= 100 else f'{text[:100]}...'
@@ -831,7 +831,7 @@ def validation_message(err: ValidationError) -> str:
         shown = '' if isinstance(found, (dict, list)) or f"'{found}'" in text else (
             f', found {"nothing" if found is None else short(repr(found))}')
         if item['type'] == 'missing':
-            text, shown = 'is missing', '; add it'
+            text, shown = 'is missing', add
         if item['type'] == 'extra_forbidden':
             text = 'unknown key'
             shown += '; correct or remove it' + meant(str(item['loc'][-1]), _keys(Spec))

@@ -173,9 +173,9 @@ def print_findings(findings: Sequence[Finding]) -> None:
     for item in findings:
         where = f'bag {item.bag}: ' if item.bag else ''
         say(f'doctor: {item.title}: {where}{item.what}')
-        if item.evidence:
-            say(f'  evidence: {item.evidence}')
-        say(*[f'  remedy: {item.remedy}'] * bool(item.remedy))
+        for name, text in (('evidence', item.evidence), ('remedy', item.remedy)):
+            if text:
+                say(f'  {name}: {text}')
 
 
 def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) -> Table:

@@ -27,9 +27,9 @@ from tudor_dynamics.bags.storage import Bag
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FREE
 from tudor_dynamics.identification.settings import (
-    AROUND, BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_AFTER, JUST_BEFORE, LATE_LOAD, LEAP,
-    LEAST_TOUCH, LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, SAME_ONSET, SHARED_TOUCH,
-    STARTED, STOOD_BEFORE, SURE, UNLIKE, USUAL)
+    BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_AFTER, JUST_BEFORE, LATE_LOAD, LEAP,
+    LEAP_SAMPLES, LEAST_TOUCH, LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, SAME_ONSET,
+    SHARED_TOUCH, STARTED, STOOD_BEFORE, SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.black_box import ASKED, Heard, messages_of, replayed
@@ -106,7 +106,7 @@ class Scene:
     def steps(
         self, before: float, after: float = 0.0,
     ) -> Iterator[tuple[str, FloatArray, FloatArray, int]]:
-        """Give steps of stamps and arrivals around it [s], in usual ones; how many are before."""
+        """Give steps of stamps and arrivals near it [s], in usual ones; how many precede it."""
         event = self.seen.event
         since = before * 1e9 + event.stamp - event.onset
         for topic in dict.fromkeys(message.topic for message in self.messages):
@@ -130,11 +130,11 @@ class Scene:
 
 def _clock(scene: Scene) -> str:
     for topic, stamp, arrival, before in scene.steps(LONG_BEFORE, after=JUST_AFTER):
-        ahead, last = np.cumsum(stamp - arrival), min(before, len(stamp) - AROUND)
-        for at in AROUND + np.flatnonzero(np.abs(stamp[AROUND:last] - 1.0) > CLOCK_STEP):
-            leap = stamp[at] - 1.0
-            stays = np.median(ahead[at:]) - np.median(ahead[:at])
-            if abs(stays - leap) < 0.5 * abs(leap):  # messages may come in bunches
+        ahead = np.cumsum(stamp - arrival)
+        for at in range(LEAP_SAMPLES, min(before, len(stamp) - LEAP_SAMPLES)):
+            leap = stamp[at] - 1.0  # and stays: by medians, as messages may come in bunches
+            if abs(leap) > CLOCK_STEP and abs(
+                    np.median(ahead[at:]) - np.median(ahead[:at]) - leap) < 0.5 * abs(leap):
                 return (f'stamps of {topic} leap by {leap:+.1f} periods while its messages come '
                         'as always')
     return ''

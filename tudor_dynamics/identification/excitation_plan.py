@@ -408,7 +408,7 @@ def read_plan(path: str | Path) -> PlanFolder:
     try:
         head = _Head.model_validate_json(text)
     except ValidationError as err:
-        raise UsageError(f'not a valid plan ({validation_message(err).replace("; add it", "")})',
+        raise UsageError(f'not a valid plan ({validation_message(err, add="")})',
                          place=path / HEAD, remedy='plan again with tudor excite') from None
     if (head.format, head.version) != (FORMAT, VERSION):
         raise UsageError(f'found {head.format[:60]} {head.version}, expected {FORMAT} {VERSION}',

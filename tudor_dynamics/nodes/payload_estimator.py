@@ -42,6 +42,7 @@ class PayloadEstimatorNode(MonitorNode):
     def verdict(self) -> tuple[bytes, str]:
         """Say what it means for the load that contacts go unseen."""
         level, message = super().verdict()
+        unsure = '' if self.watch is None else self.watch.outside_training
         blind = level != OK and (self.coverage.verdict.level is not CoverageLevel.ENOUGH
-                                 or message.startswith('weak collisions are missed'))
+                                 or unsure != '' and message.startswith(unsure))
         return level, f'a touch may be taken for a load, as {message}' if blind else message

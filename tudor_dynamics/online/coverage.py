@@ -316,9 +316,9 @@ def _together(found: dict[str, CoverageReport]) -> CoverageReport:
             part = f'{100.0 * verdict.share:.1f} % of the samples'
             part = part if part in verdict.text else 'any sample'
             text = verdict.text.replace(f'{part} of {output}', 'SAMPLES')
-            longest, outputs = texts.get(text.replace('(mainly ', '('), ('', {}))
+            longest, outputs = texts.get(same := text.replace('(mainly ', '('), ('', {}))
             outputs.setdefault(part, []).append(output)
-            texts[text.replace('(mainly ', '(')] = max(text, longest, key=len), outputs
+            texts[same] = max(text, longest, key=len), outputs
     said = ALSO.join(text.replace('SAMPLES', ' and '.join(
         f'{part} of {" and ".join(names)}' for part, names in outputs.items()))
         for text, outputs in texts.values())

@@ -193,7 +193,7 @@ class ExcessStage:
             counts[REVERSED:] = self._recalled['reversed']
         elif 0 <= since < every or stamp - counts[ORIGIN] < every:
             return
-        # times count from now: to the last bit those of a stage that begins later
+        # times count from this sample, so that a stage that began later rounds them alike
         counts[ORIGIN] = stamp - every
         past = self._past[counts[BEGIN]:counts[COUNT], 0]
         past += MEMORY_EVERY - past[-1]

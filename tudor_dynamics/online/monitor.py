@@ -280,7 +280,8 @@ class Watch:
         if reset:
             self.detector.reset()
         if self.payload is not None:
-            self.payload.carry(self.payload.mass if mass is None else mass)
+            if mass is not None:
+                self.payload.carry(mass)
             if expect:
                 self.payload.expect()
             if reset and isinstance(self.payload, PayloadStage):

@@ -210,9 +210,7 @@ OTHER_SHARE = 0.1  # probability from which another place that explains a contac
 TOUCH_SHARE = 0.05
 """Part of its largest force below which a touch has not begun, or has ended: half and 0.2 leave
 twice the error of the mean force, measured by papers/contact.py."""
-PEAK_TIME = 0.15
-"""Time over which a force is averaged for its peak [s]: links ring, which makes single samples a
-fifth larger than the push, and these means an eighth to a twelfth (bench/other_plant.py)."""
+PEAK_TIME = 0.15  # time over which the peak of a force is averaged [s]: bench/other_plant.py
 TORQUE_DETECTED, TORQUE_ENDED = 5.0, 3.0
 """Standard deviations of free motion from which, and until which, a joint detects a contact by
 efforts alone; docs/explanation/contact.md: 5."""
@@ -251,7 +249,7 @@ HELD_WITHIN = 0.01  # how far a joint that is held may be from there [rad or m]
 RING_TIME = 30.0
 """Messages are kept for so long [s]: filters forget their beginning."""
 MEMORY_EVERY, MEMORIES = 5.0, 3
-"""Memories of thresholds: how often [s], and how many; the oldest is in the ring also later."""
+"""Memories of thresholds: how often [s], and how many: the oldest is at most 15 s old."""
 RING_BYTES = 64 << 20
 """Messages that are kept at most [bytes]: 30 s of 1 kHz on four topics are 20 MB."""
 BAGS = 20  # bags of events in a folder, after which the oldest goes
