@@ -12,15 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Residuals of two links that ring, and a walk of them through thresholds."""
+"""Residuals of two links that ring, a walk of them through thresholds, and plain thresholds."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from tudor_dynamics.online.detector import Excess, ExcessStage
+from tudor_dynamics.online.settings import LAGS, WINDOW
 from tudor_dynamics.online.streams import Motion, Residual
 from tudor_dynamics.online.threshold_learning import FreeMotion
+from tudor_dynamics.online.thresholds import MethodThresholds, Tail
 
 CHANNELS = ('a', 'b')
 
@@ -47,3 +49,18 @@ def walk(stage: ExcessStage, record: FreeMotion, push=0.0) -> list[Excess]:
     push = np.broadcast_to(np.asarray(push, dtype=float).reshape(-1, 1), record.residual.shape)
     return [stage.step(Residual(Motion(int(s), 9.0, 0.01, m), r, r, r))
             for s, m, r in zip(record.stamp, record.motion, record.residual + push, strict=True)]
+
+
+def plain_thresholds(
+    channels: tuple[str, ...], joints: int = 2, size: float = 6.0,
+) -> MethodThresholds:
+    """Make thresholds that are the same in all motion: some three sizes of the residual."""
+    n = len(channels)
+    taps = np.zeros((LAGS + WINDOW, n, n))
+    taps[0] = np.eye(n)
+    profile = np.zeros((2 * n, 1 + 4 * joints))
+    profile[:, 0] = size
+    tail, never = (Tail(location, 0.5, 0.0, 0.2, 6.0, 50.0) for location in (3.0, 1e9))
+    return MethodThresholds(
+        channels, 0.01, taps, profile, (tail,) * 2 * n + (never,) * n, 120.0, np.full(n, 1.0),
+        np.full(joints, 1.8), np.zeros(n))

@@ -36,6 +36,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.main import build_parser, main
 from tudor_dynamics.cli.why import causes
+from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.monitor import MonitorNode, OFF
@@ -242,7 +243,8 @@ def test_a_node_that_ran_for_long(
 ) -> None:
     """Thresholds remember more than the ring holds: with that, the same event to the last bit."""
     monkeypatch.setattr('tudor_dynamics.online.black_box.RING_BYTES', 150_000)
-    monkeypatch.setattr('tudor_dynamics.online.detector.MEMORY_EVERY', 0.5)
+    for name, seconds in {'EVERY': 0.5, 'OLDEST': 2.0, 'APART': 0.5}.items():
+        monkeypatch.setattr(f'tudor_dynamics.online.memory.MEMORY_{name}', seconds)
     played(world, model, pushes, tmp_path, complete, first=950, last=1600,
            methods=['strain', 'effort'])
     (path,) = tmp_path.iterdir()
@@ -251,10 +253,18 @@ def test_a_node_that_ran_for_long(
     command = build_parser('why').parse_args(['why', str(path)])
     assert [item.same for item in causes(command)] == [True]
     records = records_of(bag)
-    assert {*records[0]['memory']} == {'strain', 'effort'}
-    del records[0]['memory']
+    kept = records[0].pop('memory')
+    assert {*kept} == {'strain', 'effort', 'load', 'observer', 'model'}
     monkeypatch.setattr('tudor_dynamics.cli.why.records_of', lambda _: records)
     assert [item.same for item in causes(command)] == [False]
+    one = kept['strain'][0]
+    for damaged in (7, [], {'strain': 7}, {'strain': [{'stamp': 1}]}, *(
+            {'strain': [{**one, 'state': state}]}
+            for state in (7, [], [[[1.0], [1.0, 2.0]], *one['state'][1:]],
+                          [*one['state'][:2], [2**80] * len(one['state'][2])]))):
+        records[0]['memory'] = damaged
+        with pytest.raises(BagError, match='damaged records of events'):
+            causes(command)
 
 
 def test_the_logged_step_runs_from_any_folder(

@@ -32,6 +32,7 @@ from sample_arms import LENGTH_2, multisine, recording_of
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
+from threshold_making import plain_thresholds
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
@@ -53,9 +54,7 @@ from tudor_dynamics.nodes.payload_estimator import PayloadEstimatorNode
 from tudor_dynamics.online.black_box import ASKED, Heard, messages_of, records_of
 from tudor_dynamics.online.coverage import CoverageLevel, CoverageReport
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
-from tudor_dynamics.online.settings import LAGS, WINDOW
 from tudor_dynamics.online.threshold_learning import thresholds_to_dict
-from tudor_dynamics.online.thresholds import MethodThresholds, Tail
 
 RATE, SECONDS, PICKED_UP, LOAD = 100.0, 8.0, 4.0, 0.3
 
@@ -71,14 +70,7 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows = PayloadRegressor(StrainRegressor(arm, 'paper'), arm, (0.0, 0.4))
     model = AnalyticalModel(rows, 2).fit(inputs, values)
     out = tmp_path_factory.mktemp('payload') / 'model'
-    taps = np.zeros((LAGS + WINDOW, 2, 2))
-    taps[0] = np.eye(2)
-    profile = np.zeros((4, 9))
-    profile[:, 0] = 6.0
-    tail, never = (Tail(location, 0.5, 0.0, 0.2, 6.0, 50.0) for location in (3.0, 1e9))
-    thresholds = MethodThresholds(
-        arm.gauge_names, 0.01, taps, profile, (tail,) * 4 + (never,) * 2, 120.0,
-        np.full(2, 1.0), np.full(2, 1.8), np.zeros(2))
+    thresholds = plain_thresholds(arm.gauge_names)
     facts = {'validation': {'strain': {'analytical': {'training': {'channels': {
         'g1': {'rmse': 5.0}, 'g2': {'rmse': 3.0}}}}}},
         'thresholds': {'strain': {'analytical': thresholds_to_dict(thresholds)}}}

@@ -204,16 +204,3 @@ def test_killed_in_the_middle(tmp_path: Path) -> None:
     assert bags_below(tmp_path) == [path]
 
 
-@pytest.mark.parametrize('memory', [
-    7, [], [['strain', {}]], {'strain': 7}, {'strain': {'stamp': 1}}, {'strain': {
-        'stamp': 1, 'channels': [[1.0], [1.0, 2.0]], 'joints': [], 'reversed': []}}, {'strain': {
-            'stamp': 1, 'channels': [], 'joints': [], 'reversed': [2**80]}}])
-def test_damaged_memories_are_refused(tmp_path: Path, memory: object) -> None:
-    """One line, as for all that is damaged in a bag."""
-    record = {'onset': 1, 'method': 'strain', 'ratio': {}, 'settings': {}}
-    messages = ring(3).kept()
-    path = write_events(tmp_path, messages, [record])
-    assert records_of(open_bag(path)) == [record]
-    path = write_events(tmp_path, messages, [{**record, 'memory': memory}])
-    with pytest.raises(BagError, match='damaged records of events'):
-        records_of(open_bag(path))

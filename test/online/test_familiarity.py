@@ -73,26 +73,25 @@ def test_a_memory_goes_on_to_the_last_bit(learned: MethodThresholds) -> None:
     record = scaled(ringing(60, 24), 1.5)
     stage = ExcessStage(learned, RATES)
     walked = walk(stage, record)
-    memory = json.loads(json.dumps(stage.memory_before(int(record.stamp[-1]))))
-    assert 10.0 < (record.stamp[-1] - memory['stamp']) * 1e-9 <= 15.0
+    both = json.loads(json.dumps(stage.memory.before(int(record.stamp[-1]))))
+    memory, later = both
+    assert 20.0 < (record.stamp[-1] - memory['stamp']) * 1e-9 <= 25.0
+    assert later['stamp'] - memory['stamp'] == 10_000_000_000
     late = record.t > record.t[-1] - 30.0
     last = FreeMotion(record.stamp[late], record.motion[late], record.residual[late])
 
     def ratios(*memories: dict[str, Any]) -> FloatArray:
         other = ExcessStage(learned, RATES)
-        for each in memories:
-            other.recall(each)
+        other.memory.recall(memories)
         return np.array([x.collision for x in walk(other, last)])[-900:]
     expected = np.array([x.collision for x in walked])[-900:]
-    assert np.array_equal(ratios(memory), expected)
+    for known in (both, both[:1], both[1:]):
+        assert np.array_equal(ratios(*known), expected)
     assert not np.array_equal(ratios(), expected)
-    usual, *others = memory['channels']
-    twice = (2.0 * np.array(memory['joints'])).tolist()
-    for another in ({'joints': [[0.0]] * 3}, {'joints': twice},
-                    {'channels': [[3.0 * item for item in usual], *others]}):
-        assert np.array_equal(ratios({**memory, **another}), ratios())  # of other thresholds
-    assert not stage.memory_before(memory['stamp'] - 1)  # the clock was set back
-    assert not stage.memory_before(int(record.stamp[-1]) + 16 * 10**9)  # or there was a pause
+    other = [*memory['of'][:-1], 2.0 * memory['of'][-1]]
+    assert np.array_equal(ratios({**memory, 'of': other}), ratios())  # of other thresholds
+    assert not stage.memory.before(-1)  # the clock was set back
+    assert not stage.memory.before(int(record.stamp[-1]) + 26 * 10**9)  # or there was a pause
 
 
 def test_a_push_hardly_widens(learned: MethodThresholds) -> None:

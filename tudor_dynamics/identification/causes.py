@@ -32,7 +32,7 @@ from tudor_dynamics.identification.settings import (
     SHARED_TOUCH, STARTED, STOOD_BEFORE, SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.online.black_box import ASKED, Heard, messages_of, replayed
+from tudor_dynamics.online.black_box import ASKED, Heard, messages_of, replayed, undamaged
 from tudor_dynamics.online.contact import contact_text, ContactEstimate
 from tudor_dynamics.online.detector import Excess, ExcessStage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, SOURCE
@@ -310,9 +310,10 @@ def explain(
     def monitor(how: str) -> Monitor:
         return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
     own, sensed = monitor(source), [item for item in messages if item.topic != ASKED]
-    for method, memory in records[0].get('memory', {}).items() if records else ():
-        if method in own.watch.stages:
-            own.watch.stages[method].recall(memory)
+    with undamaged(bag):
+        kept = records[0].get('memory', {}) if records else {}
+        for name, memory in own.memories.items():
+            memory.recall(kept.get(name, ()))
     estimating = seen = replay(messages, own)
     if source != 'estimate':
         with suppress(ModelError):  # not every model has kilograms

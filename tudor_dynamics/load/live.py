@@ -20,7 +20,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from tudor_dynamics.compiled import all_finite, compiled
@@ -94,6 +94,8 @@ def add_sample(
 
 class RecentPast:
     """Sums of the last samples, by blocks: longest [s]; lag [s] of each of three low-passes."""
+
+    REMEMBERED = '_blocks', '_full'
 
     def __init__(self, channels: int, longest: float, lag: float) -> None:
         self._most = round(longest / BLOCK)
@@ -195,6 +197,9 @@ def observe_load(x: FloatArray, p: FloatArray, left: FloatArray, added: FloatArr
 
 class LoadObserver:
     """The load that an arm carries [kg], and whether what came suddenly is one."""
+
+    REMEMBERED = ('_x', '_p', '_seconds', '_announcing', '_odd', '_waited', '_recent', '_announced',
+                  '_kept')
 
     def __init__(
         self, channels: int, reference: float, lag: float = 0.0, explained: float = BENT_EXPLAINED,
@@ -314,6 +319,7 @@ class RigidSense:
 
     lag = 0.0
     explained = RIGID_EXPLAINED
+    REMEMBERED = '_now', '_usual', '_seconds'
 
     def __init__(self, model: Model, worth: LoadWorth, noise: FloatArray) -> None:
         self._model, self._worth, self._noise = model, worth, noise
@@ -338,6 +344,7 @@ class BentSense:
     """Residuals by where links are that bend, all gauges together: known [kg]."""
 
     explained = BENT_EXPLAINED
+    REMEMBERED = ()
 
     def __init__(self, bent: BentLinks, worth: LoadWorth, known: float) -> None:
         self._bent, self._worth, self._model = bent, worth, bent.model.at(known)
@@ -396,6 +403,8 @@ class LoadFound:
 class CarriedLoad:
     """A load that is put onto predictions of an arm without it: known [kg], place (3,) [m]."""
 
+    REMEMBERED: ClassVar[tuple[str, ...]] = ()  # of an alarm, see `online.memory`
+
     def __init__(self, bundle: ModelBundle, known: float) -> None:
         self.worth = load_worth(bundle.arm, bundle.models)
         if not self.worth:
@@ -453,6 +462,8 @@ class CarriedLoad:
 
 class PayloadStage(CarriedLoad):
     """Follows the load of the arm: known [kg]."""
+
+    REMEMBERED = 'observer', '_sense'
 
     def __init__(self, bundle: ModelBundle, known: float) -> None:
         super().__init__(bundle, known)

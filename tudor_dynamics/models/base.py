@@ -380,6 +380,7 @@ class RowByRow:
     """Models without a memory, sample by sample; see ``Live``."""
 
     observing = False
+    REMEMBERED = ('_trails',)  # of an alarm, see `online.memory`
 
     def __init__(self, models: Mapping[str, MemorylessModel]) -> None:
         self._models = models

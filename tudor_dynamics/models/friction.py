@@ -334,6 +334,8 @@ class FrictionStates:
 class LiveFriction:
     """The states of friction of a running robot."""
 
+    REMEMBERED = '_last', '_state'
+
     def __init__(self, states: FrictionStates) -> None:
         self._states = states
         self._codes, self._values = states.codes.ravel(), states.values.ravel()

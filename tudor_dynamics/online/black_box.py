@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 import json
@@ -74,19 +74,24 @@ def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
             'last_second': [[float(f'{value:.7g}') for value in row] for row in rows]}
 
 
+@contextmanager
+def undamaged(bag: Bag) -> Iterator[None]:
+    """Refuse records of events that hold what no monitor has written."""
+    try:
+        yield
+    except (AttributeError, LookupError, OverflowError, RecursionError, TypeError,
+            ValueError) as err:
+        raise BagError(f'{METADATA} has damaged records of events (key {EVENTS}: {one_line(err)})',
+                       place=str(bag.path), remedy='copy the bag again') from None
+
+
 def records_of(bag: Bag) -> list[dict[str, Any]]:
     """Read the records of a bag; none where it has none."""
-    try:
+    with undamaged(bag):
         found = json.loads(bag.metadata.custom.get(EVENTS, '[]'))
         for record in found:
             int(record['onset']), record['method'], dict(record['ratio']), dict(record['settings'])
-            for memory in record.get('memory', {}).values():
-                np.array([memory['stamp'], *memory['reversed']], dtype=np.int64)
-                np.array(memory['channels'], float), np.array(memory['joints'], float)
-    except (AttributeError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as err:
-        raise BagError(f'{METADATA} has damaged records of events (key {EVENTS}: {one_line(err)})',
-                       place=str(bag.path), remedy='copy the bag again') from None
-    return list(found)
+        return list(found)
 
 
 class MessageRing:

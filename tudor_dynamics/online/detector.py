@@ -16,22 +16,21 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from enum import IntEnum
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.compiled import compiled, largest_size
+from tudor_dynamics.online.memory import Memory
 from tudor_dynamics.online.settings import (
-    FRICTION_UNCERTAIN, HIGHEST_RAISE, LEVEL_QUANTILE, LEVEL_SPEED, LOWEST_LEVEL, MEMORIES,
-    MEMORY_EVERY, OUTLIER, RINGING_FADE, RINGING_SHARE, WIDEST)
+    FRICTION_UNCERTAIN, HIGHEST_RAISE, LEVEL_QUANTILE, LEVEL_SPEED, LOWEST_LEVEL,
+    OUTLIER, RINGING_FADE, RINGING_SHARE, WIDEST)
 from tudor_dynamics.online.streams import Residual
 from tudor_dynamics.online.thresholds import (
     advance, advance_held, evaluate_features, held_friction, MethodThresholds, NEVER, onset_now)
@@ -160,8 +159,9 @@ class ExcessStage:
         self._profile = np.ascontiguousarray(thresholds.profile)
         self._weights = np.ascontiguousarray(thresholds.taps[::-1]).reshape(-1, n)
         self._past: FloatArray = np.empty((2 * GROWTH, 1 + n))
-        self.memories: deque[dict[str, Any]] = deque(maxlen=MEMORIES)  # of `_remember`
-        self._recalled: dict[str, Any] = {'stamp': NEVER}
+        self._lasting = self._channels[LEVEL:CONTACT], self._joints, self._counts[REVERSED:]
+        self.memory = Memory(self._lasting, np.concatenate(
+            [thresholds.usual, thresholds.stiction, thresholds.reach]).tolist())
         self.allow(rates)
 
     def allow(self, rates: Rates) -> None:
@@ -179,41 +179,9 @@ class ExcessStage:
         judge(residual.motion.stamp, first, self.thresholds.step, residual.motion.row,
               residual.value, self._counts, self._joints, self._channels, self._profile,
               self._weights, self._past, out)
-        self._remember(residual.motion.stamp)
+        self.memory.step(residual.motion.stamp)
         return Excess(residual, out[ONSET], out[TO_CONTACT], out[TO_COLLISION], out[SUDDEN],
                       out[THRESHOLD])
-
-    def _remember(self, stamp: int) -> None:
-        """Keep what lasts for longer than a recording of an event; or take it from one."""
-        counts, every = self._counts, round(MEMORY_EVERY * 1e9)
-        since = stamp - (self.memories[-1]['stamp'] if self.memories else NEVER)
-        if stamp == self._recalled['stamp']:
-            self._channels[:CONTACT] = self._recalled['channels']
-            self._joints[:] = self._recalled['joints']
-            counts[REVERSED:] = self._recalled['reversed']
-        elif 0 <= since < every or stamp - counts[ORIGIN] < every:
-            return
-        # times count from this sample, so that a stage that began later rounds them alike
-        counts[ORIGIN] = stamp - every
-        past = self._past[counts[BEGIN]:counts[COUNT], 0]
-        past += MEMORY_EVERY - past[-1]
-        self.memories.append({
-            'stamp': stamp, 'channels': self._channels[:CONTACT].tolist(),
-            'joints': self._joints.tolist(), 'reversed': counts[REVERSED:].tolist()})
-
-    def recall(self, memory: dict[str, Any]) -> None:
-        """Go on from a memory at its sample, where it is one of the same thresholds."""
-        channels, joints = np.array(memory['channels']), np.array(memory['joints'])
-        if (channels.shape == self._channels[:CONTACT].shape
-                and np.array_equal(channels[[USUAL, STICTION]], self._channels[[USUAL, STICTION]])
-                and joints.shape == (*self._joints.shape[:1], len(memory['reversed']))
-                and np.array_equal(joints[REACH], self._joints[REACH])):
-            self._recalled = memory
-
-    def memory_before(self, stamp: int) -> dict[str, Any]:
-        """Give the oldest memory that a recording of an event holds; empty for none."""
-        return next((memory for memory in self.memories if
-                     0 <= stamp - memory['stamp'] <= MEMORIES * MEMORY_EVERY * 1e9), {})
 
     def _make_room(self) -> None:
         begin, count = self._counts[BEGIN], self._counts[COUNT]
@@ -239,7 +207,7 @@ def judge(
         counts[REVERSED:] = NEVER
         joints[DIRECTION:] = 0.0
         channels[RISING:FALLING + 1] = 0.0
-    now = (stamp - counts[ORIGIN]) * 1e-9
+    now = float(stamp - counts[ORIGIN])
     place, counts[LAST] = counts[COUNT], stamp
     counts[COUNT] += 1
     past[place, 0] = now
@@ -250,8 +218,8 @@ def judge(
         if channels[STICTION, i] > 0.0:  # only joints do, and each its own speed
             channels[HELD, i] = held_friction(channels[STICTION, i], columns[1 + i])
     advance_held(dt, value, channels[HELD], channels[FRICTION], past[place, 1:])
-    oldest = step * (len(weights) // len(value) - 1)
-    if place >= 1 and now >= oldest - 1e-6 * step:
+    oldest = 1e9 * step * (len(weights) // len(value) - 1)
+    if place >= 1 and now >= oldest - 1e3 * step:
         counts[BEGIN] = onset_now(past, counts[BEGIN], place + 1, step, weights, out[ONSET])
     else:
         out[ONSET] = 0.0

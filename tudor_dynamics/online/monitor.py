@@ -36,6 +36,7 @@ from tudor_dynamics.online.coverage import SensorHealth
 from tudor_dynamics.online.detector import (
     channel_links, CollisionDetector, CollisionEvent, DetectorSettings, Excess, ExcessStage, Level,
     Rates)
+from tudor_dynamics.online.memory import Memory
 from tudor_dynamics.online.settings import (
     LAGS, MOMENTUM_LAGS, MOMENTUM_STEP, OBSERVER_GAIN, STEP, WIDENING_WARNING, WINDOW)
 from tudor_dynamics.online.streams import (
@@ -124,6 +125,8 @@ class Found:
 
 class MomentumObserver:
     """Observer of external efforts: gain [1/s], settle [s]."""
+
+    REMEMBERED = ('_trail',)
 
     def __init__(self, model: Model, gain: float = OBSERVER_GAIN, settle: float = 0.5) -> None:
         self.model = model
@@ -238,6 +241,8 @@ class Watch:
         self.ringing = (None if bundle.tool is None or 'effort' not in self.outputs else
                         RingObserver(bundle.arm, bundle.tool))
         self._load_method = None if payload is None else self._follows(payload)
+        self._lasting = {'load': Memory(payload, bundle.digest),
+                         'observer': Memory(self.observer, bundle.digest)}
         self.use_thresholds(thresholds, settings)
 
     def _follows(self, payload: CarriedLoad) -> str:
@@ -286,6 +291,11 @@ class Watch:
                 self.payload.expect()
             if reset and isinstance(self.payload, PayloadStage):
                 self.payload.observer.reset()
+
+    @property
+    def memories(self) -> dict[str, Memory]:
+        """Give what lasts for longer than a recording of an event, by its name there."""
+        return {**self._lasting, **{name: stage.memory for name, stage in self.stages.items()}}
 
     @property
     def level(self) -> Level:
@@ -360,6 +370,7 @@ class Watch:
                 if method == 'momentum':
                     assert self.observer is not None
                     residual = self.observer.step(pair, self.payload)
+                    self._lasting['observer'].step(pair.motion.stamp)
                 if self.contact is not None and method == self.contact.source:
                     estimate = self.contact.step(
                         pair.motion.stamp, pair.motion.dt == 0.0, pair.motion.row, pair.measured,
@@ -394,6 +405,7 @@ class Watch:
         motion = residual.motion
         load = self.payload.step(motion.stamp, motion.dt, motion.row, residual.measured,
                                  touched=self.level is not Level.FREE)
+        self._lasting['load'].step(motion.stamp)
         if load is not None:
             found.loads.append(load)
             self.detector.reset()
@@ -447,6 +459,11 @@ class Monitor:
         self.payload = payload
         self.motion: Motion | None = None
         self.predicted: dict[str, FloatArray] | None = None
+
+    @property
+    def memories(self) -> dict[str, Memory]:
+        """Give what lasts for longer than a recording of an event, by its name there."""
+        return {'model': self.predictor.memory, **self.watch.memories}
 
     def add_joints(
         self, stamp: int, q: FloatArray, measured_velocity: FloatArray | None = None,

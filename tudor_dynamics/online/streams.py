@@ -29,6 +29,7 @@ from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.online.memory import Memory
 from tudor_dynamics.online.settings import (
     CLOCK_JUMP, EARLY_STEP, LOST_STEP, PAIRING_QUEUE, PERIOD_INTERVALS, PERIOD_RENEWAL,
     STRAIN_APART, STRAIN_QUEUE)
@@ -344,6 +345,7 @@ class Predictor:
         self.observing = self._live.observing
         self._stamp = 0
         self._strains: deque[tuple[int, FloatArray]] = deque(maxlen=STRAIN_QUEUE)
+        self.memory = Memory(self._live, bundle.digest)
 
     def add_strain(self, stamp: int, values: FloatArray) -> None:
         """
@@ -369,6 +371,7 @@ class Predictor:
         # a model with a memory follows every sample: what it predicts depends on all that was
         settled = motion.settled(self.settle)
         predicted = self._live.step(motion.dt, motion.row, wanted if settled else ())
+        self.memory.step(motion.stamp)
         return predicted if settled else None
 
 

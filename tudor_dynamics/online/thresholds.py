@@ -131,19 +131,19 @@ def onset_now(
     """
     Evaluate the statistic at the newest sample; gives where the past begins that is still needed.
 
-    past (places, 1 + channels): times [s] and residuals, of which ``count`` rows are in use;
+    past (places, 1 + channels): times [ns] and residuals, of which ``count`` rows are in use;
     weights (taps channels, channels): taps, the oldest first; writes out (channels,).
     """
     n, now, j = len(out), past[count - 1, 0], begin
     taps = len(weights) // n
     out[:] = 0.0
     for k in range(taps):
-        at = now - step * (taps - 1 - k)
-        while j + 2 < count and past[j + 1, 0] <= at:
+        age = 1e9 * step * (taps - 1 - k)  # differences of whole ns are exact, sums are not
+        while j + 2 < count and now - past[j + 1, 0] >= age:
             j += 1
         if k == 0:
             begin = j
-        share = max(0.0, (at - past[j, 0]) / (past[j + 1, 0] - past[j, 0]))
+        share = max(0.0, (now - past[j, 0] - age) / (past[j + 1, 0] - past[j, 0]))
         for channel in range(1, n + 1):
             value = past[j, channel] + share * (past[j + 1, channel] - past[j, channel])
             for i in range(n):

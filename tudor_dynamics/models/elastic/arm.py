@@ -122,6 +122,8 @@ class Response:
 class DrivenArm:
     """An arm driven by the measured positions of its active joints: inner [s]."""
 
+    REMEMBERED = '_moving', '_reading', '_covariance'
+
     def __init__(self, arm: Arm, *, inner: float = INNER_STEP) -> None:
         self.arm, self.inner = arm, inner
         mechanism = self.mechanism = reduced_mechanism(arm)
@@ -144,6 +146,8 @@ class DrivenArm:
         self.arrays = tuple(array for table in self.tables for array in table)
         self._vectors = self.tables.equations.vectors
         self._vectors[Z] = mechanism.initial
+        self._moving = *self.tables.equations[:2], *self.tables.gears[2:], *self.tables.drives
+        self._covariance = np.zeros((0, 0))
         self.loaded = False
         self._reading = np.zeros(len(gauges))
         self._physics = Physics(arm, mechanism, self.tables.gears.springs)

@@ -331,6 +331,8 @@ class LiveElastic:
     # model that only follows the joints. The observer takes it over from measured strain: an
     # extended Kalman filter, slow enough that a collision shows in the innovation first.
 
+    REMEMBERED = '_driven', '_moment', '_since', '_lost'
+
     def __init__(self, models: Mapping[str, ElasticModel]) -> None:
         if not models:
             raise ModelError('no elastic model was given; pass at least one')
@@ -348,7 +350,7 @@ class LiveElastic:
                 dead = first.arm.gauges[int(np.argmin(np.abs(gauges[:, 0])))].name
                 raise ModelError(f'elastic model: gauge {dead} has gain 0; check it and fit again')
             self._driven.start_observer(gauges[:, 2] / np.abs(gauges[:, 0]), BANDWIDTH)
-        self._moment: FloatArray | None = None
+        self._moment: FloatArray = np.zeros(len(first.arm.gauges))
         self._strain: FloatArray | None = None
         self._since = 0.0
         self._lost = False
@@ -382,7 +384,7 @@ class LiveElastic:
             self._driven.forget()
             self._since = 0.0
             return
-        if strain is not None and self._moment is not None and self._since > 0.0:
+        if strain is not None and self._since > 0.0:
             measured = (strain - gauges[:, 1]) / gauges[:, 0]
             if not self._driven.correct(measured - self._moment, self._since):
                 raise SimulationError('the elastic model diverged; fit it to more bags')

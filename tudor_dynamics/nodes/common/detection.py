@@ -295,10 +295,8 @@ class DetectNode(ModelNode):
                 'state': {**values, 'message': message,
                           'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
-            assert self.watch is not None  # which found it
             self.keep(record | {'memory': {
-                method: memory for method, stage in self.watch.stages.items()
-                if (memory := stage.memory_before(event.stamp))}})
+                name: memory.before(event.stamp) for name, memory in self._chain.memories.items()}})
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
             self.contact_output.publish(self.watch, estimate)
