@@ -37,7 +37,7 @@ import numpy as np
 from reference_fits import CONFIG, data_directory, fit
 from tables import show
 from tudor_dynamics.identification.dataset import load, parse_choice
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.comparison import described_parameters_of, full_parameters
 from tudor_dynamics.models.consistent import (
     BodyProblem, full_of, parameters_of, prior_of, pseudo_inertia)

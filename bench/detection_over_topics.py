@@ -43,8 +43,7 @@ from tudor_dynamics.arm.kinematics import joint_axis
 from tudor_dynamics.mechanics.closed_loop import Sample
 from tudor_dynamics.mechanics.rig import Rig, RigLog
 from tudor_dynamics.mechanics.run import FIRST_STAMP
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.online.detector import Level
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.typing import FloatArray

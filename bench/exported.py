@@ -50,7 +50,7 @@ import pinocchio as pin
 from reference_fits import CONFIG, fit, tudor
 from tables import show
 from tudor_dynamics.identification.dataset import load, parse_choice
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.comparison import (
     described_parameters_of, effort_model, file_effects, file_parameters)
 from tudor_dynamics.show.mjcf import mjcf_of

@@ -39,7 +39,7 @@ from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.comparison import (
     described_parameters_of, effort_model, full_parameters, relative_errors)
 from tudor_dynamics.models.regressor import EffortRegressor

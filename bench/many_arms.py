@@ -48,7 +48,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from tables import show
 
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.nodes.common.messages import JointStateEncoder
 from tudor_dynamics.nodes.common.runner import new_executor, spin_for
 

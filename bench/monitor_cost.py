@@ -36,8 +36,7 @@ from scipy.interpolate import CubicSpline
 
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.online.black_box import MessageRing
 from tudor_dynamics.online.coverage import Coverage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, warm_up

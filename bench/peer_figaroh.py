@@ -179,7 +179,7 @@ def write_case(target, folder, data, arm_file, training, test):
     from tudor_dynamics.identification.dataset import parse_choice
     from tudor_dynamics.identification.dataset import load
     from tudor_dynamics.models.consistent import parameters_of, prior_of
-    from tudor_dynamics.models.bundle_io import load_bundle
+    from tudor_dynamics.models.bundle import load_bundle
     import yaml
     source = CONFIG / arm_file if (CONFIG / arm_file).exists() else data / 'arms' / arm_file
     content = yaml.safe_load(source.read_text())

@@ -47,7 +47,7 @@ from soak_checks import Life, Line, Observed, verdict
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.signals.motion_profile import joint_range
 
 NODES = ('arm_simulator', 'oscillation_damper', 'reference_generator', 'monitor', 'bag_recorder')

@@ -33,8 +33,7 @@ from .mechanics.plant import Plant
 from .mechanics.rig import Loop, Rig
 from .mechanics.run import modes
 from .mechanics.study import simulate, SimulatedRun
-from .models.bundle import ModelBundle
-from .models.bundle_io import load_bundle, save_bundle
+from .models.bundle import load_bundle, ModelBundle, save_bundle
 from .models.elastic.model import ElasticModel
 from .online.contact import ContactEstimator
 from .online.feedforward import Feedforward

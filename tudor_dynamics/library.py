@@ -52,8 +52,7 @@ from tudor_dynamics.identification.next_steps import (
 from tudor_dynamics.identification.tool import check_efforts
 from tudor_dynamics.identification.validation import cases_of, validated, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import check_target, read_facts, save_bundle
+from tudor_dynamics.models.bundle import check_target, ModelBundle, read_facts, save_bundle
 from tudor_dynamics.online.monitor import MonitorSettings
 from tudor_dynamics.typing import Progress, Shown
 

@@ -24,7 +24,7 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.files import load_yaml
 from tudor_dynamics.mechanics.mechanism import build_mechanism
-from tudor_dynamics.models.bundle_io import dump_yaml
+from tudor_dynamics.models.bundle import dump_yaml
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 
 MAX_JOINTS = 12

@@ -34,7 +34,7 @@ from tudor_dynamics.bags.reader import read_recording, read_wrenches
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.bags.writer import encode
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.models.bundle_io import dump_yaml
+from tudor_dynamics.models.bundle import dump_yaml
 import yaml
 
 JOINTS = ('shoulder', 'elbow')

@@ -27,8 +27,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.files import load_yaml
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import dump_yaml, load_bundle, save_bundle
+from tudor_dynamics.models.bundle import dump_yaml, load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel, PhysicalParameter
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor

@@ -46,7 +46,7 @@ from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.next_steps import compare_with_plan
 from tudor_dynamics.library import fit_choices
 from tudor_dynamics.mechanics.campaign import played_motion
-from tudor_dynamics.models.bundle_io import dump_yaml, load_bundle
+from tudor_dynamics.models.bundle import dump_yaml, load_bundle
 from tudor_dynamics.online.feedforward import Feedforward
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import denser

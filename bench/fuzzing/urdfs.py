@@ -22,7 +22,7 @@ from fuzzing.mutate import in_bytes
 import numpy as np
 from robot_making import URDF
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
-from tudor_dynamics.models.bundle_io import dump_yaml
+from tudor_dynamics.models.bundle import dump_yaml
 
 NUMBERS = ('nan', 'inf', '-inf', '1e999', '-1', '0', '1e300', '1e-300', '', 'x', '1,5', '1_0',
            '0x10', '${mass}', '$(arg prefix)1', '1 2', '1e15', '-0.0', '\u0661')

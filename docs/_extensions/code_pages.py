@@ -29,7 +29,7 @@ from tudor_dynamics.cli.main import build_parser, SUBCOMMANDS
 from tudor_dynamics.control import schedule
 from tudor_dynamics.fleet import study
 from tudor_dynamics.identification import excitation_plan
-from tudor_dynamics.models import bundle_io
+from tudor_dynamics.models import bundle
 from tudor_dynamics.models.analytical import AnalyticalPart
 from tudor_dynamics.models.elastic.model import ElasticPart
 from tudor_dynamics.models.elm import ElmPart
@@ -104,7 +104,7 @@ FORMATS: tuple[tuple[str, str, tuple[type, ...]], ...] = (
      'checksum; `files` names the others with theirs: `arm.yaml`, the description with all that '
      'it names; `elm.npz`, weights of an ELM; `data.npz`, sums over the training bags, for '
      '`tudor export`. `report.html` is for people. A file that was changed is refused.',
-     (bundle_io.HeadPart, bundle_io.ModelsPart, bundle_io.ArmPart, AnalyticalPart, ElasticPart,
+     (bundle.HeadPart, bundle.ModelsPart, bundle.ArmPart, AnalyticalPart, ElasticPart,
       ElmPart, ThresholdsPart)),
     ('Plan: a folder of `tudor excite`', '`trajectory.csv` and `bag` hold the motion, '
      '`motion.png` shows it, `plan.json` says what was asked for and what it will show. '
@@ -121,10 +121,10 @@ FORMATS: tuple[tuple[str, str, tuple[type, ...]], ...] = (
      '(q, dq, ddq of the active joints); `last_second`, of `channel`, at most 50 rows of seconds '
      'from `stamp` on, measured, expected, threshold, ratio; `state`, the diagnostics with '
      '`message` and `age [ms]` of the stamps: level, load, gauges, clocks, drops; `settings`, the '
-     'parameters; `digest` of the model; `made`, versions; in the bag alone also `memory`: by part '
-     '(model, load, observer, thresholds of a method) its `state` at two `stamp`s before. The topic '
-     '`tudor_asked` has, in order: the load that was heard [kg], and 1 where another load was '
-     'announced, or the monitor was reset. `tudor why` reads it.', ()),
+     'parameters; `digest` of the model; `made`, versions; in the bag alone also `memory`: by '
+     'part (model, load, observer, thresholds of a method) its `state` at two `stamp`s before. '
+     'The topic `tudor_asked` has, in order: the load that was heard [kg], and 1 where another '
+     'load was announced, or the monitor was reset. `tudor why` reads it.', ()),
     ('Recordings', 'rosbag2, MCAP or SQLite, of the topics that the arm description names. '
      '`tudor record` adds `/applied_wrench` or `/applied_payload` (the truth), `payload` [kg] in '
      '`custom_data`, and `campaign.yaml`: arm, digest, seed and what was asked for, and for each '

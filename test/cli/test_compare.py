@@ -25,8 +25,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import save_bundle
+from tudor_dynamics.models.bundle import ModelBundle, save_bundle
 import yaml
 
 

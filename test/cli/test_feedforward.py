@@ -27,8 +27,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import read_trajectories, Sent, write_trajectories
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import save_bundle
+from tudor_dynamics.models.bundle import ModelBundle, save_bundle
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.signals.motion_profile import denser
 

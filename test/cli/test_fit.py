@@ -33,7 +33,7 @@ from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification import loads
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.flexible_tool import FlexibleTool
 import yaml
 

@@ -30,7 +30,7 @@ import pytest
 from tudor_dynamics._version import __version__
 from tudor_dynamics.cli import main as entry
 from tudor_dynamics.errors import BagError, TudorError, TudorWarning
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 
 
 @pytest.fixture

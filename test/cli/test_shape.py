@@ -31,8 +31,7 @@ from tudor_dynamics.errors import SignalError
 from tudor_dynamics.identification import tool
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.identification.tool import tool_of_bags
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.signals.motion_profile import spline
 from tudor_dynamics.signals.shaping import convolved, impulses, remains
 from tudor_dynamics.typing import FloatArray

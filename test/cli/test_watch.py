@@ -29,7 +29,7 @@ from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli import watch
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.identification.causes import explain
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.online.detector import time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
 

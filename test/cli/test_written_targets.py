@@ -31,8 +31,7 @@ from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.files import whole, write_directory, write_whole
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import save_bundle
+from tudor_dynamics.models.bundle import ModelBundle, save_bundle
 from tudor_dynamics.models.regressor import EffortRegressor
 
 LINK = 'config/single_flexible_link.yaml'

@@ -29,7 +29,7 @@ from tudor_dynamics.fleet.study import load_plan, study, StudySettings
 from tudor_dynamics.identification.choice import Choices
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.many_bags import Summing
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 
 
 def other_friction(number: int, date: int) -> float:

@@ -34,7 +34,7 @@ from tudor_dynamics.identification.fit import (
 from tudor_dynamics.identification.loads import bundle_of, figures
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, save_bundle
 from tudor_dynamics.models.regressor import EffortRegressor, Regressor, StrainRegressor
 from tudor_dynamics.signals.preprocessing import prepare
 from tudor_dynamics.typing import FloatArray

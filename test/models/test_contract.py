@@ -26,8 +26,7 @@ from sample_arms import gauge, planar_arm, random_states
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError, NotFittedError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.signals.preprocessing import Decimation, TrainingBlock

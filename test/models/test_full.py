@@ -27,8 +27,7 @@ import tudor_dynamics as td
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.dataset import load, parse_choice
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.comparison import full_parameters, full_parameters_of
 from tudor_dynamics.models.consistent import parameters_of, pseudo_inertia
 

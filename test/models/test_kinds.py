@@ -27,8 +27,7 @@ from sample_arms import random_states
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.models.bundle import KINDS
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import KINDS, load_bundle, save_bundle
 
 
 @pytest.fixture

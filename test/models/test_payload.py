@@ -24,8 +24,7 @@ from sample_arms import random_states
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor, StrainRegressor
 

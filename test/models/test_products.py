@@ -22,11 +22,10 @@ from robot_making import described_arm, efforts_of, fitted, motion_of
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.files import dump_npz
-from tudor_dynamics.models import bundle_io as stored
+from tudor_dynamics.models import bundle as stored
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import block_of
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 
 
 def parts_of(arm, count=3, seconds=30.0):

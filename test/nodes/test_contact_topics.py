@@ -28,8 +28,7 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.mechanics.closed_loop import ClosedLoop
 from tudor_dynamics.mechanics.hardware import Push
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.nodes.common.messages import nanoseconds
 from tudor_dynamics.nodes.monitor import MonitorNode

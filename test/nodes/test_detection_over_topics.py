@@ -27,8 +27,7 @@ from std_msgs.msg import Header
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.mechanics.rig import Rig
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
 from tudor_dynamics.nodes.common.messages import nanoseconds
 from tudor_dynamics.nodes.monitor import MonitorNode

@@ -35,8 +35,7 @@ from tudor_dynamics.cli.main import build_parser
 from tudor_dynamics.cli.why import causes
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.uses import as_plain, learn_all
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import save_bundle
+from tudor_dynamics.models.bundle import ModelBundle, save_bundle
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.signals.preprocessing import prepare

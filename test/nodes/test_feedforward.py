@@ -30,8 +30,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor
 from tudor_dynamics.nodes.common.base import latched

@@ -22,7 +22,7 @@ from harmonic_kind import fourth_kind  # noqa: F401
 import numpy as np
 from ros_world import feed, series, World
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.signals.preprocessing import prepare

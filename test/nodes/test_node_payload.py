@@ -24,8 +24,7 @@ from ros_world import World
 from sample_arms import random_states
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import save_bundle
+from tudor_dynamics.models.bundle import ModelBundle, save_bundle
 from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.monitor import MonitorNode

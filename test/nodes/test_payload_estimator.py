@@ -42,8 +42,7 @@ from tudor_dynamics.cli.why import causes
 from tudor_dynamics.identification.causes import replay
 from tudor_dynamics.load.live import carried_load
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.regressor import PayloadRegressor, StrainRegressor
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.common.base import latched, WARN

@@ -36,8 +36,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import save_bundle
+from tudor_dynamics.models.bundle import ModelBundle, save_bundle
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.common.messages import nanoseconds
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode

@@ -23,7 +23,7 @@ from ros_world import feed, JOINTS, values_of, World
 from sensor_msgs.msg import JointState
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, save_bundle
 from tudor_dynamics.models.flexible_tool import FlexibleTool
 from tudor_dynamics.nodes.monitor import MonitorNode
 

@@ -28,7 +28,7 @@ import pytest
 from tudor_dynamics.bags.storage import bags_below, open_bag
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.black_box import (
-    ASKED, EVENTS, Heard, MessageRing, record_of, records_of, replayed, write_events)
+    ASKED, EVENTS, Heard, MessageRing, record_of, replayed, write_events)
 from tudor_dynamics.online.detector import CollisionEvent, Excess
 from tudor_dynamics.online.settings import BAGS, RING_BYTES, RING_TIME
 from tudor_dynamics.online.streams import Motion, Residual
@@ -202,5 +202,3 @@ def test_killed_in_the_middle(tmp_path: Path) -> None:
     assert not list(tmp_path.glob('event_*')) and bags_below(tmp_path) == [tmp_path]
     path = write_events(tmp_path, ring().kept(), [RECORD])
     assert bags_below(tmp_path) == [path]
-
-

@@ -20,7 +20,7 @@ from collections.abc import Callable
 import json
 from typing import Any
 
-from elastic_making import blade_arm, GAINS, identified, OFFSETS, recorded, STIFFNESS, travel
+from elastic_making import blade_arm, identified, recorded, STIFFNESS, travel
 import numpy as np
 from payload_making import true_outputs, two_gauge_arm
 import pytest
@@ -33,7 +33,6 @@ from tudor_dynamics.load.live import carried_load
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import EffortRegressor, PayloadRegressor, StrainRegressor
-from tudor_dynamics.online.memory import Memory, read_state
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.online.settings import RING_TIME
 from tudor_dynamics.online.threshold_learning import thresholds_to_dict

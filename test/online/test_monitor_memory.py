@@ -25,8 +25,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, warm_up
 
 PERIOD = 1_000_000

@@ -41,8 +41,7 @@ from tudor_dynamics.identification.doctor.between import examine_evaluation
 from tudor_dynamics.identification.next_steps import changes, fit_with, touched
 from tudor_dynamics.identification.validation import Grade, rounded, Validation
 from tudor_dynamics.library import predict_bags, warn_of_training
-from tudor_dynamics.models.bundle import KINDS, ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import KINDS, load_bundle, ModelBundle
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.black_box import records_of
 from tudor_dynamics.online.detector import DetectorSettings, Rates

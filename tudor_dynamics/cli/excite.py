@@ -35,7 +35,7 @@ from tudor_dynamics.identification.excitation_plan import (
     random_series, REST, STAGES, Target, target_of_arm, target_of_model, UNKNOWN, write_plan)
 from tudor_dynamics.identification.next_steps import Comparison, Promise
 from tudor_dynamics.identification.tool import check_efforts
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.signals.motion_profile import joint_range, motion_limits
 from tudor_dynamics.typing import FloatArray

@@ -25,8 +25,7 @@ import numpy as np
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.cli.console import new_table, print_table, refuse_existing, say, write
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.models.bundle import elastic_of, ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import elastic_of, load_bundle, ModelBundle
 from tudor_dynamics.models.comparison import (
     file_effects, file_errors, file_parameters, full_parameters, FullParameters)
 from tudor_dynamics.models.friction import TERMS

@@ -25,8 +25,7 @@ import numpy as np
 from tudor_dynamics.bags.trajectory import Sent, write_trajectories
 from tudor_dynamics.cli.console import (
     add_trajectories, changed_trajectories, check_trajectories, new_table, print_table, say)
-from tudor_dynamics.models.bundle import KINDS
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import KINDS, load_bundle
 from tudor_dynamics.online.feedforward import AT_REST, Feedforward, POSITIONS, UNITS
 from tudor_dynamics.signals.motion_profile import denser
 

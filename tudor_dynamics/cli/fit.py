@@ -39,8 +39,7 @@ from tudor_dynamics.identification.many_bags import FROM, Streaming, streams, SU
 from tudor_dynamics.identification.next_steps import Assessment
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.library import fit_choices
-from tudor_dynamics.models.bundle import KINDS
-from tudor_dynamics.models.bundle_io import check_target
+from tudor_dynamics.models.bundle import check_target, KINDS
 from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.regressor import output_units, STRAIN_FORMS
 from tudor_dynamics.parallel import on_cluster

@@ -27,7 +27,7 @@ from tudor_dynamics.identification.dataset import BagData, load, parse_choice, p
 from tudor_dynamics.identification.loads import payload_of, telling
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.load.offline import PayloadEstimate, Presence
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 
 EXAMPLES = """\
 examples:

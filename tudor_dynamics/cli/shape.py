@@ -23,8 +23,7 @@ from tudor_dynamics.bags.trajectory import Sent, Trajectory, write_trajectories
 from tudor_dynamics.cli.console import (
     add_trajectories, changed_trajectories, check_trajectories, new_table, print_table, say)
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.models.bundle import ModelBundle, tool_of
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, tool_of
 from tudor_dynamics.models.still_timing import shaped_for, TIMING
 from tudor_dynamics.signals.shaping import convolved, impulses, KINDS, remains
 

@@ -25,8 +25,7 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.console import (
     bar, new_table, print_json, print_table, refuse_existing, say)
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.models.bundle import elastic_of
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import elastic_of, load_bundle
 from tudor_dynamics.models.tuning import design, fixed_ratios, TunedArm, Wish
 from tudor_dynamics.show.pictures import draw_schedule, picture_path, write_picture
 

@@ -27,7 +27,7 @@ from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.console import print_json, say, write
 from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.load.live import carried_load, PayloadStage
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.online.black_box import messages_of, replayed
 from tudor_dynamics.online.detector import Rates
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings

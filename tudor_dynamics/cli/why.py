@@ -26,7 +26,7 @@ from tudor_dynamics.cli.console import bar, print_json, say, say_verdict
 from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.identification.causes import Cause, explain
 from tudor_dynamics.identification.validation import Grade
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.online.black_box import records_of
 from tudor_dynamics.online.detector import time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings

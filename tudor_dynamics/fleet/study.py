@@ -48,7 +48,7 @@ from tudor_dynamics.identification.many_bags import (
 from tudor_dynamics.identification.next_steps import ErrorChange
 from tudor_dynamics.library import fit
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.elastic.model import PhysicalParameter
 from tudor_dynamics.parallel import Count, in_processes
 from tudor_dynamics.typing import Progress

@@ -46,7 +46,7 @@ from tudor_dynamics.identification.fit import (
 from tudor_dynamics.identification.validation import (
     cases_of, method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle_io import load_npz
+from tudor_dynamics.models.bundle import load_npz
 from tudor_dynamics.models.estimation import ESTIMATORS, Products, summed
 from tudor_dynamics.models.friction import term_names
 from tudor_dynamics.parallel import Count, elsewhere, in_processes, in_threads, width

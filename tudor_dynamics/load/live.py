@@ -198,8 +198,8 @@ def observe_load(x: FloatArray, p: FloatArray, left: FloatArray, added: FloatArr
 class LoadObserver:
     """The load that an arm carries [kg], and whether what came suddenly is one."""
 
-    REMEMBERED = ('_x', '_p', '_seconds', '_announcing', '_odd', '_waited', '_recent', '_announced',
-                  '_kept')
+    REMEMBERED = ('_x', '_p', '_seconds', '_announcing', '_odd', '_waited', '_recent',
+                  '_announced', '_kept')
 
     def __init__(
         self, channels: int, reference: float, lag: float = 0.0, explained: float = BENT_EXPLAINED,

@@ -27,8 +27,7 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis, model_from_urdf
 from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.models.consistent import (
     BodyProblem, BodySolution, full_of, Prior, prior_of, scaled_columns, solve_consistent,
     solve_drives)

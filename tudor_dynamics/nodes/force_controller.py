@@ -28,7 +28,7 @@ from std_msgs.msg import Float64
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import base_frame
 from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     JOINT_REFERENCE, RESET, RETREAT, TIP_FORCE, WANTED_FORCE)

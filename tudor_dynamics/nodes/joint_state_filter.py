@@ -24,7 +24,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.nodes.common.base import TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
     FILTERED_JOINT_STATES, JOINT_MOTION, JOINT_STATES, RESET)

@@ -37,7 +37,7 @@ from tudor_dynamics.control.references import ReferenceSource, Tolerances, yield
 from tudor_dynamics.control.schedule import load_schedule
 from tudor_dynamics.control.shaped_motion import Shaping
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.tuning import refiner_of
 from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, WARN
 from tudor_dynamics.nodes.common.following import FollowServer, since_start, tolerances_of

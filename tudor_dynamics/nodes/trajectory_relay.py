@@ -31,8 +31,7 @@ from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.trajectory import braking, Follower, from_state, of_all, Path
 from tudor_dynamics.errors import SignalError, TudorError, UsageError
-from tudor_dynamics.models.bundle import ModelBundle, tool_of
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, tool_of
 from tudor_dynamics.models.still_timing import shaped_for, TIMING
 from tudor_dynamics.nodes.common.base import Figure, latched, OK, strong, TudorNode, WARN
 from tudor_dynamics.nodes.common.following import FollowServer, since_start

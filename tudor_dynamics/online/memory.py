@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What lasts for longer than the recording of an event: kept now and then, and recalled by a replay."""
+"""What lasts for longer than the recording of an event: kept now and then, recalled in replays."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -37,38 +38,25 @@ def state_of(part: Any) -> Any:
     return part if names is None else {name: state_of(getattr(part, name)) for name in names}
 
 
-def read_state(part: Any, state: Any) -> Any:
-    """Read a state of `state_of`, which has to fit a part; a TypeError, KeyError or ValueError."""
-    if isinstance(part, np.ndarray):
-        found = np.array(state, dtype=part.dtype)
-        if found.shape != part.shape:
-            raise ValueError(f'the shape is {found.shape}, not {part.shape}')
-        return found
-    if isinstance(part, dict):
-        return {key: read_state(value, state[key]) for key, value in part.items()}
-    if isinstance(part, deque):
-        return deque((read_state(part[0], item) for item in state), part.maxlen)
-    if isinstance(part, tuple):
-        return tuple(read_state(*pair) for pair in zip(part, state, strict=True))
-    names = getattr(part, 'REMEMBERED', None)
-    if names is not None:
-        return {name: read_state(getattr(part, name), state[name]) for name in names}
-    return part if part is None else type(part)(state)
-
-
 def put_state(part: Any, state: Any) -> Any:
-    """Put a part into a state that was read for it; gives what stands in its place."""
+    """Put a part into a state that `state_of` gave of its like; returns what takes its place."""
     if isinstance(part, np.ndarray):
-        part[...] = state  # in place: compiled code and views have it too
-    elif isinstance(part, dict):
+        new = np.array(state, part.dtype)
+        if new.shape != part.shape:
+            raise ValueError(f'the shape is {new.shape}, not {part.shape}')
+        part[...] = new  # in place: compiled code and views have it too
+        return part
+    if isinstance(part, dict):
         return {key: put_state(value, state[key]) for key, value in part.items()}
-    elif isinstance(part, tuple):
+    if isinstance(part, tuple):
         return tuple(put_state(*pair) for pair in zip(part, state, strict=True))
-    elif hasattr(part, 'REMEMBERED'):
-        for name, value in state.items():
-            setattr(part, name, put_state(getattr(part, name), value))
-    else:
-        return state
+    if isinstance(part, deque):
+        return deque((put_state(deepcopy(part[0]), item) for item in state), part.maxlen)
+    names = getattr(part, 'REMEMBERED', None)
+    if names is None:
+        return part if part is None else type(part)(state)
+    for name in names:
+        setattr(part, name, put_state(getattr(part, name), state[name]))
     return part
 
 
@@ -84,15 +72,17 @@ class Memory:
         """Keep or recall the state after a sample, stamp [ns]."""
         since = stamp - self._kept[-1]['stamp'] if self._kept else -1
         if stamp in self._recalled:
-            self._part = put_state(self._part, self._recalled.pop(stamp))
+            put_state(self._part, self._recalled.pop(stamp))
         elif 0 <= since < MEMORY_EVERY * 1e9:
             return
         self._kept.append({'stamp': stamp, 'of': self._of, 'state': state_of(self._part)})
 
     def recall(self, memories: Iterable[dict[str, Any]]) -> None:
-        """Go on from memories, each at its sample, where they are of the same; see `read_state`."""
-        self._recalled = {int(item['stamp']): read_state(self._part, item['state'])
-                          for item in memories if item['of'] == self._of}
+        """Go on from memories, each at its sample, where they are of the same."""
+        self._recalled = {int(item['stamp']): item['state'] for item in memories
+                          if item['of'] == self._of}
+        for state in self._recalled.values():
+            put_state(deepcopy(self._part), state)  # one that does not fit is refused here
 
     def before(self, stamp: int) -> list[dict[str, Any]]:
         """

@@ -28,8 +28,7 @@ import pytest
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError, NotFittedError
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
 
 ARM = blade_arm()

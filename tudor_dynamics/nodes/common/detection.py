@@ -296,7 +296,7 @@ class DetectNode(ModelNode):
                           'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
             self.keep(record | {'memory': {
-                name: memory.before(event.stamp) for name, memory in self._chain.memories.items()}})
+                name: one.before(event.stamp) for name, one in self._chain.memories.items()}})
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
             self.contact_output.publish(self.watch, estimate)

@@ -30,8 +30,7 @@ from std_msgs.msg import Bool
 from tudor_dynamics.arm.description import Arm, array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
 from tudor_dynamics.load.live import CarriedLoad, PayloadStage
-from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import EXPECT_PAYLOAD, GRIPPERS, PAYLOAD_TOPIC, RELOAD
 from tudor_dynamics.nodes.common.messages import ArrayDecoder, JointSample, time_message

@@ -33,9 +33,8 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import CausalModels, ModelBundle
-from tudor_dynamics.models.bundle_io import (
-    check_target, load_bundle, MAX_BYTES, save_bundle, unpack)
+from tudor_dynamics.models.bundle import (
+    CausalModels, check_target, load_bundle, MAX_BYTES, ModelBundle, save_bundle, unpack)
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 import yaml
