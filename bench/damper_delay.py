@@ -33,7 +33,7 @@ from tables import show
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import planned_limits
-from tudor_dynamics.control.gains import damping_share
+from tudor_dynamics.control.cascade import damping_share
 from tudor_dynamics.control.motion_controller import State
 from tudor_dynamics.mechanics.rig import Rig
 from tudor_dynamics.models.tuning import design, TunedArm, Wish

@@ -34,7 +34,7 @@ import numpy as np
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import effort_limits, hard_limits
 from tudor_dynamics.bags.reader import read_recording
-from tudor_dynamics.control.gains import Commanded
+from tudor_dynamics.control.cascade import Commanded
 from tudor_dynamics.control.motion_controller import State
 from tudor_dynamics.control.plausibility import MotionWatch
 from tudor_dynamics.mechanics.rig import Rig, RigLog

@@ -43,7 +43,7 @@ from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.comparison import (
     described_parameters_of, effort_model, full_parameters, relative_errors)
 from tudor_dynamics.models.regressor import EffortRegressor
-from tudor_dynamics.show.urdf import urdf_of
+from tudor_dynamics.show.description import urdf_of
 import yaml
 
 N, RATE, NOISE = len(ROWS), 100.0, 0.2

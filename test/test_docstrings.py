@@ -40,7 +40,7 @@ import tudor_dynamics as td
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'tudor_dynamics'
 FORMATS = {
-    'bags/writer.py', 'control/gains.py', 'identification/excitation_plan.py',
+    'bags/writer.py', 'control/cascade.py', 'identification/excitation_plan.py',
     'identification/detection.py', 'fleet/study.py', 'bags/trajectory.py',
     'models/base.py', 'models/bundle.py', 'online/threshold_learning.py'}
 """Modules that also define a file format, or what a model has to do: sections may stand there."""

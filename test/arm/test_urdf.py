@@ -23,8 +23,8 @@ import pytest
 
 from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.arm.kinematics import model_from_urdf
+from tudor_dynamics.arm.kinematics import read_urdf
 from tudor_dynamics.arm.limits import hard_limits
-from tudor_dynamics.arm.urdf import read_urdf
 from tudor_dynamics.errors import ArmError
 
 LINK = ('<link name="l{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '

@@ -21,7 +21,7 @@ import pytest
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import hard_limits
-from tudor_dynamics.control.gains import learned_period
+from tudor_dynamics.control.cascade import learned_period
 from tudor_dynamics.control.motion_controller import ReferenceGate
 from tudor_dynamics.control.settings import FOLLOWING_TIME, NEAR_TIME, RESTING_SPEED
 from tudor_dynamics.signals.motion_profile import motion_limits

@@ -20,7 +20,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from tudor_dynamics.control.gains import (
+from tudor_dynamics.control.cascade import (
     damping_share, DelayMeter, position_gain_limit, RingingWatch)
 
 SPEED = np.array([1.8, 1.8])

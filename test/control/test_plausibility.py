@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.limits import Limits
-from tudor_dynamics.control.gains import Commanded
+from tudor_dynamics.control.cascade import Commanded
 from tudor_dynamics.control.plausibility import AgeWatch, Doubt, MotionWatch
 
 LIMITS = Limits(np.array([0.0, -1.0]), np.array([3.0, 1.0]), np.full(2, 1.8), np.full(2, 17.0))

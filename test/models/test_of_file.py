@@ -26,8 +26,8 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.comparison import (
     file_effects, file_errors, file_parameters, full_parameters)
 from tudor_dynamics.models.regressor import EffortRegressor
+from tudor_dynamics.show.description import urdf_of
 from tudor_dynamics.show.mjcf import mjcf_of
-from tudor_dynamics.show.urdf import urdf_of
 
 N = len(JOINTS)
 FALLING, UPWARDS = np.array([4.0, 3.0, 2.0, 1.0]), np.array([2.0, -1.5, 1.0, 0.3])

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from sample_arms import arm_of
 from tudor_dynamics.models.friction import friction_columns
-from tudor_dynamics.show.urdf import both_ways, simple_friction
+from tudor_dynamics.show.description import both_ways, simple_friction
 
 
 def joint_of(**keys):

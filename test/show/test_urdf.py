@@ -28,7 +28,7 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.comparison import full_parameters_of
 from tudor_dynamics.models.consistent import pseudo_inertia
 from tudor_dynamics.models.regressor import EffortRegressor
-from tudor_dynamics.show.urdf import link_inertias, urdf_of
+from tudor_dynamics.show.description import link_inertias, urdf_of
 
 N = len(JOINTS)
 

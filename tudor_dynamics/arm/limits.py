@@ -32,8 +32,8 @@ import pinocchio as pin
 
 from pinocchio import hppfcl as fcl
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.kinematics import adapt, check_numbers, parse
 from tudor_dynamics.arm.schema import DRIVE_TIMEOUT, JointSpec, LimitSpec, PlannedSpec
-from tudor_dynamics.arm.urdf import adapt, check_numbers, parse
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import read_text
 from tudor_dynamics.typing import FloatArray, Shown

@@ -29,9 +29,9 @@ from tudor_dynamics.models.bundle import elastic_of, load_bundle, ModelBundle
 from tudor_dynamics.models.comparison import (
     file_effects, file_errors, file_parameters, full_parameters, FullParameters)
 from tudor_dynamics.models.friction import TERMS
-from tudor_dynamics.show.description import csv_of, description_of, elastic_drives, yaml_of
+from tudor_dynamics.show.description import (
+    csv_of, description_of, elastic_drives, urdf_of, yaml_of)
 from tudor_dynamics.show.mjcf import ElasticFile, mjcf_of, not_in_mjcf
-from tudor_dynamics.show.urdf import urdf_of
 from tudor_dynamics.typing import FloatArray
 
 EXAMPLES = """\

@@ -26,9 +26,9 @@ import numpy as np
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import drive_stop, effort_limits, hard_limits, Limits
 from tudor_dynamics.control import settings
-from tudor_dynamics.control.cascade import BY_SPEED, Envelope, SATURATING
+from tudor_dynamics.control.cascade import (
+    BY_SPEED, Envelope, learned_period, LoopGains, SATURATING)
 from tudor_dynamics.control.damper import arm_damping, Damper, moving_share
-from tudor_dynamics.control.gains import learned_period, LoopGains
 from tudor_dynamics.control.plausibility import AgeWatch, AHEAD, Doubt, MotionWatch
 from tudor_dynamics.control.schedule import Adaptation
 from tudor_dynamics.signals.motion_profile import Deviation, motion_limits, MotionPlanner

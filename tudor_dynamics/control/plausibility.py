@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.control import settings
-from tudor_dynamics.control.gains import Commanded, way_at
+from tudor_dynamics.control.cascade import Commanded, way_at
 from tudor_dynamics.typing import FloatArray
 
 # Columns of the state of one joint.

@@ -27,8 +27,8 @@ from pydantic import Field, ValidationError
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import Finite, Name, NonNegative, Positive, Spec, validation_message
 from tudor_dynamics.control import settings
+from tudor_dynamics.control.cascade import LoopGains
 from tudor_dynamics.control.damper import Damper
-from tudor_dynamics.control.gains import LoopGains
 from tudor_dynamics.errors import ScheduleError
 from tudor_dynamics.files import load_yaml, read_bounded, write_whole
 from tudor_dynamics.typing import FloatArray

@@ -31,9 +31,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.signal import savgol_filter
 from tudor_dynamics.arm.description import OPEN, open_values
-from tudor_dynamics.arm.kinematics import ExactAngles, is_prismatic, model_from_dh, model_from_urdf
+from tudor_dynamics.arm.kinematics import (
+    ExactAngles, is_prismatic, model_from_dh, model_from_urdf, read_urdf)
 from tudor_dynamics.arm.schema import one_spelling
-from tudor_dynamics.arm.urdf import read_urdf
 from tudor_dynamics.bags.info import BagReport, describe, STRAIN_WORDS
 from tudor_dynamics.bags.messages import (
     DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE)

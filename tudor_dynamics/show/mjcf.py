@@ -30,8 +30,8 @@ from tudor_dynamics.models.comparison import FullParameters
 from tudor_dynamics.models.elastic import kernel
 from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel
 from tudor_dynamics.models.elastic.parameters import in_words, physical_unit
-from tudor_dynamics.show.description import elastic_friction, ElasticDrive
-from tudor_dynamics.show.urdf import row, Simple, simple_frictions
+from tudor_dynamics.show.description import (
+    elastic_friction, ElasticDrive, row, Simple, simple_frictions)
 from tudor_dynamics.typing import FloatArray
 
 
