@@ -244,7 +244,11 @@ class ForceController:
                 self.cause = 'waits for a wanted force'
         elif self.phase in (Phase.IDLE, Phase.HELD) or self._deviates(q, self.pose) or (
                 not self._press(self.pose, dt, strain, share)):
-            self._rest(dt)
+            if self._brake is not None:
+                self._brake.step(dt)
+                self.pose, self._dq = self._brake.q.copy(), self._brake.dq.copy()
+            else:
+                self._dq = np.zeros_like(self._dq)
         return self.pose.copy(), self._dq.copy()
 
     def _deviates(self, q: FloatArray, place: FloatArray) -> bool:
@@ -318,11 +322,3 @@ class ForceController:
         rate = (self._smooth - before - (self._target - late)) / dt
         speed = chosen.integral * (self._smooth - self._target) + chosen.proportional * rate
         return float(np.clip(speed, -chosen.speed, chosen.speed))
-
-    def _rest(self, dt: float) -> None:
-        """Brake, or stand."""
-        if self._brake is not None:
-            self._brake.step(dt)
-            self.pose, self._dq = self._brake.q.copy(), self._brake.dq.copy()
-        else:
-            self._dq = np.zeros_like(self._dq)

@@ -209,19 +209,16 @@ class Schedule:
                 continue
             share = min(max((value - axis[k]) / (axis[k + 1] - axis[k]), 0.0), 1.0)
             row = (1.0 - share) * row[k] + share * row[k + 1]
-        return self._point(row)
-
-    def column(self, name: str) -> FloatArray:
-        """Give one column, see ``columns_of``, over the whole grid, the payload's axis first."""
-        return np.asarray(self._table[..., self.content.columns.index(name)])
-
-    def _point(self, row: FloatArray) -> Point:
         n, d = len(self.content.joints), len(self.content.damped)
         gain, single, load, inertia, rest = np.split(row, np.cumsum([d, 3, d, d * n]))
         position_gain, full_delay, reached = single.tolist()
         return Point(gain, position_gain, full_delay, reached, load, inertia.reshape(d, n),
                      tuple(Mode(float(part[0]), float(part[1]), part[2:2 + n], part[2 + n:])
                            for part in rest.reshape(self.modes, -1)))
+
+    def column(self, name: str) -> FloatArray:
+        """Give one column, see ``columns_of``, over the whole grid, the payload's axis first."""
+        return np.asarray(self._table[..., self.content.columns.index(name)])
 
     def save(self, path: str | Path) -> None:
         """Write the file, whole or not at all; one that is there is replaced."""

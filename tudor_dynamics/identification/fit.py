@@ -136,13 +136,6 @@ def enough(more: Iterable[Case], kept: Sequence[Case] = ()) -> tuple[Case, ...]:
 
 # -- How each kind of model is fitted to bags: most from rows, some from whole stretches
 
-def blank(kind: str, arm: Arm, output: str, settings: ModelSettings) -> MemorylessModel:
-    """Build a model that is not fitted yet."""
-    made = KINDS[kind].model
-    assert issubclass(made, MemorylessModel)
-    return made.new(arm, output, settings)
-
-
 @dataclass(eq=False)
 class RowTrainer:
     """Fits models without a memory to what parts of the data, such as bags, come to."""
@@ -156,7 +149,9 @@ class RowTrainer:
 
     def fit(self, bags: Sequence[BagData], output: str) -> MemorylessModel:
         """Fit the model of one output to bags."""
-        model = blank(self.kind, self.arm, output, self.settings)
+        kind = KINDS[self.kind].model
+        assert issubclass(kind, MemorylessModel)
+        model = kind.new(self.arm, output, self.settings)
         return model.fit_parts(
             {str(bag.choice): training_blocks([bag], output, model) for bag in bags},
             self.sums.setdefault(output, {}))

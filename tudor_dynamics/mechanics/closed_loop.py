@@ -505,9 +505,6 @@ class ArmProcess:
     def reset(self) -> None:
         """Put the arm at rest where its description says, a failure forgotten; time goes on."""
         self.failure = ''
-        self._rest()
-
-    def _rest(self) -> None:
         self.loop.reset(self.loop.described)
         self.speed = np.zeros(len(self.loop.arm.active_joints))
         self._age = np.inf
@@ -531,8 +528,8 @@ class ArmProcess:
         try:
             return self._advance(t)
         except SimulationError as err:
+            self.reset()
             self.failure = str(err)
-            self._rest()
             return self._advance(t)
 
     def _advance(self, t: float) -> Sample:

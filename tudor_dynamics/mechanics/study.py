@@ -281,21 +281,18 @@ def run_series(run: PlantRecord, arm: Arm, mechanism: Mechanism) -> list[Signals
     """Lay a run out on the topics of joint states, strains and accelerations."""
     refuse_interfaces(arm, 'a bag that is written here')
     stamp = FIRST_STAMP + np.rint((run.t - run.t[0]) * 1e9).astype(np.int64)
-    series = [joint_signals(
-        '/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints, run.q, run.dq,
-        run.effort)]
-    for topic, chosen in by_topic(arm.gauges).items():
-        series.append(joint_signals(
-            '/' + topic.lstrip('/'), stamp, [arm.gauge_names[i] for i in chosen],
-            run.strain[:, chosen], effort=run.gauge_moment[:, chosen]))
-    for index, name in enumerate(InertialSensors(mechanism).names):
-        series.append(Signals(
-            f'/imu/{name}', stamp, {
-                'orientation': run.orientation(index),
-                'angular_velocity': run.sensor_turning[:, index],
-                'linear_acceleration': run.sensor_acceleration[:, index]},
-            frame=f'{name}_imu', msgtype=IMU))
-    return series
+    return [
+        joint_signals('/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints, run.q,
+                      run.dq, run.effort),
+        *(joint_signals('/' + topic.lstrip('/'), stamp, [arm.gauge_names[i] for i in chosen],
+                        run.strain[:, chosen], effort=run.gauge_moment[:, chosen])
+          for topic, chosen in by_topic(arm.gauges).items()),
+        *(Signals(f'/imu/{name}', stamp, {
+            'orientation': run.orientation(index),
+            'angular_velocity': run.sensor_turning[:, index],
+            'linear_acceleration': run.sensor_acceleration[:, index]},
+            frame=f'{name}_imu', msgtype=IMU)
+          for index, name in enumerate(InertialSensors(mechanism).names))]
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import hashlib
 import io
@@ -114,12 +115,10 @@ class ModelBundle(Shown):
         for output, kinds in self.models.items():
             for kind, model in kinds.items():
                 line = f'  {output} {kind}: {", ".join(model.channels)}'
-                try:
+                with suppress(KeyError, TypeError, ValueError):  # made by hand: nothing is known
                     facts = judged[output][kind]
                     line += (f'; fit {facts["validation"]["fit"]:.1f} % ({facts["method"]}): '
                              f'{facts["verdict"]}')
-                except (KeyError, TypeError, ValueError):
-                    pass  # of a bundle made by hand, of which nothing is known
                 lines.append(line)
         lines += [] if self.tool is None else [f'  tool: {self.tool}']
         return '\n'.join(lines)

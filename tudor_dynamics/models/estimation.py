@@ -314,8 +314,7 @@ class _Problem:
         for gram, log in zip(self.grams, scales, strict=True):
             factor = np.where(self.columns, np.exp(min(max(log, -50.0), 50.0)), 1.0)
             grams.append(gram * np.outer(factor, factor))
-        total = sum(w * gram for w, gram in zip(self.weights, grams, strict=True))
-        total = np.asarray(total)
+        total = np.asarray(sum(w * gram for w, gram in zip(self.weights, grams, strict=True)))
         size = np.sqrt(np.diag(total)[:-1])
         size = np.where(size > 1e-12 * size.max(initial=0.0), size, np.inf)
         information = total[:-1, :-1] / np.outer(size, size) + RIDGE * np.eye(len(size))

@@ -65,18 +65,15 @@ class DynamicsPredictorNode(ModelNode):
         if self._reader is None:
             self._reader = MotionReader(bundle.arm.active_joints, self.drops)
         if self.predictor.observing and not self._gauges:
-            self._hear_strain(bundle)
+            # the gauges, which correct an elastic model
+            topics = bundle.arm.topics['strain']
+            self._gathering = Gathering(bundle.arm.gauge_names, topics)
+            for topic, channels in topics.items():
+                reader = NamedReader(channels, self.drops)
+                self._gauges.append(self.hear_sensors(
+                    bundle.arm, topic, partial(self._on_strain, topic, reader)))
         for output, publisher in self._predicted.items():
             publisher.encoder = JointStateEncoder(bundle.arm.channels[output], (FIELD[output],))
-
-    def _hear_strain(self, bundle: ModelBundle) -> None:
-        """Listen to the gauges, which correct an elastic model."""
-        topics = bundle.arm.topics['strain']
-        self._gathering = Gathering(bundle.arm.gauge_names, topics)
-        for topic, channels in topics.items():
-            reader = NamedReader(channels, self.drops)
-            self._gauges.append(self.hear_sensors(
-                bundle.arm, topic, partial(self._on_strain, topic, reader)))
 
     def _on_strain(self, topic: str, reader: NamedReader, message: JointSample) -> None:
         values = reader.read(message, FIELD['strain'])

@@ -280,13 +280,11 @@ def _edges(axis: JointPositions) -> FloatArray:
 
 def density_figure(joints: Sequence[JointPositions]) -> Plot:
     """Draw how often each position was visited."""
-    panels = []
-    for joint in joints:
-        panels.append(panel('', label(joint.name, joint.unit), '% of samples', *(
+    return {'columns': 3, 'panels': [
+        panel('', label(joint.name, joint.unit), '% of samples', *(
             shares(look, _edges(joint), values, name) for look, name, values in (
                 ('fill', 'training', joint.training), ('other', 'validation', joint.test))
-            if len(values))))
-    return {'columns': 3, 'panels': panels}
+            if len(values))) for joint in joints]}
 
 
 def pair_figure(pairs: Sequence[tuple[JointPositions, JointPositions]]) -> Plot:

@@ -215,12 +215,6 @@ class ElasticModel(Model):
         """Physical parameters by name, SI units."""
         return {parameter.name: parameter.value for parameter in self.physical}
 
-    def _arm(self, stretch: Stretch) -> DrivenArm:
-        check_motion(stretch.motion, 3 * self.n_joints)
-        if self._driven is None:
-            self._driven = driven_arm(self.arm, self.values)
-        return self._driven
-
     @property
     def gauges(self) -> FloatArray | None:
         """Gain, offset and noise of each gauge, (gauges, 3); None where no strain is known."""
@@ -240,7 +234,10 @@ class ElasticModel(Model):
         return lambda response, motion: np.asarray(response.moment * gains + offsets)
 
     def follow(self, stretch: Stretch) -> FloatArray:
-        response = follow_stretch(self._arm(stretch), stretch, self.gauges)
+        check_motion(stretch.motion, 3 * self.n_joints)
+        if self._driven is None:
+            self._driven = driven_arm(self.arm, self.values)
+        response = follow_stretch(self._driven, stretch, self.gauges)
         return self.prepared()(response, stretch.motion)
 
     def observe(self, stretch: Stretch) -> FloatArray:
