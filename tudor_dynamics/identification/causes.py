@@ -311,7 +311,7 @@ def explain(
         return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
     own, sensed = monitor(source), [item for item in messages if item.topic != ASKED]
     with undamaged(bag):
-        kept = records[0].get('memory', {}) if records else {}
+        kept = records[0].get('states', {}) if records else {}
         for name, memory in own.memories.items():
             memory.recall(kept.get(name, ()))
     estimating = seen = replay(messages, own)

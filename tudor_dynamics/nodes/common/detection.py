@@ -295,7 +295,7 @@ class DetectNode(ModelNode):
                 'state': {**values, 'message': message,
                           'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
-            self.keep(record | {'memory': {
+            self.keep(record | {'states': {
                 name: one.before(event.stamp) for name, one in self._chain.memories.items()}})
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
