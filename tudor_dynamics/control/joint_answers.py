@@ -285,8 +285,8 @@ class JointRecord:
         own = self._velocity(j)
         if own is not None and own.near(1.0):
             return (f'commands to this joint change its velocity, but the position of '
-                    f'{self._joints[k]}: correct order or names of the positions in the driver')
-        return (f'commands to this joint move {self._joints[k]}: correct the order of commands '
+                    f'{self._joints[k]!r}: correct order or names of the positions in the driver')
+        return (f'commands to this joint move {self._joints[k]!r}: correct the order of commands '
                 'or readings in the driver')
 
     def _drifts(self, j: int, drift: float) -> str:

@@ -40,6 +40,7 @@ from tudor_dynamics.nodes.common.interfaces import (
 from tudor_dynamics.nodes.common.messages import floats, NamedReader
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.settings import BRAKING, LONGEST_GAP, PUBLISHERS_LOOK
+from tudor_dynamics.online.coverage import ALSO
 from tudor_dynamics.typing import FloatArray
 
 
@@ -79,7 +80,7 @@ class OscillationDamperNode(MovingNode):
         Figure('damper JOINT', lambda controller: dict(zip(
             controller.damper.joints, controller.damper.report(), strict=True)), 'controller'))
     feels = True
-    ending = 'has been shut down: the joints brake to standstill; start the node again to go on'
+    ending = 'the node was shut down: the joints brake to standstill; start it again to go on'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('oscillation_damper', LONGEST_GAP, **kwargs)
@@ -204,7 +205,7 @@ class OscillationDamperNode(MovingNode):
         if controller is None or not self.active:
             return level, message
         if controller.state is State.FAULT:
-            return ERROR, f'{controller.cause}; the joints are stopped until you call ~/reset'
+            return ERROR, f'{controller.cause}; then call the service ~/reset: the joints stand'
         if clock := self.clocks.fault():
             return ERROR, f'{self._own}: {clock}'
         if controller.blind:
@@ -218,9 +219,9 @@ class OscillationDamperNode(MovingNode):
         gains = controller.gains
         if gains.excited:
             return ERROR, (f'the damper is off: {gains.excited}; run damper_sign_test, check '
-                           'the gains and the loop delay, then call ~/reset')
+                           'the gains and the loop delay, then call the service ~/reset')
         if bad := self._gauge_faults(controller):
-            return ERROR, '; '.join(bad)
+            return ERROR, ALSO.join(bad)
         if self.crowded:
             return self.crowded
         if controller.state is State.HOLDING:
@@ -254,7 +255,7 @@ class OscillationDamperNode(MovingNode):
         damper = controller.damper
         faults = self._faults | {place: status for place, status in enumerate(damper.status)
                                  if status >= Status.MISSING}
-        texts = [f'{damper.joints[place]} ({damper.gauges[place]}): {MEANING[fault]}'
+        texts = [f'{damper.joints[place]}, gauge {damper.gauges[place]}: {MEANING[fault]}'
                  for place, fault in faults.items()]
         self._faults = {place: fault for place, fault in self._faults.items()
                         if damper.status[place] not in (Status.DAMPING, Status.SATURATED)}
