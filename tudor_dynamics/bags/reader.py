@@ -287,8 +287,8 @@ class Assembly:
         what = 'strain' if field == 'position' else field  # a JointState has strains there
         topic = self.names[wanted]
         if topic is None:
-            self.notes.add(f'no topic {wanted}, so the {what} of {who} is missing; record it if '
-                           'it is needed', lacking=True)
+            self.notes.add(f'no topic {wanted}, so the {what} of {who} is missing; record '
+                           'that topic if it is needed', lacking=True)
             return None
         states = self.states(topic, channels[0])
         stream, index = self.select(states, keys, field)
@@ -351,7 +351,7 @@ class Assembly:
             self.notes.add(
                 f'{len(lengths)} gap(s) on {self.names[self.plan.joint_topic]} longer than '
                 f'{gap_limit(stamp):.3g} s, the longest {lengths.max():.3f} s, the first at '
-                f'{at:.3f} s; the record is split at each; if this recurs, look for lost messages')
+                f'{at:.3f} s; the record is split there; if that recurs, check driver and network')
         for cut in np.searchsorted(stamp, self.cuts, side='right').tolist():
             parts = tuple(piece for part in parts for piece in (
                 (slice(part.start, cut), slice(cut, part.stop))
@@ -451,7 +451,7 @@ def _messages(bag: Bag, topic: str, known: Sequence[str]) -> RawMessages | None:
         return None
     if bag.topics[name].msgtype != known[0]:
         raise BagError(f'{bag.path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
-                       f'{" or ".join(known)}; give --truth a topic of such a type')
+                       f'{" or ".join(known)}; name a topic of such a type')
     return bag.read([name])[name]
 
 

@@ -170,15 +170,15 @@ Searches = Mapping[tuple[str, ...], Identified]  # names of bags to what was fou
 def check_arm(arm: Arm) -> None:
     """Refuse an arm of which no elastic model can be made, before hours of work and not after."""
     if arm.coupling is not None:
-        raise FitError(f'{arm.source}: the elastic model does not support `couplings`; remove '
-                       'that key, or elastic from --models')
+        raise FitError(f'{arm.source}: the elastic model does not support the key couplings; '
+                       'remove that key, or leave the elastic model out')
     if not arm.gauges:
         raise FitError(f'{arm.source}: no gauges are described, but the elastic model is fitted '
-                       'to strain; add the key gauges, or remove elastic from --models')
+                       'to strain; add the key gauges, or leave the elastic model out')
     try:
         DrivenArm(arm)
     except TudorError as err:
-        raise FitError(f'{err}, or remove elastic from --models') from None
+        raise FitError(f'{err}, or leave the elastic model out') from None
 
 
 def _tell(arm: Arm, found: Identified) -> None:
@@ -519,7 +519,7 @@ def _fit_one(
         cases = cases_of(blind.fit([first], output), [last])
     else:
         raise FitError('the fit cannot be judged with one training bag and no test bag; give a '
-                       'second bag, or --test BAG')
+                       'second bag, or a test bag')
     validation = validated(cases, output, method)
     seen = validated(cases_of(model, training), output, 'the training bags themselves')
     unseen = unseen_cases(fit_bags, model, validation, others)

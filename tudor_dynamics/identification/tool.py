@@ -117,13 +117,13 @@ def find_moves(
     return found
 
 
-def check_efforts(arm: Arm, option: str = '--models') -> None:
+def check_efforts(arm: Arm) -> None:
     """Refuse an arm whose rings have no size, before hours of work and not after."""
-    unknown = [joint.name for joint in arm.joints if joint.effort.unit == 'A']
+    unknown = [repr(joint.name) for joint in arm.joints if joint.effort.unit == 'A']
     if unknown:
         raise FitError(f'{arm.source}: efforts of {", ".join(unknown)} are in A, but the model of '
                        'vibration needs N m or N',
-                       remedy=f'record torques or forces, or remove vibration from {option}')
+                       remedy='record torques or forces, or leave vibration out')
 
 
 def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> FlexibleTool:

@@ -456,9 +456,8 @@ def steps_per_message(dt: float, rate: float) -> int:
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
     if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
         near = 1.0 / (dt * round(min(max(every, 1.0), 100.0)))
-        raise SimulationError(f'a message rate (--rate) of {rate:g} Hz does not divide the '
-                              f'loop rate of {1.0 / dt:g} Hz (damper.rate); give --rate '
-                              f'{near:g}')
+        raise SimulationError(f'a message rate of {rate:g} Hz does not divide the loop rate of '
+                              f'{1.0 / dt:g} Hz (key damper.rate); give a rate of {near:g} Hz')
     return int(round(every))
 
 

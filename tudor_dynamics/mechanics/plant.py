@@ -375,7 +375,7 @@ class Plant:
         slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
         # Links so stiff that 2 ms do not follow them are meant as rigid: they stay damped.
         if self.dt * slowest > 1.0 / 8.0 and self.dt > 2e-3:
-            msg = (f'{self.mechanism.name}: a step (--dt) of {self.dt:g} s is too large, as links '
+            msg = (f'{self.mechanism.name}: a time step of {self.dt:g} s is too large, as links '
                    f'vibrate at {slowest:.3g} Hz and above; take at most '
                    f'{1.0 / (8.0 * slowest):.2g} s, better {1.0 / (100.0 * slowest):.1g} s')
             raise SimulationError(msg)
@@ -389,8 +389,8 @@ class Plant:
         elif status == gen.SINGULAR:
             loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
                      if not self.tables.prescribed[index]]
-            msg = (f'{name}: the mass matrix is singular, as joint {" or ".join(loose)}, or a '
-                   'node of a beam, moves no mass; give the link after it a mass or hub_inertia')
+            msg = (f'{name}: the mass matrix is singular, as {" or ".join(map(repr, loose))} or a '
+                   'node of a beam moves no mass; give the link after it a mass or hub_inertia')
         elif status == gen.TOO_BENT:
             msg = (f'{name}: at t = {t:.6g} s a link is bent by more than '
                    f'{settings.MAX_ROTATION} rad, where a linear beam means nothing; energy '

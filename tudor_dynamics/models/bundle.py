@@ -180,7 +180,6 @@ def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
 def tool_of(bundle: ModelBundle) -> FlexibleTool:
     """Give the flexible tool of a bundle, or say how to learn it."""
     if bundle.tool is None:
-        raise ModelError('the model knows no flexible tool', remedy='fit it again with '
-                         '`--models analytical vibration`, from motion with rests of three '
-                         'seconds')
+        raise ModelError('the model knows no flexible tool', remedy='run `tudor fit --models '
+                         'analytical vibration` on bags of motion with rests of three seconds')
     return bundle.tool

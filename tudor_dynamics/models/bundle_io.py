@@ -303,10 +303,10 @@ def check_target(path: Path, *, overwrite: bool) -> None:
     if not path.exists() and not path.is_symlink():
         return
     if not overwrite:
-        raise ModelError(f'{path}: exists already; choose another --out, or add --overwrite')
+        raise ModelError(f'{path}: exists already; choose another out, or set overwrite')
     if not (path / 'model.yaml').is_file():
         raise ModelError(f'{path}: exists already and is not a model bundle, so it is not '
-                         'overwritten; choose another --out')
+                         'overwritten; choose another out')
 
 
 def _arm_files(arm: Arm) -> dict[str, bytes]:

@@ -78,7 +78,7 @@ def not_known(span: Span, newtons: tuple[float, float], *, placed: bool) -> str:
         'assumed; a second gauge would show the place'] * (not placed) + [
         f'a force along the link of {span.joint} shows in no gauge'] * (not span.along) + [
         f'strain and described masses give newtons to {100.0 * newtons[1]:.0f} % only: add '
-        'sensors[].gain, or fit two payloads (--payload-of)'] * math.isnan(newtons[0]))
+        'sensors[].gain, or fit bags of two known payloads'] * math.isnan(newtons[0]))
 
 
 class ContactRecord:
@@ -439,7 +439,7 @@ class TorqueEstimator:
         usual = validation_rmse(bundle, 'effort', 'analytical')
         if usual is None:
             raise ModelError('contacts from efforts need the validation error of the model, which '
-                             'the bundle lacks: fit the model to several bags, or with --test')
+                             'the bundle lacks: fit the model to several bags, or give test bags')
         if not np.isfinite(self._gain).any():
             raise ModelError(f'{arm.name}: no torque constant is known; add motors[] with '
                              'torque_constant and gear_ratio to the arm description')
