@@ -68,7 +68,7 @@ def bare_name(message: Message) -> bool:
     nouns = '(?<!training )(?:joint|gauge|bag|arm|controller|link|(?:effort|position)s? of)'
     names = re.findall(rf'{nouns} \{{([^{{}}|]*)\}}', message.text)
     return any(not name.endswith('!r') and 'repr' not in name and re.search(
-        r'name|joint|gauge|bag|choice|lacking|value\(|self\._names|unused', name)
+        r'name|joint|gauge|bag|choice|lacking|value\(|self\._names', name)
         for name in names)
 
 

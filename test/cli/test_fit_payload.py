@@ -81,7 +81,7 @@ def test_payload_of(arm: str, tmp_path: Path, capsys) -> None:
     third = bag(tmp_path / 'c', 0.2, 3)
     assert main(['fit', empty, full, third, *more, '--out', str(tmp_path / 'm2'), '--payload-of',
                  f'{empty}=0', f'{full}=0.4']) == 2
-    assert f'the payload of {third} is not known' in capsys.readouterr().err
+    assert f'but that of {third!r} is not known' in capsys.readouterr().err
     assert main(['fit', empty, full, '--test', third, *more, '--out', str(tmp_path / 'm3'),
                  '--payload-of', f'{empty}=0', f'{full}=0.4', f'{third}=0.2']) == 0
     assert 'one model of all payloads from 0 to 0.4 kg' in capsys.readouterr().out

@@ -100,7 +100,7 @@ REFUSED: dict[str, tuple[tuple[Any, ...], dict[str, Any], str]] = {
     'too fast': ((point(0.0, 0.8, 0.1), point(0.1, 1.6, 0.1)), {},
                  'joint2 reaches velocity 12, outside'),
     'far from the arm': ((point(0.0, 1.0, 0.1), point(2.0, 1.2, 0.1)), {},
-                         'joint2 is 0.2 rad away from the point that is due, more'),
+                         "'joint2' is 0.2 rad away from the point that is due, more"),
     'unknown joint': (LONG, {'names': ['joint2', 'wrist']}, 'wrong joints, unknown: wrist'),
     'all over': (LONG, {'stamp': 10**18}, 'all points are in the past'),
     'times': ((point(1.0, 0.8, 0.1), point(1.0, 0.9, 0.1)), {}, 'time does not increase')}

@@ -185,7 +185,7 @@ class Assembly:
                 if number:
                     self.dropped[cause] += number
                     self.notes.add(f'{number} messages ({stream.what}) with a '
-                                   f'{cause.replace("_", " ")}; left out')
+                                   f'{cause.replace("_", " ")} are left out; check the publisher')
         return stream.at(keep), keep
 
     def motion(self) -> Signals:
@@ -211,7 +211,7 @@ class Assembly:
                       if set(plan.joints) & set(block.layout.names)) - len(index)
         if partial:
             self.dropped['incomplete'] += partial
-            self.notes.add(f'{partial} messages in {name} lack a joint or its position; left out')
+            self.notes.add(f'{partial} messages in {name} lack a joint or its position: left out')
         for newest, size, lost in set_backs(stream.stamp):  # the record is split there
             self.cuts.append(newest)
             self.set_backs.append(
@@ -238,8 +238,8 @@ class Assembly:
             return None
         present = np.isin(rows, index)
         if not present.all():
-            self.notes.add(f'velocity in {states.topic} is there in {int(present.sum())} of '
-                           f'{len(rows)} messages only; not used')
+            self.notes.add(f'only {int(present.sum())} of {len(rows)} messages on {states.topic} '
+                           'have velocities, so these are not used')
             return None
         stream = stream.at(np.searchsorted(index, rows))
         empty = [not column.any() for column in np.isfinite(stream.values['velocity']).T]
@@ -276,13 +276,13 @@ class Assembly:
                           for stamp in (stream.stamp, motion.stamp))
             if own > 1.5 * other:
                 self.notes.add(f'{stream.what} comes every {own * 1e-6:.3g} ms, joint states '
-                               f'every {other * 1e-6:.3g} ms; interpolated')
+                               f'every {other * 1e-6:.3g} ms: it is interpolated')
         return values, found
 
     def _output_stream(
         self, names: Sequence[str], channels: Sequence[ChannelSource],
     ) -> Signals | None:
-        who, keys = ', '.join(names), [channel.name for channel in channels]
+        who, keys = ', '.join(map(repr, names)), [channel.name for channel in channels]
         wanted, field = channels[0].topic, channels[0].field
         what = 'strain' if field == 'position' else field  # a JointState has strains there
         topic = self.names[wanted]
@@ -305,7 +305,7 @@ class Assembly:
             self.notes.add(f'only one message with {what} of {who} in {topic}', lacking=True)
             return None
         if not np.isfinite(stream.values[field]).any():
-            self.notes.add(f'{stream.what} is NaN throughout', lacking=True)
+            self.notes.add(f'{stream.what} is NaN throughout: check its driver', lacking=True)
             return None
         values = check_finite(stream, field, self.notes, self.path)
         spans = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
@@ -331,14 +331,14 @@ class Assembly:
                             not_finite=int(np.sum(~finite)))
         if self.dropped['no_neighbour']:
             self.notes.add(f'{self.dropped["no_neighbour"]} of {len(found)} joint states have no '
-                           'effort or strain close before and after; left out')
+                           'effort or strain close before and after: these are left out')
         kept = np.flatnonzero(found & finite)
         parts = split_at_gaps(motion.stamp[kept])
         long = [np.arange(p.start, p.stop) for p in parts if p.stop - p.start >= MIN_SEGMENT]
         isolated = len(kept) - sum(map(len, long))
         if isolated and long:
             self.dropped['isolated'] += isolated
-            self.notes.add(f'{isolated} samples stand alone between gaps; left out')
+            self.notes.add(f'{isolated} samples stand alone between gaps: they are left out')
         return kept[np.concatenate(long)] if long else kept
 
     def segments(self, stamp: NDArray[np.int64]) -> tuple[slice, ...]:

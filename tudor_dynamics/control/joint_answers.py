@@ -181,7 +181,7 @@ class JointRecord:
         """Say how the nudged joint answered; if rightly, what else moved."""
         if len(self._rows) < settings.LEAST_SAMPLES:
             name = self._joints[self._nudged]
-            return JointAnswer(name, None, f'{name}: no commands or positions came: start the arm')
+            return JointAnswer(name, None, f'{name}: no commands or positions; start the driver')
         t, q, self._dq, commands = (np.array(column) for column in zip(*self._rows, strict=True))
         self._time, self._moved = t - t[0], q - q[0]
         self._ways = np.zeros_like(q)

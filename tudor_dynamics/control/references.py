@@ -392,7 +392,7 @@ class ReferenceSource:
         off, bounds = np.abs(self.actual - wanted), np.broadcast_to(bound, wanted.shape)
         over = np.where((bounds > 0.0) & (off > bounds), off - bounds, 0.0)
         k = int(over.argmax())
-        return (f'{self.names[k]} is {off[k]:.3g} {self._units[self.names[k]]} away, tolerance '
+        return (f'{self.names[k]!r} is {off[k]:.3g} {self._units[self.names[k]]} away, tolerance '
                 f'{bounds[k]:.3g}; see the diagnostics of oscillation_damper' if over[k] else '')
 
     def collide(self, collision: bool) -> None:

@@ -349,7 +349,7 @@ class _Study:
             raise UsageError(f'bags of several payloads cannot be compared: {said}',
                              remedy='list bags of one payload in the plan')
         if not self.dates:
-            raise FitError(f'no bag can be used ({len(self.unused)} tried): {self.unused[0]}',
+            raise FitError(f'no bag can be used ({len(self.unused)} tried): bag {self.unused[0]}',
                            remedy='or name other bags in the plan')
         for date_ in self.dates.values():
             date_.sights = parted(date_.whole, PARTS)

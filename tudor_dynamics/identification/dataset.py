@@ -190,7 +190,7 @@ def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
     damped = () if arm.spec.damper is None else arm.spec.damper.joints
     if not missing or len(missing) == len(arm.gauges) or {*missing} & {i.gauge for i in damped}:
         return arm
-    msg = (f'{arm.name}: no bag has the gauges {", ".join(missing)} of the description, so they '
+    msg = (f'arm {arm.name!r}: no bag has the gauges {", ".join(map(repr, missing))}, so they '
            'have no model; record them, or remove them from the description')
     warnings.warn(msg, TudorWarning, stacklevel=2)
     return arm.with_gauges(found)
@@ -387,7 +387,7 @@ class Unused:
 
     def __str__(self) -> str:
         """Write it on one line."""
-        return f'bag {self.bag!r}: {self.why.removeprefix(f"{self.bag}: ")}'
+        return f'{self.bag!r}: {self.why.removeprefix(f"{self.bag}: ")}'
 
 
 def facts_of(bag: BagData) -> BagFacts:

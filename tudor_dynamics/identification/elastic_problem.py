@@ -318,8 +318,8 @@ class Problem:
         """Simulate what can be: moments, errors of the strain, and gains with offsets."""
         moments = self.moments(x)
         if moments is None:
-            raise FitError(f'{self.arm.name}: the elastic model cannot be simulated on these '
-                           'bags; check `links` and `motors` of the arm description')
+            raise FitError(f'arm {self.arm.name!r}: the elastic model cannot be simulated on '
+                           'these bags; check `links` and `motors` of the arm description')
         return moments, self.errors(moments, x), self.gauges(moments, x)
 
     def _kept(self, several: Sequence[FloatArray]) -> list[FloatArray | None]:

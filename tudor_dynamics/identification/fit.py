@@ -190,8 +190,8 @@ def _tell(arm: Arm, found: Identified) -> None:
                 not p.shown and p.standard_error > UNTOLD * p.value
                 for p in map(values.__getitem__, both))):
             single = sum(gauge.joint == joint for gauge in arm.gauges) < 2
-            msg = (f'{arm.name}: the strain of these bags does not show how the gear of {joint} '
-                   'and the link after it share their compliance; predictions hold on similar '
+            msg = (f'arm {arm.name!r}: strain in these bags does not show how much the gear of '
+                   f'{joint!r} bends and how much the link after it; predictions hold on similar '
                    'motion, the stiffness of either does not: give motors[].stiffness'
                    + (', or a second gauge on the link' if single else ', or other motion'))
             warnings.warn(msg, TudorWarning, stacklevel=2)

@@ -126,12 +126,12 @@ class Probe:
     def _check(self, joint: str, distance: float) -> None:
         mechanism = self.plant.mechanism
         if joint not in mechanism.beams:
-            raise SimulationError(f'{mechanism.name}: joint {joint!r} has no beam; choose a '
+            raise SimulationError(f'arm {mechanism.name!r}: joint {joint!r} has no beam; choose a '
                                   f'joint that has one, of {list(mechanism.beams)}')
         length = mechanism.length(joint)
         if not -1e-9 <= distance <= length + 1e-9:
-            raise SimulationError(f'{mechanism.name}: a place at {distance:g} m lies outside the '
-                                  f'beam of {joint!r}; give one from 0 to {length:g} m')
+            raise SimulationError(f'arm {mechanism.name!r}: a place at {distance:g} m is outside '
+                                  f'the beam of {joint!r}; give one from 0 to {length:g} m')
 
 
 # -- Inertial sensors on a mechanism: at the far end of each beam and at the tip
@@ -261,14 +261,14 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
         free[mechanism.q_index[mechanism.joints.index(joint)]] = True
     index = np.flatnonzero(free)
     if index.size == 0:
-        msg = f'{mechanism.name}: nothing can vibrate, all links are rigid and all joints held'
+        msg = f'arm {mechanism.name!r}: nothing can vibrate: all links are rigid, all joints held'
         raise SimulationError(msg)
     pick = np.ix_(index, index)
     stiffness, damping = _tangents(plant)
     try:
         values, vectors = eigh(stiffness[pick], plant.mass_matrix()[pick])
     except np.linalg.LinAlgError:
-        msg = (f'{mechanism.name}: the mass matrix is singular with the joints '
+        msg = (f'arm {mechanism.name!r}: the mass matrix is singular with the joints '
                f'{list(free_joints)} free; give their links a mass, or a hub_inertia')
         raise SimulationError(msg) from None
     count = min(count, index.size)

@@ -205,7 +205,7 @@ class OscillationDamperNode(MovingNode):
         if controller is None or not self.active:
             return level, message
         if controller.state is State.FAULT:
-            return ERROR, f'{controller.cause}; then call the service ~/reset: the joints stand'
+            return ERROR, f'{controller.cause}; joints stand until you call the service ~/reset'
         if clock := self.clocks.fault():
             return ERROR, f'{self._own}: {clock}'
         if controller.blind:
@@ -234,15 +234,15 @@ class OscillationDamperNode(MovingNode):
                           f'network); full gain needs at most {1e3 * gains.full_delay:.0f} ms')
         gain = gains.position_gain_in_use
         if gain < gains.position_gain:
-            return WARN, (f'a loop delay of {delay} lowers the position gain to {gain:.2g} 1/s '
-                          f'(from {gains.position_gain:g}); shorten the delay (driver, network)')
+            return WARN, (f'a loop delay of {delay} lowers the position gain to {gain:.2g} per s, '
+                          f'from {gains.position_gain:g}; shorten the delay (driver, network)')
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
             return WARN, f'fixed gains: {adaptation.unknown}'
         if note := controller.reference.refusal or self.clocks.offset(self._own):
             return WARN, note
-        if controller.limits.missing:
-            return WARN, f'{"; ".join(controller.limits.missing)}; add them to joints[].limits'
+        if (limits := controller.limits).missing:
+            return WARN, ALSO.join(f'{x}; add it to joints[].limits' for x in limits.missing)
         return level, message
 
     def _look(self) -> None:

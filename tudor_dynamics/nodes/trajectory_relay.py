@@ -223,7 +223,7 @@ class TrajectoryRelayNode(TudorNode):
             if off.max() > self.value('start_tolerance'):
                 name, away = self._names[int(off.argmax())], off.max()
                 raise SignalError(
-                    f'{name} is {away:.3g} {self._units[name]} away from the point that is due, '
+                    f'{name!r} is {away:.3g} {self._units[name]} away from the point that is due, '
                     f'more than start_tolerance {self.value("start_tolerance"):g}',
                     remedy='begin where the arm is, or raise time_from_start of the points')
             why = Path(own, whole, since).beyond(follower.bounds)

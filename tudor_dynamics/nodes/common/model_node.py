@@ -300,8 +300,8 @@ class ModelNode(TudorNode):
             return level, message
         known = None if self._whole is None else self._whole.payload_range
         if known is not None and not known[0] <= self.payload <= known[1]:
-            return WARN, (f'parameter payload {self.payload:g} kg is outside the {known[0]:g} to '
-                          f'{known[1]:g} kg of the model: it extrapolates; fit it to such loads')
+            return WARN, (f'the parameter payload is {self.payload:g} kg, outside {known[0]:g} to '
+                          f'{known[1]:g} kg, which the model knows; fit a model to such loads')
         if self._reload_fault:
             return ERROR, f'reload refused, the previous model stays in use: {self._reload_fault}'
         return level, message
