@@ -143,13 +143,13 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
         "wrong joints: path_tolerance has the unknown joint 'wrist'"),
     'tolerance of a speed': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'velocity': 0.1}}, -1,
-        'goal_tolerance of joint2: only positions are checked'),
+        "goal_tolerance of 'joint2': only positions are checked"),
     'several degrees of freedom': (
         WAY, {'component_path_tolerance': []}, -2,
         'wrong joints: the arm has no multi-DOF joints'),
     'impossible tolerance': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'position': -2.0}}, -1,
-        'goal_tolerance of joint2 has the position -2; give a bound above 0 [rad or m], 0 for '
+        "goal_tolerance of 'joint2' has the position -2; give a bound above 0 [rad or m], 0 for "
         'the default, or -1 for none')}
 
 

@@ -279,8 +279,8 @@ class _Search:
         clear = [k for k, share in enumerate(left)
                  if loud[k] and share < 1.0 - settings.RING_CLEAR]
         if len(clear) < settings.TOOL_LEAST or 2 * len(clear) < sum(loud):
-            raise FitError(f'a flexible tool explains {len(clear)} of {sum(loud)} rests that '
-                           f'ring; it needs {settings.TOOL_LEAST}, and half of them',
+            raise FitError(f'a flexible tool explains only {len(clear)} of {sum(loud)} rests that '
+                           f'ring; {settings.TOOL_LEAST}, and half of all, are needed',
                            remedy='record moves of tudor excite --for vibration, or faster '
                            'ones with rests of 3 s or more')
         covariance = 0.5 * (best.covariance + best.covariance.T)[:-1, :-1]

@@ -61,7 +61,7 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
             msg = (f'joint {joint.name!r}: efforts cannot be converted from '
                    f'{joint.effort.unit} to {unit}, as the joint has no torque constant')
             raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm descrip'
-                                         'tion and fit again, or take the unit of the model')
+                                         "tion and fit again, or choose the unit 'model'")
         result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
 
