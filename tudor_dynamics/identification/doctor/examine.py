@@ -94,8 +94,8 @@ def _gauges(arm: Arm) -> tuple[list[Finding], Arm]:
             continue
         limit = length or settings.LONGEST_ARM
         kind, what = 'gauge_beyond_link', (
-            f'distance of gauge {gauge.name} is {gauge.distance:.4g} m, but the link of joint '
-            f'{gauge.joint} is no longer than {limit:.4g} m')
+            f'distance of gauge {gauge.name!r} is {gauge.distance:.4g} m, but the link of joint '
+            f'{gauge.joint!r} is no longer than {limit:.4g} m')
         if gauge.distance > 1.0 and gauge.distance / 1000.0 <= limit:
             kind, what = 'gauge_in_millimetres', f'{what}: the distance seems to be in mm'
             content['distance'] = gauge.distance / 1000.0
@@ -169,7 +169,7 @@ def changed_gauges(case: Case, predicted: FloatArray) -> list[Finding]:
         sure[i] &= abs(value) > max(least, settings.GAUGE_SURE * std)
         effect[i] = float(np.sqrt(np.mean((value * ways[zero][:, 0]) ** 2))) / size
         said.append(found(
-            'gauge_zero' if zero else 'gauge_gain', f'gauge {gauge.name} ' + (
+            'gauge_zero' if zero else 'gauge_gain', f'gauge {gauge.name!r} ' + (
                 f'is off by {value:+.3g} +- {std:.1g} {gauge.unit} from' if zero else
                 f'reads {1.0 + value:.3f} +- {std:.3f} times') + ' what the model predicts',
             case.recording.path, (gauge.name,), size=value if zero else 1.0 + value))
@@ -240,8 +240,8 @@ def not_listed(arm: Arm, recording: Recording) -> list[Finding]:
     most, span = max(moved.items(), key=lambda item: item[1])
     unit = arm.position_units[most]
     return [replace(found(
-        'joint_not_listed', f'moving, but not active in the arm description: {", ".join(moved)} '
-        f'({most} by {span:.3g} {unit})', recording.path, tuple(moved), size=span), unit=unit)]
+        'joint_not_listed', f'moving, but not active: {", ".join(map(repr, moved))} ({most!r} by '
+        f'{span:.3g} {unit})', recording.path, tuple(moved), size=span), unit=unit)]
 
 
 def rings_on(arm: Arm, recording: Recording) -> list[Finding]:
@@ -254,7 +254,7 @@ def rings_on(arm: Arm, recording: Recording) -> list[Finding]:
     joint = arm.joints[loudest]
     return [found('rings', f'the arm rings at {ring.frequency:.2f} Hz after motion, damping ratio '
                   f'{ring.damping:.3f}, amplitude {size[loudest]:.2g} {joint.effort.unit} in the '
-                  f'effort of {joint.name}', recording.path, size=ring.frequency, remedy=(
+                  f'effort of {joint.name!r}', recording.path, size=ring.frequency, remedy=(
                       f'shape the motion with tudor shape --frequency {ring.frequency:.2f} '
                       f'--damping {ring.damping:.3f}'))]
 

@@ -44,7 +44,7 @@ def trends(chosen: Alternative) -> list[Finding]:
             channel, y = case.bodies[name].channels[i], output[:, i]
             dead = _dies(explained, i, t, y)
             if dead is not None:
-                what = f'{SINGULAR[name]} {channel} stops following the motion at {dead:.2f} s'
+                what = f'{SINGULAR[name]} {channel!r} stops following the motion at {dead:.2f} s'
                 findings.append(found(
                     'dying', what, case.recording.path, (channel,), time=dead,
                     size=float(t[-1]) - dead, remedy=until(case.recording, dead)))
@@ -79,9 +79,9 @@ def _at_once(findings: list[Finding]) -> list[Finding]:
     names, at = tuple(item.channels[0] for item in steps), float(np.median(times))
     most = max(steps, key=lambda item: item.now or 0.0)
     return [item for item in findings if item not in steps] + [found(
-        'payload_changed', f'readings of {", ".join(names)} change together at about {at:.1f} s: '
-        'a load was probably picked up or put down', most.bag, names, time=at, now=most.now,
-        otherwise=most.otherwise)]
+        'payload_changed', f'readings of {", ".join(map(repr, names))} change together at '
+        f'{at:.1f} s: a load was probably picked up or put down', most.bag, names, time=at,
+        now=most.now, otherwise=most.otherwise)]
 
 
 def _dies(explained: Explained, channel: int, t: FloatArray, y: FloatArray) -> float | None:
@@ -127,7 +127,7 @@ def _found(
 ) -> Finding:
     """Say what is odd about a channel: shares of its variance that remain now, and otherwise."""
     label = chosen.case.bodies[name].channels[channel]
-    return found(kind, f'{SINGULAR[name]} {label} {what}', chosen.case.recording.path, (label,),
+    return found(kind, f'{SINGULAR[name]} {label!r} {what}', chosen.case.recording.path, (label,),
                  time=time, size=size, now=float(np.sqrt(now)),
                  otherwise=None if otherwise is None else float(np.sqrt(otherwise)))
 
@@ -341,7 +341,7 @@ def _said(name: str, channels: tuple[str, ...], delay: Delay) -> str:
     """Say what comes late, and by how much."""
     late, what = delay.size > 0.0, PLURAL[name]
     if channels:
-        what = f'{"velocity of" if name == "velocity" else SINGULAR[name]} {", ".join(channels)}'
+        what = f'{SINGULAR.get(name, "velocity of")} {", ".join(map(repr, channels))}'
     more = '' if not delay.rate else (f' at first, and get {1e3 * abs(delay.rate):.2g} ms '
                                       f'{"later" if delay.rate > 0.0 else "earlier"} each second')
     return (f'{what} {"lag" if late else "lead"}{"s" * bool(channels)} the positions by '
