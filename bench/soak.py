@@ -225,7 +225,7 @@ class User:
         """Say whether a fresh diagnosis asks for a reset."""
         stamp, status = told
         state = {item.key: item.value for item in status.values}.get('state', '')
-        return time.time() - stamp < 1.5 and (state == 'fault' or '~/reset' in status.message)
+        return time.time() - stamp < 1.5 and (state == 'fault' or '/reset' in status.message)
 
 
 def soak(args: argparse.Namespace, folder: Path) -> tuple[list[Line], dict[str, Any]]:

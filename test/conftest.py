@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import gc
 import os
 from pathlib import Path
 import subprocess
@@ -57,6 +58,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the longest files first; everything else stays in its order."""
     items.sort(key=lambda item: next((k for k, name in enumerate(LONGEST) if item.path.as_posix(
         ).endswith(name)), len(LONGEST)))
+
+
+def pytest_collection_finish() -> None:
+    """Let the collector of garbage leave alone what stays for good: a million objects."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope='session')

@@ -83,7 +83,7 @@ def test_errors_of_pieces_arrive(jobs: int) -> None:
 
 def test_a_killed_worker_is_told() -> None:
     """One line says what to do, and other work goes on."""
-    with pytest.raises(ProcessError, match='ended from outside.*; use fewer --jobs'):
+    with pytest.raises(ProcessError, match='ended from outside.*; use fewer jobs'):
         in_processes(killed, [1, 2], 2)
     assert in_processes(square, [1, 2], 2) == [1, 4]
 

@@ -107,24 +107,29 @@ def tool_efforts(
     """Give what the tool adds to efforts (samples, joints); begins at rest, hanging."""
     n, dt = len(q), 1.0 / RATE
     dq = np.gradient(q, dt, axis=0)
-    ddq = np.gradient(dq, dt, axis=0)
+    path = np.hstack([q, dq, np.gradient(dq, dt, axis=0)])
     model = with_tool(arm)
     data, own = model.createData(), arm.model.nv
     stiff, fading = springs(frequencies, damping)
     angles, speed = hanging(model, q[0], stiff), np.zeros(2)
     found, step = np.empty((n, own)), dt / every
+    whole, pace = np.empty(own + 2), np.empty(own + 2)
     for k in range(n):
+        ahead = path[min(k + 1, n - 1)] - path[k]
         for part in range(every):
-            after, share = min(k + 1, n - 1), part / every
-            place, rate, change = ((1.0 - share) * x[k] + share * x[after] for x in (q, dq, ddq))
-            whole, pace = np.append(place, angles), np.append(rate, speed)
-            mass = pin.crba(model, data, whole)
-            mass = np.triu(mass) + np.triu(mass, 1).T
+            now = path[k] + part / every * ahead
+            whole[:own], whole[own:], change = now[:own], angles, now[2 * own:]
+            pace[:own], pace[own:] = now[own:2 * own], speed
+            mass = pin.crba(model, data, whole)  # its upper triangle
             forces = pin.nonLinearEffects(model, data, whole, pace)
-            second = -np.linalg.solve(mass[own:, own:], forces[own:] + stiff * angles
-                                      + fading * speed + mass[own:, :own] @ change)
+            (a, b), (_, c) = mass[own:, own:].tolist()
+            x, y = (forces[own:] + stiff * angles + fading * speed
+                    + change @ mass[:own, own:]).tolist()
+            second = np.array([b * y - c * x, b * x - a * y]) / (a * c - b * b)
             if part == 0:
-                found[k] = mass[:own, :own] @ change + mass[:own, own:] @ second + forces[:own]
+                inner = np.triu(mass[:own, :own])
+                inner += np.triu(inner, 1).T
+                found[k] = inner @ change + mass[:own, own:] @ second + forces[:own]
             speed = speed + step * second
             angles = angles + step * speed
     return found

@@ -59,8 +59,9 @@ def text_of(node: ast.expr | None) -> str:
         return ''.join(text_of(part) for part in node.values)
     if isinstance(node, ast.FormattedValue):
         inner = node.value
+        quoted = '!r' * (node.conversion == ord('r'))
         return (f'{{{text_of(inner.body)}|{text_of(inner.orelse)}}}'
-                if isinstance(inner, ast.IfExp) else f'{{{ast.unparse(inner)}}}')
+                if isinstance(inner, ast.IfExp) else f'{{{ast.unparse(inner)}{quoted}}}')
     if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Mod)):
         return text_of(node.left) + text_of(node.right)
     if isinstance(node, ast.IfExp):

@@ -68,7 +68,7 @@ def remedy_of(err: BaseException) -> str:
     """Say what to do about a file or folder that cannot be opened, read or written."""
     return {errno.EINVAL: 'give another file', errno.EISDIR: 'give a file',
             errno.ENOSPC: 'free some space', errno.EACCES: 'check the rights',
-            errno.EEXIST: 'it, or a folder of it, is a file: move that, or give another path',
+            errno.EEXIST: 'a file stands where a folder has to be: move it, or give another path',
             }.get(getattr(err, 'errno', None) or 0, 'check path, rights and disk')
 
 

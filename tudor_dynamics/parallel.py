@@ -151,7 +151,7 @@ def _run_all(
             for row, piece in enumerate(pieces)))
     except TerminatedWorkerError:
         msg = 'a worker process was ended from outside, as happens when memory runs out'
-        raise ProcessError(msg, remedy='use fewer --jobs') from None
+        raise ProcessError(msg, remedy='use fewer jobs') from None
     finally:
         get_reusable_executor(jobs).shutdown(wait=True)
         os.environ['PYTHONWARNINGS'] = before
@@ -232,22 +232,22 @@ def on_cluster(address: str | None) -> Iterator[None]:
         yield
         return
     if not ADDRESS.fullmatch(address):
-        raise UsageError(f'--cluster {address}: no address of a Dask scheduler', remedy='give one '
+        raise UsageError(f'{address!r} is no address of a Dask scheduler', remedy='give one '
                          'such as tcp://10.0.0.1:8786')
     try:
         from distributed import Client
     except ImportError:
-        raise UsageError('--cluster needs the package distributed', remedy='install '
+        raise UsageError('a cluster needs the package distributed', remedy='install '
                          'tudor_dynamics[cluster], here and on all machines') from None
     try:
         client = Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as err:
-        raise UsageError(f'--cluster {address}: no scheduler answers ({err})', remedy='start one '
+        raise UsageError(f'no scheduler answers on {address} ({err})', remedy='start one '
                          'with `dask scheduler`, and give the address that it prints') from None
     _cluster = Cluster(client)
     try:
         if not _cluster.width():
-            warnings.warn(f'--cluster {address} has no workers yet; waiting for some: start them '
+            warnings.warn(f'cluster {address} has no workers yet; waiting for some: start them '
                           f'with `dask worker {address}`', TudorWarning, stacklevel=3)
         yield
     finally:

@@ -122,9 +122,9 @@ def test_a_topic_of_another_type_is_refused(
 def test_places_and_interfaces_that_are_not_there(tmp_path: Path) -> None:
     """Are lacking, as names are that a JointState does not have."""
     bag = write(tmp_path / 'bag', positions(), tensions(), interfaces())
-    with pytest.warns(TudorWarning, match='no voltage of shoulder, elbow in /dynamic_joint'):
+    with pytest.warns(TudorWarning, match="no voltage of 'shoulder', 'elbow' in /dynamic_joint"):
         assert read_recording(bag, arm(interface='voltage')).effort is None
-    with pytest.warns(TudorWarning, match='no data of shoulder, elbow in /bridge, which has'):
+    with pytest.warns(TudorWarning, match="no data of 'shoulder', 'elbow' in /bridge, which has"):
         assert read_recording(bag, arm(topic='bridge', interface=None, index=9)).effort is None
 
 

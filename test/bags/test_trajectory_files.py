@@ -60,7 +60,7 @@ def test_bags_without_trajectories_and_with_several_topics(tmp_path: Path) -> No
         read_trajectories(tmp_path / 'states')
     path = Trajectory(JOINTS, T, Q)
     write_trajectories(tmp_path / 'two', [Sent(path, '/one'), Sent(path, '/other')])
-    with pytest.raises(BagError, match='/one, /other; choose one of these by --topic'):
+    with pytest.raises(BagError, match='/one, /other; choose one of these as topic'):
         read_trajectories(tmp_path / 'two')
     assert len(read_trajectories(tmp_path / 'two', '/other')) == 1
     with pytest.raises(BagError, match='expected /third of'):

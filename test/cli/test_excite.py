@@ -105,15 +105,15 @@ def test_moves_for_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         joint['effort']['unit'] = 'A'
     arm.write_text(json.dumps(words))
     assert main([*call, str(tmp_path / 'other')]) == 2
-    assert ('in A, but the model of vibration needs N m or N; record torques or forces, or remove '
-            'vibration from --for') in capsys.readouterr().err
+    assert ('in A, but the model of vibration needs N m or N; record torques or forces, or leave '
+            'vibration out') in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('options', 'said'), [
     (('--seconds', '3'), 'give 10 to 3600'),
     (('--noise-of', 'joint2=-1'), 'the standard deviation of the noise, above 0'),
     (('--noise-of', 'nobody=1'), 'a NAME of joint2, joint3'),
-    (('--highest', '0.01'), 'raise --highest above 0.0833 Hz'),
+    (('--highest', '0.01'), 'raise the highest frequency above 0.0833 Hz'),
     (('--noise', '0'), '--noise 0: give'),
     (('--model', 'none'), 'none'), (('--srdf', 'none.srdf'), 'SRDF cannot be read'),
     (('--model', 'm', '--noise', '1'), 'leave out --noise')])
@@ -193,8 +193,9 @@ def test_plans_that_are_none(root: Path, tmp_path: Path,
     record = ('record', '--arm', arm, '--out', str(tmp_path / 'r'), '--trajectory', str(folder))
     assert 'cannot be read' in refused(*record)
     (folder / 'trajectory.csv').write_text('t,a,a_velocity,a_acceleration\n0,0,0,0\n1,0,0,0\n')
-    assert 'the trajectory has the joints a, but the arm' in refused(*record)
+    assert "the trajectory has the joints ['a'], but arm 'tudor' has" in refused(*record)
     head = 't,' + ','.join(f'{name}{end}' for name in ('joint3', 'joint2') for end in (
         '', '_velocity', '_acceleration'))
     (folder / 'trajectory.csv').write_text(f'{head}\n0,9,0,0,0,0,0\n1,9,0,0,0,0,0\n')
-    assert 'at 0 s the trajectory has joint2 at 0 with speed 0; its limits are' in refused(*record)
+    assert ("at 0 s the trajectory has joint 'joint2' at 0 rad or m, 0 per s; its limits"
+            in refused(*record))

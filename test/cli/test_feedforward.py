@@ -91,7 +91,7 @@ def test_a_bag_gets_efforts(model: Path, tmp_path: Path) -> None:
     ('t,j1\n0,0\n1,0\n', [], 'missing or repeated'),
     (TABLE, ['--unit', 'current'], 'torque constant'),
     (TABLE, ['--kind', 'elm'], 'its effort models: analytical'),
-    (TABLE, ['--rate', '-1'], 'give a --rate above 0'),
+    (TABLE, ['--rate', '-1'], 'give a rate above 0'),
     (TABLE, ['--payload', '-1'], 'impossible'),
     (TABLE, ['--positions', 'motor'], 'elastic model cannot be used')])
 def test_wrong_input_is_one_line(

@@ -81,16 +81,16 @@ def test_payload_of(arm: str, tmp_path: Path, capsys) -> None:
     third = bag(tmp_path / 'c', 0.2, 3)
     assert main(['fit', empty, full, third, *more, '--out', str(tmp_path / 'm2'), '--payload-of',
                  f'{empty}=0', f'{full}=0.4']) == 2
-    assert f'the payload of {third} is not known' in capsys.readouterr().err
+    assert f'but that of {third!r} is not known' in capsys.readouterr().err
     assert main(['fit', empty, full, '--test', third, *more, '--out', str(tmp_path / 'm3'),
                  '--payload-of', f'{empty}=0', f'{full}=0.4', f'{third}=0.2']) == 0
     assert 'one model of all payloads from 0 to 0.4 kg' in capsys.readouterr().out
     assert main(['evaluate', '--model', str(tmp_path / 'm3'), third]) == 2
-    assert 'c is not known, and the model needs it' in capsys.readouterr().err
+    assert "c' is not known, and the model needs it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('text', 'said'), [
-    ('none=0.2', 'must be one of the bags of this command'), ('bag', 'expected BAG=KG'),
+    ('none=0.2', 'BAG must be a bag of this command'), ('bag', 'expected BAG=KG'),
     ('bag=-1', 'expected BAG=KG')])
 def test_wrong_payloads(arm: str, tmp_path: Path, capsys, text: str, said: str) -> None:
     """A bag that is not there and what is no mass are refused in one line."""

@@ -92,8 +92,8 @@ def test_the_reference_arm_has_its_drives(root, tmp_path, capsys):
     said = capsys.readouterr()
     assert json.loads(said.out)['frequency_hz'][0] == pytest.approx(3.05, abs=0.005)
     assert said.err.strip() == (
-        'tudor: left out of the motors of joint1, joint2, joint3: Coulomb friction, backlash, '
-        'current limit; tudor record has them')
+        "arm 'tudor': left out of the motors of joint1, joint2, joint3: Coulomb friction, "
+        'backlash, current limit; tudor record has them')
     # 4 N m more than the weight turn the rotor (0.58 kg m^2) before the arm's own inertia follows
     assert main(['simulate', str(arm), '--torque', 'joint2=5.22+4', '--seconds', '0.02', '--hold',
                  'joint3', '--json']) == 0
@@ -208,7 +208,8 @@ def test_a_mechanism_that_moves_nothing_is_refused(description, tmp_path, capsys
 
 @pytest.mark.parametrize(('options', 'words'), [
     (['--torque', 'sin(x)'], "'x'"), (['--torque', '1/t'], 'not finite at t = 0'),
-    (['--torque', '1', '--dt', '0.05'], 'too large'), (['--torque', '1', '--dt', '0'], '--dt'),
+    (['--torque', '1', '--dt', '0.05'], 'too large'),
+    (['--torque', '1', '--dt', '0'], 'dt must be positive'),
     (['--torque', '1', '--hold', 'knee'], 'knee'), (['--modes', '0'], '--modes'),
     (['--torque', '1', '--animate', 'x.avi'], 'expected a file name'),
     (['--torque', '1', '--pictures', '--signals', 'q:knee'], 'no such signal'),

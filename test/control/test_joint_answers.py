@@ -217,8 +217,8 @@ def test_swapped_order(what: str, joint: int, rate: float, payload: float) -> No
     answer = nudge(rig, joint)
     own, other = arm().active_joints[joint], arm().active_joints[1 - joint]
     assert answer.right is False and (answer.joint, answer.answered) == (own, other), answer
-    assert f'but the position of {other}' in answer.text if what == 'positions' else (
-        f'{own}: commands to this joint move {other}: correct the order' in answer.text)
+    assert f'but the position of {other!r}' in answer.text if what == 'positions' else (
+        f'{own}: commands to this joint move {other!r}: correct the order' in answer.text)
     assert gone(rig, begin) < BOUND
 
 

@@ -62,4 +62,4 @@ def test_an_excited_link_is_wrong(rate: float) -> None:
 def test_nothing_to_hear_is_unclear() -> None:
     """A link that hardly rings tells nothing."""
     result = check_sign('joint3', answers(ring(1, 0.1)), rest=ring(0, 0.0, seed=2))
-    assert result.sign is Sign.UNCLEAR and 'larger --step' in result.text
+    assert result.sign is Sign.UNCLEAR and 'a larger step' in result.text

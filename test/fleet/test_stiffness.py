@@ -46,7 +46,7 @@ def test_stiffness_over_time(task: Task) -> None:
     counts: list[int] = []
     seen, unused = study.stiffnesses({'cell': task}, ALL, 1, counts.append)
     assert counts[-1] == 3
-    assert [str(item).split(':')[0] for item in unused] == ['cell 2026-01-03']
+    assert [str(item).split(':')[0] for item in unused] == ["'cell 2026-01-03'"]
     assert 'no stiffness' in unused[0].why
     assert {(item.date, item.quantity.name) for item in seen} == {
         (day, f'stiffness: {part}') for day in DAYS[:2] for part in ('bending', 'gear')}

@@ -164,7 +164,7 @@ def test_broken_bags_and_copies_are_left_out(
              '--jobs', '1', '--exit-zero', '--json', '--out']
     assert main([*words, str(tmp_path / 'strict'), '--strict']) == 2
     told = capsys.readouterr().err
-    assert 'bag_0' in told and '--strict: 3 unusable bags, first ' in told
+    assert 'bag_0' in told and '3 bags cannot be used; strict needs all: bag ' in told
     assert not (tmp_path / 'strict').exists()
     assert main([*words, str(tmp_path / 'model')]) == 0
     said = capsys.readouterr()
@@ -237,7 +237,7 @@ def test_when_a_fit_goes_bag_by_bag() -> None:
     assert streams(2, FitSettings(), asked=True)
     for bags, settings, word in ((FROM, FitSettings(kinds=('analytical', 'elm')), 'elm'),
                                  (5, FitSettings(kinds=('analytical', 'elm')),
-                                  'leave out --models elm, or leave --stream out'),
+                                  'no elm model can be; leave such models out, or do not stream'),
                                  (FROM, FitSettings(estimator='huber'), 'Huber'),
                                  (1, FitSettings(), 'two bags or more')):
         with pytest.raises(UsageError, match=word):
@@ -249,7 +249,7 @@ def test_load_friction_is_refused(parts: list[str], root: Path, tmp_path: Path) 
     arm = load_arm(root / 'config/two_blade_arm.yaml').with_joints(
         {name: {'friction': ('viscous', 'load'), 'asymmetric': False}
          for name in ('joint2', 'joint3')})
-    with pytest.raises(UsageError, match='remove load from --friction'):
+    with pytest.raises(UsageError, match='remove it from joints.*friction or from the fit'):
         fit(parts, arm, streaming=Streaming(tmp_path / 'sums'))
 
 

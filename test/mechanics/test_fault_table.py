@@ -69,7 +69,9 @@ def follows_again(rig: Rig) -> None:
     assert rig.controller is not None
     assert rig.controller.state is State.FOLLOWING, rig.controller.cause
     go(rig, FIRST)
-    rig.run(5.0)
+    rig.step()
+    assert rig.source is not None and rig.source.motion is not None
+    rig.run(rig.source.motion.remaining + 2.0)
     assert rig.trace.q[-1] == pytest.approx(FIRST, abs=np.radians(0.3))
 
 

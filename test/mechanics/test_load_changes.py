@@ -38,7 +38,7 @@ def test_choice() -> None:
     times = np.array([change.time for change in changes])
     assert times[0] >= FIRST_CHANGE and np.diff(times).min() >= BETWEEN_CHANGES - 2e-3
     assert random_loads(1, 20.0, 0.2, 3)[0].mass == 0.0
-    with pytest.raises(SimulationError, match='raise --seconds or lower --loads'):
+    with pytest.raises(SimulationError, match='raise seconds, or ask for fewer'):
         random_loads(8, 30.0, 0.0, 3)
     with pytest.raises(SimulationError, match='0 or more'):
         LoadChange(1.0, -0.1)

@@ -232,7 +232,7 @@ def test_strain_behind_a_held_joint() -> None:
     joints = [{'name': 'j1'}, {'name': 'j2', 'hold': 0.0}]
     arm = planar_arm(joints, gauges, active_joints=['j1'])
     whole = planar_arm(joints, gauges)
-    with pytest.raises(ArmError, match='j2 is not; use --strain-form exact'):
+    with pytest.raises(ArmError, match="which lack 'j2'; use the strain form exact"):
         StrainRegressor(arm, 'paper')
     motion = random_states(10, 1)
     wide = np.zeros((10, 6))

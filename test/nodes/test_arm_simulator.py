@@ -60,7 +60,7 @@ def test_it_comes_back_after_a_diverged_run(world: World, root: Path, clock: boo
     assert np.abs(rest - [0.0, np.pi / 4, 0.0]).max() < 1e-3
     status = world.status('arm_simulator')
     assert status.level == DiagnosticStatus.ERROR
-    assert node.arm.failure in status.message and '~/reset' in status.message
+    assert node.arm.failure in status.message and '/arm_simulator/reset' in status.message
     assert int(values_of(status)['dropped: diverged']) > 0
     assert world.call(Trigger, 'arm_simulator/reset').success
     assert drive(lambda: heard[-1].position[1] > 0.85)

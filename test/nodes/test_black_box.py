@@ -254,7 +254,7 @@ def test_a_node_that_ran_for_long(
     command = build_parser('why').parse_args(['why', str(path)])
     assert [item.same for item in causes(command)] == [True]
     records = records_of(bag)
-    kept = records[0]['memory']
+    kept = records[0]['states']
     assert {*kept} == {'strain', 'effort', 'load', 'observer', 'model'}
     assert len(kept['strain']) == 2 and kept['load'] == []
     monkeypatch.setattr('tudor_dynamics.cli.why.records_of', lambda _: records)
@@ -266,7 +266,7 @@ def test_a_node_that_ran_for_long(
             {'strain': [{**one, 'state': state}]}
             for state in (7, [], [[[1.0], [1.0, 2.0]], *one['state'][1:]],
                           [*one['state'][:2], [2**80] * len(one['state'][2])]))):
-        records[0]['memory'] = damaged
+        records[0]['states'] = damaged
         with pytest.raises(BagError, match='damaged records of events'):
             causes(command)
 

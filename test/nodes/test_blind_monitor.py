@@ -110,7 +110,7 @@ def test_lost_samples(watched: Watched, lost: tuple[int, ...], wanted: bytes,
     watched.feed(0, 100)
     watched.feed(100, 400, lose)
     level, message, values = watched.told()
-    assert level == wanted and 'gap' in message and 'lost' in message
+    assert level == wanted and 'lost' in message and 'not judged: gap' in values
     assert float(values['not judged: gap']) == pytest.approx(share, abs=1.0)
     # of positions and of strains
     assert int(values['dropped: gap']) == pytest.approx(2 * 15 * len(lost), abs=4)
@@ -150,7 +150,7 @@ def test_strains_that_are_no_numbers(watched: Watched, every: int, wanted: bytes
     watched.feed(0, 200)
     watched.feed(200, 360, spoil)
     level, message, values = watched.told()
-    assert level == wanted and 'not_finite' in message and 'NaN' in message
+    assert level == wanted and 'NaN' in message and 'not judged: not_finite' in values
     assert float(values['not judged: not_finite']) == pytest.approx(100.0 / every, abs=2.0)
 
 
@@ -177,8 +177,8 @@ def test_positions_with_repeated_stamps(watched: Watched) -> None:
         for message in messages.values():
             message.header.stamp.sec, message.header.stamp.nanosec = 5, 0
     watched.feed(0, 200, hold)
-    level, message, _ = watched.told()
-    assert level == ERROR and 'duplicate_stamp' in message
+    level, message, values = watched.told()
+    assert level == ERROR and 'stamps on ' in message and 'not judged: duplicate_stamp' in values
 
 
 def test_without_thresholds(watched: Watched) -> None:
@@ -192,10 +192,10 @@ def test_without_thresholds(watched: Watched) -> None:
     assert level == WARN and message.count('the model has no thresholds') == 1, message
     watched.feed(60, 300)
     level, message, values = watched.told()
-    assert level == ERROR and '~/calibrate' in message
+    assert level == ERROR and 'the service /monitor/calibrate' in message
     assert values['not judged: no_thresholds'] == '100.0'
     watched.node._calibrate()
-    level, message, _ = watched.told()
+    level, message, values = watched.told()
     assert level == WARN and 'let nothing touch it' in message
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
-from ros_world import feed, series, World
+from ros_world import feed, series, values_of, World
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tudor_dynamics.arm.description import load_arm
@@ -75,7 +75,7 @@ def test_free_motion_gives_thresholds_that_find_a_push(
     assert world.spin(lambda: node.watch.stages['strain'].thresholds is not before)
     learned = node.watch.stages['strain'].thresholds
     assert learned.seconds == pytest.approx(30.0, abs=1.0)
-    assert 'thresholds of ~/calibrate' in world.status('monitor').message
+    assert 'thresholds of the service /monitor/calibrate' in world.status('monitor').message
     events = world.listen('collision_event', Header)
     thresholds = world.listen('strain_thresholds')
     ratios, residuals = world.listen('strain_ratios'), world.listen('strain_residuals')
@@ -112,7 +112,8 @@ def test_too_little_motion_is_refused(world: World, model: Path, free: Recording
     assert world.spin(lambda: 'failed' in node._note)
     # until nothing comes any more, what the gaps cost is said with it, as an error
     status = world.status('monitor', lambda status: status.level == DiagnosticStatus.WARN)
-    assert 'too little' in status.message and 'stay in use' in status.message
+    said = f'{status.message} {values_of(status).get("problem 2")}'
+    assert 'too little' in said and 'stay in use' in said
     assert node.watch.stages['strain'].thresholds is before
     assert calibrate(world).success  # and may be tried again
     assert node._loader is None

@@ -92,8 +92,10 @@ def test_a_gripper_on_the_same_topic(world: World, model: Path, recording) -> No
 def test_a_parameter_that_no_node_has(world: World, model: Path, recording) -> None:
     """A typo is named, with what was meant; what a file holds for other nodes is not."""
     node = start(world, model, fasle_alarms_per_hour=2.0, damping=0.5)
-    world.status('monitor', lambda status: status.level == DiagnosticStatus.STALE and (
-        '; also: the unknown parameter fasle_alarms_per_hour is ignored; ' in status.message))
+    status = world.status('monitor', lambda status: status.level == DiagnosticStatus.STALE and (
+        "(1 more: see the key 'problem 2' on /diagnostics)" in status.message))
+    assert values_of(status)['problem 2'].startswith('the unknown parameter fasle_alarms_per_hour')
+    assert 'fasle' not in status.message
     feed(world, recording, counter(node), last=60)
     world.status('monitor', lambda status: status.message == (
         'the unknown parameter fasle_alarms_per_hour is ignored; '

@@ -140,16 +140,16 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
                        'joint2 reaches position 9, outside'),
     'tolerance of an unknown joint': (
         WAY, {'path_tolerance': {'name': 'wrist', 'position': 0.1}}, -2,
-        'wrong joints: path_tolerance has the unknown joint wrist'),
+        "wrong joints: path_tolerance has the unknown joint 'wrist'"),
     'tolerance of a speed': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'velocity': 0.1}}, -1,
-        'goal_tolerance of joint2: only positions are checked'),
+        "goal_tolerance of 'joint2': only positions are checked"),
     'several degrees of freedom': (
         WAY, {'component_path_tolerance': []}, -2,
         'wrong joints: the arm has no multi-DOF joints'),
     'impossible tolerance': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'position': -2.0}}, -1,
-        'goal_tolerance of joint2 has the position -2; give a bound above 0 [rad or m], 0 for '
+        "goal_tolerance of 'joint2' has the position -2; give a bound above 0 [rad or m], 0 for "
         'the default, or -1 for none')}
 
 
@@ -174,7 +174,7 @@ def test_tolerances_of_a_goal(client: Client) -> None:
     client.arm.run(30)
     status, code, text = client.result(goal)
     assert (status, code) == (GoalStatus.STATUS_ABORTED, -4)
-    assert text.startswith('off the path: joint2 is 0.02')
+    assert text.startswith("off the path: 'joint2' is 0.02")
     client.arm.run(40)
     goal = client.send(point(0.5, 0.81, 0.1), point(1.0, 0.82, 0.1),
                        goal_tolerance=[client.tolerance(name='joint2', position=0.01)],
@@ -183,7 +183,7 @@ def test_tolerances_of_a_goal(client: Client) -> None:
     status, code, text = client.result(goal)
     assert (status, code) == (GoalStatus.STATUS_ABORTED, -5)
     assert text == (
-        'missed the goal: 0.2 s after the end joint2 is 0.02 rad away, tolerance 0.01; '
+        "missed the goal: 0.2 s after the end 'joint2' is 0.02 rad away, tolerance 0.01; "
         'see the diagnostics of oscillation_damper')
     goal = client.send(point(0.5, 0.83, 0.1), point(1.0, 0.82, 0.1))
     client.arm.run(60)

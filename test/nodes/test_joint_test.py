@@ -59,7 +59,7 @@ PROGRAM = 'import sys; from tudor_dynamics.nodes.joint_test import main; sys.exi
 TRUE = 'lambda x: x'
 LIES = {
     'swapped': ('lambda u: u[::-1]', TRUE,
-                'joint2: commands to this joint move joint3: correct the order'),
+                "joint2: commands to this joint move 'joint3': correct the order"),
     'negated': ('lambda u: [u[0], -u[1]]', TRUE,
                 'joint3: the joint moves the other way: a sign is wrong'),
     'a tenth': (TRUE, 'lambda q: [q[0], 0.7 + 0.1 * q[1], q[2]]',

@@ -81,8 +81,13 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope='module')
 def seen() -> Recording:
     """Pick up a load while the arm moves."""
+    return moving(SECONDS)
+
+
+def moving(seconds: float) -> Recording:
+    """Move the arm, which picks up a load after four seconds."""
     arm = two_gauge_arm()
-    t = np.arange(0.0, SECONDS, 1.0 / RATE)
+    t = np.arange(0.0, seconds, 1.0 / RATE)
     moved = multisine(t, 2, 3)
     empty, full = (true_outputs(arm, moved, m)['strain'] for m in (0.0, LOAD))
     noise = np.random.default_rng(0).standard_normal(empty.shape)
@@ -258,6 +263,37 @@ def test_a_replay_knows_what_was_asked_for(
     assert expected and onsets(messages) == expected
     assert onsets([item for item in messages if ASKED not in item.fields]) != expected
     assert all(item.same for item in causes(build_parser('why').parse_args(['why', str(path)])))
+
+
+def test_a_load_of_long_ago(
+    world: World, bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The load was estimated before the bag begins: the same event comes to the last bit."""
+    monkeypatch.setattr('tudor_dynamics.online.black_box.RING_BYTES', 180_000)
+    for name, seconds in {'EVERY': 1.0, 'OLDEST': 9.0, 'APART': 4.0}.items():
+        monkeypatch.setattr(f'tudor_dynamics.online.memory.MEMORY_{name}', seconds)
+    node = world.add(MonitorNode, model=str(bundle), event_bags=str(tmp_path),
+                     payload_source='estimate')
+    world.meet('joint_states', 'link_strains')
+    recording = moving(20.0)
+    strain = recording.strain.copy()
+    strain[1900:1950] += [150.0, -100.0]
+
+    def announced(k: int, messages: dict[str, Any]) -> None:
+        named(k, messages)
+        if k == round(PICKED_UP * RATE):
+            assert world.call(Trigger, 'monitor/expect_payload').success
+    feed(world, replace(recording, strain=strain), lambda: node.meter.count // 2,
+         change=announced, batch=1, gauges=['g1', 'g2'])
+    world.end(node)
+    (path,) = tmp_path.iterdir()
+    bag, command = open_bag(path), build_parser('why').parse_args(['why', str(path)])
+    assert 1000 < bag.topics['/link_strains'].count < 1300  # its begin has gone
+    records = records_of(bag)
+    assert [item.same for item in causes(command)] == [True] * len(records) != []
+    assert records[0]['states'].pop('load')
+    monkeypatch.setattr('tudor_dynamics.cli.why.records_of', lambda _: records)
+    assert [item.same for item in causes(command)] != [True] * len(records)
 
 
 def test_touched(world: World, bundle: Path) -> None:

@@ -150,11 +150,11 @@ def test_a_live_monitor_is_required(world: World, tudor: Path) -> None:
         status = generator.told()
         assert status.level == DiagnosticStatus.WARN and cause in status.message
     generator.node._look()
-    refused('no node publishes the topic collision')
+    refused("no node publishes the topic 'collision'")
     publisher = world.probe.create_publisher(Bool, 'collision', latched())
     assert world.spin(lambda: publisher.get_subscription_count() > 0)
     generator.node._look()
-    refused('sends no diagnostics')
+    refused('but no diagnostics')
     say(DiagnosticStatus.STALE)
     refused('cannot detect collisions')
     generator.run(1)
@@ -164,7 +164,7 @@ def test_a_live_monitor_is_required(world: World, tudor: Path) -> None:
     assert np.abs(seen[-1] - POSE).max() > 0.01
     generator.run(150)  # it fell silent
     generator.node._look()
-    refused('sends no diagnostics')
+    refused('but no diagnostics')
     assert generator.node.set_parameters([
         Parameter('require_monitor', value=False)])[0].successful
     generator.node._look()
@@ -181,7 +181,7 @@ def test_two_publishers_of_collisions(world: World, tudor: Path) -> None:
     generator.node._look()
     status = generator.told()
     assert status.level == DiagnosticStatus.WARN
-    assert 'the topic collision has 2 publishers' in status.message
+    assert "the topic 'collision' has 2 publishers" in status.message
 
 
 def test_moves_are_shaped(world: World, root: Path, tmp_path: Path) -> None:
@@ -317,7 +317,7 @@ def test_lifecycle(world: World, tudor: Path) -> None:
     assert node.trigger_activate().name == 'SUCCESS'
     assert generator.run(5)[-1] == pytest.approx(generator.q)
     assert node.trigger_shutdown().name == 'SUCCESS'
-    assert generator.told().message.startswith('has been shut down')
+    assert generator.told().message.startswith('the node was shut down')
 
 
 def test_no_goals_among_random_targets(world: World, tudor: Path) -> None:

@@ -99,7 +99,7 @@ REFUSED: dict[str, tuple[tuple[Any, ...], dict[str, Any], str]] = {
     'too fast': ((point(0.0, 0.8, 0.1), point(0.1, 1.6, 0.1)), {},
                  'joint2 reaches velocity 12, outside'),
     'far from the arm': ((point(0.0, 1.0, 0.1), point(2.0, 1.2, 0.1)), {},
-                         'joint2 is 0.2 rad away from the point that is due, more'),
+                         "'joint2' is 0.2 rad away from the point that is due, more"),
     'unknown joint': (LONG, {'names': ['joint2', 'wrist']}, 'wrong joints, unknown: wrist'),
     'all over': (LONG, {'stamp': 10**18}, 'all points are in the past'),
     'times': ((point(1.0, 0.8, 0.1), point(1.0, 0.9, 0.1)), {}, 'time does not increase')}
@@ -142,8 +142,9 @@ def test_a_collision_stops_the_controller(world: World, root: Path, newer: bool)
     assert len(chain.controller.taken) == 2 and not chain.controller.rejected
     place = chain.controller.q
     chain.send(point(0.0, *place), point(1.0, *(place + 0.1)))
-    assert chain.relay.refused == 'a collision was reported; check the arm and call ~/reset'
-    assert 'collision: the controller was stopped' in chain.told().message
+    assert chain.relay.refused == (
+        'a collision was reported; check the arm, call the service ~/reset')
+    assert 'a collision stopped the arm' in chain.told().message
     refused = world.call(Trigger, 'trajectory_relay/reset')
     assert not refused.success and 'still reported' in refused.message
     chain.collision.publish(Bool(data=False))
@@ -230,7 +231,7 @@ def test_it_shapes(world: World, root: Path, first: float) -> None:
 
 
 @pytest.mark.parametrize('frequency, said', [
-    (2.0, 'was still moving'), (0.0, 'shaping_frequency is 0')])
+    (2.0, 'still moved'), (0.0, 'no frequency is known')])
 def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said: str) -> None:
     """It is passed on as it is, and said; or refused, as asked."""
     chain = Chain(world, root, **{**SHAPED, 'shaping_frequency': frequency})
@@ -279,7 +280,8 @@ def test_timing_without_a_tool(world: World, root: Path) -> None:
     chain = Chain(world, root, shaping='timing')
     chain.send(*SMOOTH)
     assert world.spin(lambda: bool(chain.controller.taken))
-    assert chain.relay.not_shaped.startswith('shaping is timing, but tool is empty; set it')
+    assert chain.relay.not_shaped.startswith(
+        'shaping is timing, but the parameter tool is empty; set it')
 
 
 class Client:
@@ -348,6 +350,6 @@ def test_no_action_of_the_controller(world: World, root: Path, control_msgs: Non
     result = future.result().get_result_async()
     assert world.spin(result.done)
     assert result.result().result.error_string == (
-        'the controller joint_trajectory_controller offers no action '
+        "the controller 'joint_trajectory_controller' offers no action "
         'follow_joint_trajectory: activate it')
     client.destroy()

@@ -135,7 +135,7 @@ def test_motors_are_not_led_beyond_their_limits() -> None:
                         kind='elastic', positions='motor')
     q = np.array([[0.5, 0.1], [1.24, 0.1]])
     assert ahead.along(Trajectory(('j1', 'j2'), np.array([0.0, 1.0]), q * 0.9)).ddq is not None
-    with pytest.raises(SignalError, match='the motor of j1 would have to go to 1.[23]'):
+    with pytest.raises(SignalError, match="the motor of 'j1' has to be at 1.[23]"):
         ahead.along(Trajectory(('j1', 'j2'), np.array([0.0, 1.0]), q))
 
 

@@ -46,7 +46,7 @@ def bundle(joints: list[dict[str, Any]] | None = None, **more: Any) -> ModelBund
 def by_efforts(known: ModelBundle, residuals: list[list[float]]) -> list[ContactEstimate]:
     """Estimate by residuals of the momentum observer, 10 ms apart."""
     estimator, why = contact_estimator(known, 'analytical', ('momentum',))
-    assert estimator is not None and 'gauges would show them' in why
+    assert estimator is not None and 'gauges would show force and place' in why
     found = [estimator.step(10_000_000 * (k + 1), k == 0, ROW, np.zeros(2), np.array(residual))
              for k, residual in enumerate(residuals)]
     assert all(item is not None for item in found)
@@ -60,7 +60,7 @@ def test_the_outermost_joint_that_feels_a_force_moves_the_link_that_is_touched()
     assert inner.torque == pytest.approx([0.0, 0.0, 3.0])
     assert outer.torque == pytest.approx([0.0, 0.0, -1.5])
     assert outer.torque_deviation == RMSE and np.isnan(outer.force_deviation)
-    assert np.isnan(outer.place) and 'gauges would show them' in outer.note
+    assert np.isnan(outer.place) and 'gauges would show force and place' in outer.note
     assert not none.felt and none.note == ''
 
 

@@ -333,7 +333,7 @@ class ExactAngles:
         more = len(self._changed) - SHOWN
         shown = ', '.join(self._changed[:SHOWN]) + (f' and {more} more' if more > 0 else '')
         return (f'angles within {NEAR:g} rad of a multiple of 45 degrees are rounded: '
-                f'{shown} [rad]')
+                f'{shown} [rad]; give more digits where that is wrong')
 
 
 def build_model(

@@ -185,7 +185,7 @@ class Assembly:
                 if number:
                     self.dropped[cause] += number
                     self.notes.add(f'{number} messages ({stream.what}) with a '
-                                   f'{cause.replace("_", " ")}; left out')
+                                   f'{cause.replace("_", " ")} are left out; check the publisher')
         return stream.at(keep), keep
 
     def motion(self) -> Signals:
@@ -211,7 +211,7 @@ class Assembly:
                       if set(plan.joints) & set(block.layout.names)) - len(index)
         if partial:
             self.dropped['incomplete'] += partial
-            self.notes.add(f'{partial} messages in {name} lack a joint or its position; left out')
+            self.notes.add(f'{partial} messages in {name} lack a joint or its position: left out')
         for newest, size, lost in set_backs(stream.stamp):  # the record is split there
             self.cuts.append(newest)
             self.set_backs.append(
@@ -238,8 +238,8 @@ class Assembly:
             return None
         present = np.isin(rows, index)
         if not present.all():
-            self.notes.add(f'velocity in {states.topic} is there in {int(present.sum())} of '
-                           f'{len(rows)} messages only; not used')
+            self.notes.add(f'only {int(present.sum())} of {len(rows)} messages on {states.topic} '
+                           'have velocities, so these are not used')
             return None
         stream = stream.at(np.searchsorted(index, rows))
         empty = [not column.any() for column in np.isfinite(stream.values['velocity']).T]
@@ -276,19 +276,19 @@ class Assembly:
                           for stamp in (stream.stamp, motion.stamp))
             if own > 1.5 * other:
                 self.notes.add(f'{stream.what} comes every {own * 1e-6:.3g} ms, joint states '
-                               f'every {other * 1e-6:.3g} ms; interpolated')
+                               f'every {other * 1e-6:.3g} ms: it is interpolated')
         return values, found
 
     def _output_stream(
         self, names: Sequence[str], channels: Sequence[ChannelSource],
     ) -> Signals | None:
-        who, keys = ', '.join(names), [channel.name for channel in channels]
+        who, keys = ', '.join(map(repr, names)), [channel.name for channel in channels]
         wanted, field = channels[0].topic, channels[0].field
         what = 'strain' if field == 'position' else field  # a JointState has strains there
         topic = self.names[wanted]
         if topic is None:
-            self.notes.add(f'no topic {wanted}, so the {what} of {who} is missing; record it if '
-                           'it is needed', lacking=True)
+            self.notes.add(f'no topic {wanted}, so the {what} of {who} is missing; record '
+                           'that topic if it is needed', lacking=True)
             return None
         states = self.states(topic, channels[0])
         stream, index = self.select(states, keys, field)
@@ -305,7 +305,7 @@ class Assembly:
             self.notes.add(f'only one message with {what} of {who} in {topic}', lacking=True)
             return None
         if not np.isfinite(stream.values[field]).any():
-            self.notes.add(f'{stream.what} is NaN throughout', lacking=True)
+            self.notes.add(f'{stream.what} is NaN throughout: check its driver', lacking=True)
             return None
         values = check_finite(stream, field, self.notes, self.path)
         spans = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
@@ -331,14 +331,14 @@ class Assembly:
                             not_finite=int(np.sum(~finite)))
         if self.dropped['no_neighbour']:
             self.notes.add(f'{self.dropped["no_neighbour"]} of {len(found)} joint states have no '
-                           'effort or strain close before and after; left out')
+                           'effort or strain close before and after: these are left out')
         kept = np.flatnonzero(found & finite)
         parts = split_at_gaps(motion.stamp[kept])
         long = [np.arange(p.start, p.stop) for p in parts if p.stop - p.start >= MIN_SEGMENT]
         isolated = len(kept) - sum(map(len, long))
         if isolated and long:
             self.dropped['isolated'] += isolated
-            self.notes.add(f'{isolated} samples stand alone between gaps; left out')
+            self.notes.add(f'{isolated} samples stand alone between gaps: they are left out')
         return kept[np.concatenate(long)] if long else kept
 
     def segments(self, stamp: NDArray[np.int64]) -> tuple[slice, ...]:
@@ -351,7 +351,7 @@ class Assembly:
             self.notes.add(
                 f'{len(lengths)} gap(s) on {self.names[self.plan.joint_topic]} longer than '
                 f'{gap_limit(stamp):.3g} s, the longest {lengths.max():.3f} s, the first at '
-                f'{at:.3f} s; the record is split at each; if this recurs, look for lost messages')
+                f'{at:.3f} s; the record is split there; if that recurs, check driver and network')
         for cut in np.searchsorted(stamp, self.cuts, side='right').tolist():
             parts = tuple(piece for part in parts for piece in (
                 (slice(part.start, cut), slice(cut, part.stop))
@@ -451,7 +451,7 @@ def _messages(bag: Bag, topic: str, known: Sequence[str]) -> RawMessages | None:
         return None
     if bag.topics[name].msgtype != known[0]:
         raise BagError(f'{bag.path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
-                       f'{" or ".join(known)}; give --truth a topic of such a type')
+                       f'{" or ".join(known)}; name a topic of such a type')
     return bag.read([name])[name]
 
 

@@ -377,7 +377,7 @@ def check_plausible(
         notes.add(text)
     elif not all(moving):
         still = [name for name, moves in zip(plan.joints, moving, strict=True) if not moves]
-        notes.add(f'{", ".join(still)} does not move')
+        notes.add(f'{", ".join(map(repr, still))} does not move')
     if need_output and recording.effort is None and recording.strain is None:
         reasons = '; '.join(notes.lacking)
         raise BagError(f'the bag has neither efforts nor strains ({reasons or "none described"}); '

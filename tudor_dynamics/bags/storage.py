@@ -430,7 +430,7 @@ def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
         msg = f'{path}: cannot be read ({one_line(err)}); check path and permissions'
         raise BagError(msg) from None
     if not exists:
-        left = ', '.join(map(str, abandoned(path)))
+        left = ', '.join(repr(str(item)) for item in abandoned(path))
         found = f'a killed recorder left {left}: give that, or' if left else 'give'
         msg = f'{path}: no such file or directory; {found} a rosbag2 directory, .mcap or .db3 file'
     elif path.suffix == '.bag':

@@ -249,7 +249,7 @@ def read_trajectories(path: Path, topic: str = '') -> list[Sent]:
     if topic not in found if topic else len(found) != 1:
         msg = (f'expected {topic or "one topic"} of type {TRAJECTORY}, but the bag has '
                f'{", ".join(found) or "none"}')
-        raise BagError(msg, place=path, remedy='choose one of these by --topic' if found else
+        raise BagError(msg, place=path, remedy='choose one of these as topic' if found else
                        'record the topic on which trajectories are sent, or give a CSV file')
     name = topic or found[0]
     raw = bag.read([name])[name]
@@ -292,5 +292,5 @@ def write_trajectories(path: Path, sent: Sequence[Sent]) -> None:
         return
     if len(sent) != 1:
         msg = f'{len(sent)} trajectories do not fit into one CSV file'
-        raise UsageError(msg, place=path, remedy='give --out a name without .csv to write a bag')
+        raise UsageError(msg, place=path, remedy='give a name without .csv to write a bag')
     write_whole(path, sent[0].trajectory.table())

@@ -92,7 +92,7 @@ def _errors(one: Side, other: Side, bag: str) -> tuple[FloatArray, FloatArray]:
                              remedy='give a model as A or B, or leave BAG out')
         data = load(parse_choice(bag), measure.arm, measure.bundle.preprocessing, learn=True)
         if not data.has('effort'):
-            raise UsageError(f'{bag}: has no efforts of the joints of {measure.arm.name}',
+            raise UsageError(f'{bag}: has no efforts of the joints of arm {measure.arm.name!r}',
                              remedy='give a BAG with their efforts, or leave BAG out')
         found.append(np.asarray(errors_on(side, measure, data.stretches)))
     return found[0], found[1]

@@ -72,7 +72,7 @@ def run_collisions(args: argparse.Namespace) -> int:
     bundle = bundle.at(args.payload or 0.0)
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
     if args.kind not in kinds:
-        raise UsageError(f'the bundle {args.model} has no {args.kind} model; give --kind '
+        raise UsageError(f'{args.model}: the bundle has no {args.kind} model; give --kind '
                          f'{" or ".join(kinds)}, or fit again with --models {args.kind}')
     choices = [parse_choice(text) for text in args.bags]
     settings = MonitorSettings(

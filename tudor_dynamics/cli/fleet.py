@@ -105,5 +105,5 @@ def _print(fleet: Fleet, out: Path) -> None:
     for choice in fleet.choices:
         say(f'chosen for all: {choice}')
     for bag in fleet.unused:
-        say(f'left out: bag {bag}')
+        say(f'left out: {bag}')
     say(f'page: {out / "fleet.html"}')

@@ -113,7 +113,7 @@ def _runs(args: argparse.Namespace) -> bool:
 def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
     for name in args.free + args.hold:
         if name not in mechanism.joints:
-            raise UsageError(f'--free, --hold: {args.arm} has no joint {name}; its joints are '
+            raise UsageError(f'--free, --hold: {args.arm} has no joint {name!r}; its joints are '
                              f'{", ".join(mechanism.joints)}')
     count_steps(args.seconds, args.dt, args.rate)  # says so if they are impossible
     if args.modes is not None and args.modes < 1:
@@ -161,8 +161,8 @@ def run(args: argparse.Namespace) -> int:
     _check(args, mechanism)
     if parts := left_out(described):
         names = sorted({name for found in parts.values() for name in found})
-        complain(f'{arm.name}: left out of the motors of {", ".join(parts)}: {", ".join(names)}; '
-                 'tudor record has them')
+        complain(f'arm {arm.name!r}: left out of the motors of {", ".join(parts)}: '
+                 f'{", ".join(names)}; tudor record has them')
     # The first call after installation compiles for some twenty seconds.
     with bar(None, 'preparing the mechanism'):
         plant = Plant(mechanism, args.dt, rho=args.rho)
@@ -223,7 +223,7 @@ def _report(args: argparse.Namespace, result: PlantRecord, mechanism: Mechanism,
 
 def _warn_of(rotation: float, arm: Arm) -> None:
     if rotation > LARGEST_ROTATION:
-        msg = (f'{arm.name}: beams bend by up to {rotation:.2f} rad; above {LARGEST_ROTATION:g} '
-               'rad the computed deflections are more than 4 % too large: make the beams stiffer '
-               'or shorter, or lower the load')
+        msg = (f'arm {arm.name!r}: beams bend by up to {rotation:.2f} rad; above '
+               f'{LARGEST_ROTATION:g} rad the computed deflections are more than 4 % too large: '
+               'make the beams stiffer or shorter, or lower the load')
         warnings.warn(msg, TudorWarning, stacklevel=2)

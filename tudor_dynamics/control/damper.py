@@ -358,7 +358,7 @@ def check_sign(
     plain = measure(joint, step, 0.0)
     peak = float(np.abs(ringing(plain)).max())
     if peak == 0.0 or peak < 5.0 * math.sqrt(noise):
-        text = 'the link hardly rang after the step; test again with a larger --step'
+        text = 'the link hardly rang after the step; test again with a larger step'
         return SignResult(joint, Sign.UNCLEAR, f'{joint}: {text}')
     for share in settings.SIGN_SHARES:
         result = _compare(joint, plain, measure(joint, -step, share), noise)

@@ -127,7 +127,7 @@ class TipSensing:
             self._odd = self._odd + dt if off[wrong] > allowed[wrong] else 0.0
             if self._odd > settings.FORCE_STUCK:
                 self.fault = ('no force at the tip explains the readings of all gauges; check '
-                              f'gauge {self.names[wrong]}, which fits worst')
+                              f'gauge {self.names[wrong]!r}, which fits worst')
         return force
 
     def _watch(self, dt: float, values: FloatArray) -> None:
@@ -136,9 +136,9 @@ class TipSensing:
         self._before = values.copy()
         for g, name in enumerate(self.names):
             if not math.isfinite(values[g]):
-                self.fault = f'the reading of gauge {name} is missing: check its driver'
+                self.fault = f'the reading of gauge {name!r} is missing: check its driver'
             elif self._same[g] > settings.FORCE_STUCK:
-                self.fault = f'the reading of gauge {name} is stuck: check gauge and driver'
+                self.fault = f'the reading of gauge {name!r} is stuck: check gauge and driver'
 
 
 # -- Holds a force of the tip against a surface of unknown height and stiffness.

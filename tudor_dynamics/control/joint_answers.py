@@ -181,7 +181,7 @@ class JointRecord:
         """Say how the nudged joint answered; if rightly, what else moved."""
         if len(self._rows) < settings.LEAST_SAMPLES:
             name = self._joints[self._nudged]
-            return JointAnswer(name, None, f'{name}: no commands or positions came: start the arm')
+            return JointAnswer(name, None, f'{name}: no commands or positions; start the driver')
         t, q, self._dq, commands = (np.array(column) for column in zip(*self._rows, strict=True))
         self._time, self._moved = t - t[0], q - q[0]
         self._ways = np.zeros_like(q)
@@ -285,8 +285,8 @@ class JointRecord:
         own = self._velocity(j)
         if own is not None and own.near(1.0):
             return (f'commands to this joint change its velocity, but the position of '
-                    f'{self._joints[k]}: correct order or names of the positions in the driver')
-        return (f'commands to this joint move {self._joints[k]}: correct the order of commands '
+                    f'{self._joints[k]!r}: correct order or names of the positions in the driver')
+        return (f'commands to this joint move {self._joints[k]!r}: correct the order of commands '
                 'or readings in the driver')
 
     def _drifts(self, j: int, drift: float) -> str:

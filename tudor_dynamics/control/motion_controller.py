@@ -112,14 +112,14 @@ class ReferenceGate:
 
     def _impossible(self, q: FloatArray, dq: FloatArray) -> str:
         for j in np.flatnonzero(~(np.isfinite(q) & np.isfinite(dq))):
-            return f'reference not finite: {self._joints[j]} at {q[j]:g}, speed {dq[j]:g}; mend it'
+            return f'reference not finite: joint {self._joints[j]!r} at {q[j]:g}, speed {dq[j]:g}'
         limits = self._limits
         for j in np.flatnonzero(limits.outside(q)):
             unit = '' if abs(q[j]) < 2.0 * math.pi else ', not degrees or mm'
-            return (f'reference outside limits: {q[j]:.4g} for {self._joints[j]} is refused; send '
-                    f'{limits.lower[j]:.4g} to {limits.upper[j]:.4g} [rad or m]{unit}')
+            return (f'reference outside limits: {q[j]:.4g} for {self._joints[j]!r} is refused: '
+                    f'send {limits.lower[j]:.4g} to {limits.upper[j]:.4g} [rad or m]{unit}')
         for j in np.flatnonzero(np.abs(dq) > limits.velocity):
-            return (f'reference too fast: {self._joints[j]} at {dq[j]:.4g} exceeds its velocity '
+            return (f'reference too fast: {self._joints[j]!r} at {dq[j]:.4g} exceeds its velocity '
                     f'limit of {limits.velocity[j]:.4g} [rad/s or m/s]; send slower motion')
         return ''
 

@@ -295,7 +295,7 @@ class ReferenceSource:
         if why := self._unable():
             return why
         for k in np.flatnonzero(self.hard.outside(target) | np.isinf(target)):
-            return (f'the target of {self.names[k]} is {target[k]:.4g} '
+            return (f'the target of {self.names[k]!r} is {target[k]:.4g} '
                     f'{self._units[self.names[k]]}; send one within its limits '
                     f'{self.hard.lower[k]:.4g} .. {self.hard.upper[k]:.4g}')
         assert self.motion is not None
@@ -352,7 +352,7 @@ class ReferenceSource:
             return f'require_monitor is set, but {self.halted}: start or check the monitor'
         if self._seed is not None:
             return 'this node drives random targets: restart it with mode:=goals'
-        return ('a collision was reported: free the arm, then call ~/reset'
+        return ('a collision was reported: free the arm, then call the service ~/reset'
                 if self.reacting or self.collision else '')
 
     def _follow(self, ends: FloatArray, own: Tolerances | None = None) -> None:
@@ -392,7 +392,7 @@ class ReferenceSource:
         off, bounds = np.abs(self.actual - wanted), np.broadcast_to(bound, wanted.shape)
         over = np.where((bounds > 0.0) & (off > bounds), off - bounds, 0.0)
         k = int(over.argmax())
-        return (f'{self.names[k]} is {off[k]:.3g} {self._units[self.names[k]]} away, tolerance '
+        return (f'{self.names[k]!r} is {off[k]:.3g} {self._units[self.names[k]]} away, tolerance '
                 f'{bounds[k]:.3g}; see the diagnostics of oscillation_damper' if over[k] else '')
 
     def collide(self, collision: bool) -> None:
@@ -412,9 +412,9 @@ class ReferenceSource:
         """Take goals again; while a collision lasts only if that is asked for twice [s]."""
         if self.collision and now - self._asked > settings.RESET_AGAIN:
             self._asked = now
-            raise UsageError('a collision is still reported', remedy='free the arm and call '
-                             '~/reset of the monitor; to move it all the same, call ~/reset of '
-                             f'this node again within {settings.RESET_AGAIN:g} s')
+            raise UsageError('a collision is still reported', remedy='free the arm and reset the '
+                             'monitor; to move the arm all the same, call this service again '
+                             f'within {settings.RESET_AGAIN:g} s')
         self._asked = -math.inf
         self.clear()
 

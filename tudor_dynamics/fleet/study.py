@@ -108,7 +108,7 @@ def load_plan(path: Path) -> FleetPlan:
                          remedy='docs/howto/fleet.md shows a plan') from None
     lacking = [arm.name for arm in plan.arms if arm.arm is None]
     if plan.arm is None and lacking:
-        raise UsageError(f'arm {lacking[0]} has no description', place=path,
+        raise UsageError(f'arm {lacking[0]!r} has no description', place=path,
                          remedy='write arm: FILE.yaml in its entry, or at the top for all arms')
     return plan
 
@@ -319,8 +319,8 @@ class _Study:
         (first, one), *_ = arms.items()
         for name, arm in arms.items():
             if arm.channels != one.channels:
-                raise UsageError(f'{name} has other joints or gauges than {first}; all arms of a '
-                                 'plan must have the same', remedy='make a plan for each kind')
+                raise UsageError(f'arm {name!r} has other joints or gauges than {first!r}; arms '
+                                 'of a plan have the same', remedy='make a plan for each kind')
         return arms
 
     def _see(self) -> None:
@@ -349,8 +349,8 @@ class _Study:
             raise UsageError(f'bags of several payloads cannot be compared: {said}',
                              remedy='list bags of one payload in the plan')
         if not self.dates:
-            raise FitError(f'no bag can be used ({len(self.unused)} tried): bag '
-                           f'{self.unused[0]}', remedy='or name other bags in the plan')
+            raise FitError(f'no bag can be used ({len(self.unused)} tried): bag {self.unused[0]}',
+                           remedy='or name other bags in the plan')
         for date_ in self.dates.values():
             date_.sights = parted(date_.whole, PARTS)
 

@@ -259,16 +259,16 @@ def _low(scene: Scene) -> str:
 
 
 GAP = 'gap', 'look at drivers and network: the diagnostics count what is lost'
-TRAINING = 'motion outside training', 'fit with such motion, or call ~/calibrate during it'
+TRAINING = 'motion outside training', 'fit with such motion, or calibrate the monitor in it'
 LOW = 'threshold too low', 'allow fewer false_alarms_per_hour, or fit more motion without contact'
 CAUSES: tuple[tuple[Callable[[Scene], str], str, str], ...] = (
     (_clock, 'clock', 'let drivers stamp samples when they are measured, by one clock'),
     (_gap, *GAP),
     (_friction, 'friction after standstill', 'fit with bags in which joints start and stop'),
     (_gauge, 'gauge', 'look at cable and amplifier; tudor evaluate names one that has changed'),
-    (_load, 'load', 'set payload_source to estimate, or announce loads by ~/expect_payload'),
+    (_load, 'load', 'set payload_source to estimate, or announce loads (expect_payload)'),
     (_usual, *LOW), (_faster, *TRAINING),
-    (_touch, 'touch', 'look at the arm; ~/reset goes on'),
+    (_touch, 'touch', 'look at the arm, then call the service reset of the monitor'),
     (_losses, *GAP), (_training, *TRAINING), (_low, *LOW))
 """What is looked for, in this order, its name, and what to do."""
 
@@ -311,7 +311,7 @@ def explain(
         return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
     own, sensed = monitor(source), [item for item in messages if item.topic != ASKED]
     with undamaged(bag):
-        kept = records[0].get('memory', {}) if records else {}
+        kept = records[0].get('states', {}) if records else {}
         for name, memory in own.memories.items():
             memory.recall(kept.get(name, ()))
     estimating = seen = replay(messages, own)

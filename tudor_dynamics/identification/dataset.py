@@ -190,7 +190,7 @@ def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
     damped = () if arm.spec.damper is None else arm.spec.damper.joints
     if not missing or len(missing) == len(arm.gauges) or {*missing} & {i.gauge for i in damped}:
         return arm
-    msg = (f'{arm.name}: no bag has the gauges {", ".join(missing)} of the description, so they '
+    msg = (f'arm {arm.name!r}: no bag has the gauges {", ".join(map(repr, missing))}, so they '
            'have no model; record them, or remove them from the description')
     warnings.warn(msg, TudorWarning, stacklevel=2)
     return arm.with_gauges(found)
@@ -341,9 +341,9 @@ def refuse_copies(training: Sequence[BagData], test: Sequence[BagData]) -> None:
         for other in (*training[i + 1:], *test):
             same = one.recording.checksum == other.recording.checksum != ''
             if same and one.choice.overlaps(other.choice):
-                raise FitError(f'{other.choice} is a copy of the training bag '
-                               f'{one.choice} (sha256 {one.recording.checksum[:12]} of both) and '
-                               'cannot test the model; give another recording in its place')
+                raise FitError(f'{other.choice}: is a copy of the training bag {one.choice} '
+                               f'(sha256 {one.recording.checksum[:12]} of both), which is no test '
+                               'of the model; give another recording in its place')
 
 
 def common_outputs(data: Sequence[BagData]) -> tuple[str, ...]:
@@ -387,7 +387,7 @@ class Unused:
 
     def __str__(self) -> str:
         """Write it on one line."""
-        return self.why if self.why.startswith(self.bag) else f'{self.bag}: {self.why}'
+        return f'{self.bag!r}: {self.why.removeprefix(f"{self.bag}: ")}'
 
 
 def facts_of(bag: BagData) -> BagFacts:
@@ -415,11 +415,10 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
         except ValueError:
             mass = -1.0
         if not path or not 0.0 <= mass < float('inf'):
-            raise UsageError(f'--payload-of {text}: expected BAG=KG with a mass of 0 or more, '
-                             'such as run1=0.2')
+            raise UsageError(f'payload {text!r}: expected BAG=KG, 0 kg or more, such as run1=0.2')
         resolved = str(Path(path).resolve())
         if resolved not in known:
-            raise UsageError(f'--payload-of {text}: BAG must be one of the bags of this command')
+            raise UsageError(f'payload {text!r}: BAG must be a bag of this command')
         found[resolved] = mass
     return found
 
@@ -431,11 +430,11 @@ def payload_range(
     masses = [bag.payload for bag in training if bag.payload is not None]
     if not masses or max(masses) - min(masses) < SAME:
         return None
-    unknown = [str(bag.choice) for bag in (*training, *test) if bag.payload is None]
+    unknown = [repr(str(bag.choice)) for bag in (*training, *test) if bag.payload is None]
     if unknown:
         raise UsageError(f'training bags have payloads of {min(masses):g} to {max(masses):g} kg, '
-                         f'but the payload of {", ".join(unknown)} is not known; give it by '
-                         '--payload-of BAG=KG, or fit without payloads by --ignore-payload')
+                         f'but that of {", ".join(unknown)} is not known; state it (tudor fit '
+                         '--payload-of BAG=KG), or ignore all payloads (--ignore-payload)')
     return min(masses), max(masses)
 
 
@@ -443,7 +442,7 @@ def model_for(model: Model, bag: BagData) -> Model:
     """Put the payload of a bag into a model that knows of payloads; others stay as they are."""
     if model.payload_range is not None:
         if bag.payload is None:
-            raise UsageError(f'the payload of bag {bag.choice} is not known, and the model needs '
-                             'it: give --payload KG, or --payload-of BAG=KG')
+            raise UsageError(f'the payload of bag {str(bag.choice)!r} is not known, and the model '
+                             'needs it: give the payload [kg] of all bags, or of each (BAG=KG)')
         return model.at(bag.payload)
     return model

@@ -104,7 +104,7 @@ def find_truth(
     if topic is None:
         return Truth()
     raise BagError(f'{path}: has no messages on {topic}, the topic of pushes; '
-                   'give --truth another topic, or --pushes FILE.csv')
+                   'name another topic, or give a table of pushes (CSV)')
 
 
 def _pushes(stamp: NDArray[np.int64], size: FloatArray) -> tuple[KnownPush, ...]:
@@ -129,7 +129,7 @@ def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:
     number says by how much an event may be earlier, as where pushes were marked by eye. A first
     line may name the columns, what follows a ``#`` is a comment.
     """
-    text = read_text(Path(path), MAX_TABLE, '--pushes', UsageError,
+    text = read_text(Path(path), MAX_TABLE, 'the table of pushes', UsageError,
                      'give a table of begin,end in seconds')
     lines = [line.split('#')[0].strip() for line in text.splitlines()]
     rows = [(number, row) for number, row in enumerate(
@@ -145,10 +145,9 @@ def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:
                 continue  # names of the columns
             begin, end, early = 0.0, -1.0, 0.0
         if not (0.0 <= begin <= end < LONGEST and 0.0 <= early <= LARGEST_TOLERANCE):
-            msg = (f'--pushes {path}, line {number + 1}: found {",".join(row)!r}, expected '
-                   'begin,end in seconds since the beginning of the bag, such as 2.0,2.95, and '
-                   f'perhaps a tolerance of up to {LARGEST_TOLERANCE:g} s')
-            raise UsageError(msg)
+            msg = (f'found {",".join(row)!r}, expected begin,end in s since the start of the '
+                   f'bag, such as 2.0,2.95, perhaps a tolerance to {LARGEST_TOLERANCE:g} s')
+            raise UsageError(msg, place=f'{path}, line {number + 1}')
         found.append((begin, end, early))
     return sorted(found)
 

@@ -167,10 +167,10 @@ def records_of(bags: Sequence[BagData]) -> list[Record]:
     if not records:
         names = ', '.join(str(bag.choice) for bag in bags)
         msg = (f'{names}: no stretch has {LEAST_SECONDS:g} s of strain without a gap, which the '
-               'elastic model is fitted to; record longer, or remove elastic from --models')
+               'elastic model is fitted to; record longer, or leave the elastic model out')
         if not any(bag.has('strain') for bag in bags):
-            msg = (f'no strain in {names}, but the elastic model is fitted to it; record the '
-                   'gauges as well, or remove elastic from --models')
+            msg = (f'{names}: no strain, which the elastic model is fitted to; record the gauges '
+                   'as well, or leave the elastic model out')
         raise FitError(msg)
     return records
 
@@ -318,8 +318,8 @@ class Problem:
         """Simulate what can be: moments, errors of the strain, and gains with offsets."""
         moments = self.moments(x)
         if moments is None:
-            raise FitError(f'{self.arm.name}: the elastic model cannot be simulated on these '
-                           'bags; check `links` and `motors` of the arm description')
+            raise FitError(f'arm {self.arm.name!r}: the elastic model cannot be simulated on '
+                           'these bags; check `links` and `motors` of the arm description')
         return moments, self.errors(moments, x), self.gauges(moments, x)
 
     def _kept(self, several: Sequence[FloatArray]) -> list[FloatArray | None]:

@@ -217,8 +217,8 @@ def compare_starts(
             progress('elastic model, stiffness and damping')
             starts.append((Start(factor, share, better(x, STEPS)), x))
     if not starts:
-        raise FitError(f'{arm.name}: the elastic model cannot be simulated on these bags with any '
-                       'stiffness; check `links` and `motors` of the arm description')
+        raise FitError(f'arm {arm.name!r}: the elastic model cannot be simulated on these bags '
+                       'with any stiffness; check `links` and `motors` of the arm description')
     starts.sort(key=lambda item: -item[0].fit)
     first: dict[float | None, FloatArray] = {}
     for start, x in starts:

@@ -185,8 +185,8 @@ def _within(fine: Series, x: FloatArray, bounds: Bounds) -> Reference:
         found = bounds.beyond(fine.motion(scaled(0.1))[::every])
         near = f'{" and ".join(found.nearest)} too close' if found.nearest else 'too large efforts'
         msg = f'no motion was found within all limits: even small ones have {near}'
-        raise SignalError(msg, remedy='give another --seed, smaller ranges in joints[].planned, '
-                                      'or an --srdf that disables false collisions')
+        raise SignalError(msg, remedy='give another seed, smaller ranges in joints[].planned, '
+                                      'or an SRDF that disables false collisions')
     q, dq, ddq = np.split(fine.motion(scaled(factor)), 3, axis=1)
     return Reference(q, dq, ddq, fine.dt)
 
@@ -251,8 +251,8 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
             found[output] = model if model.states is None else _planned(bundle.arm, output)
             noise[output] = model.deviations()
     if not found:
-        raise UsageError('the bundle of --model has no analytical model of a single payload',
-                         remedy='give --noise in place of --model')
+        raise UsageError('the bundle has no analytical model of a single payload',
+                         remedy='give the noise of the channels in place of a bundle')
     return Target(arm.with_friction_of(bundle.arm), found, bundle.preprocessing,
                   Noise(noise, residual=True), known)
 
@@ -313,7 +313,7 @@ def make_moves(
                 best = shown, move, more
         if best is None:
             raise SignalError(f'each of {order.steps} moves collides or exceeds effort limits',
-                              remedy='give another --seed, or reduce joints[].planned')
+                              remedy='give another seed, or reduce joints[].planned')
         moves.append(best[1])
         q, pushed = best[1].q[-1], best[2]
         if report(-best[0]):
@@ -404,7 +404,7 @@ def read_plan(path: str | Path) -> PlanFolder:
     """Read the folder that ``tudor excite`` wrote."""
     path = Path(path)
     text = read_text(path / HEAD, MAX_HEAD_BYTES, 'the plan', UsageError,
-                     'give --plan the folder that tudor excite wrote')
+                     'give the folder that tudor excite wrote')
     try:
         head = _Head.model_validate_json(text)
     except ValidationError as err:

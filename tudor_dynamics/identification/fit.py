@@ -165,15 +165,15 @@ Searches = Mapping[tuple[str, ...], Identified]  # names of bags to what was fou
 def check_arm(arm: Arm) -> None:
     """Refuse an arm of which no elastic model can be made, before hours of work and not after."""
     if arm.coupling is not None:
-        raise FitError(f'{arm.source}: the elastic model does not support `couplings`; remove '
-                       'that key, or elastic from --models')
+        raise FitError(f'{arm.source}: the elastic model does not support the key couplings; '
+                       'remove that key, or leave the elastic model out')
     if not arm.gauges:
         raise FitError(f'{arm.source}: no gauges are described, but the elastic model is fitted '
-                       'to strain; add the key gauges, or remove elastic from --models')
+                       'to strain; add the key gauges, or leave the elastic model out')
     try:
         DrivenArm(arm)
     except TudorError as err:
-        raise FitError(f'{err}, or remove elastic from --models') from None
+        raise FitError(f'{err}, or leave the elastic model out') from None
 
 
 def _tell(arm: Arm, found: Identified) -> None:
@@ -185,8 +185,8 @@ def _tell(arm: Arm, found: Identified) -> None:
                 not p.shown and p.standard_error > UNTOLD * p.value
                 for p in map(values.__getitem__, both))):
             single = sum(gauge.joint == joint for gauge in arm.gauges) < 2
-            msg = (f'{arm.name}: the strain of these bags does not show how the gear of {joint} '
-                   'and the link after it share their compliance; predictions hold on similar '
+            msg = (f'arm {arm.name!r}: strain in these bags does not show how much the gear of '
+                   f'{joint!r} bends and how much the link after it; predictions hold on similar '
                    'motion, the stiffness of either does not: give motors[].stiffness'
                    + (', or a second gauge on the link' if single else ', or other motion'))
             warnings.warn(msg, TudorWarning, stacklevel=2)
@@ -514,7 +514,7 @@ def _fit_one(
         cases = cases_of(blind.fit([first], output), [last])
     else:
         raise FitError('the fit cannot be judged with one training bag and no test bag; give a '
-                       'second bag, or --test BAG')
+                       'second bag, or a test bag')
     validation = validated(cases, output, method)
     seen = validated(cases_of(model, training), output, 'the training bags themselves')
     unseen = unseen_cases(fit_bags, model, validation, others)

@@ -417,18 +417,17 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
         return False
     others = [kind for kind in settings.kinds if kind != 'analytical']
     said = f'{bags} bags are fitted one by one'
-    fewer = 'leave --stream out' if bags < FROM else f'name fewer than {FROM} bags'
+    fewer = 'do not stream' if bags < FROM else f'name fewer than {FROM} bags'
     if others:
-        what = f'--models {" ".join(others)}'
-        raise UsageError(f'{said}, but {what} needs all at once',
-                         remedy=f'leave out {what}, or {fewer}')
+        raise UsageError(f'{said}, which no {" or ".join(others)} model can be',
+                         remedy=f'leave such models out, or {fewer}')
     estimator = ESTIMATORS.get(settings.estimator)
     if estimator is not None and estimator.sample_weights is not None:
         raise UsageError(f'{said}, but {estimator.words} needs all at once',
-                         remedy=f'use --estimator wls or ols, or {fewer}')
+                         remedy=f'use the estimator wls or ols, or {fewer}')
     if bags < 2:
-        raise UsageError('--stream needs two bags or more, and there is one',
-                         remedy='leave --stream out')
+        raise UsageError('one bag cannot be fitted bag by bag (stream)',
+                         remedy='give two bags or more, or do not stream')
     return True
 
 
@@ -460,8 +459,8 @@ class ManyBags:
         """Choose what is left open by the sample."""
         chosen = choose(self.arm, self.held, self.spec, settings, self.progress, summable=True)
         if any(term_names(joint, loaded=True) for joint in chosen.arm.joints):
-            raise UsageError('the friction term load needs all bags at once, not one by one',
-                             remedy='remove load from --friction or joints[].friction')
+            raise UsageError("the friction term 'load' needs all bags at once, not one by one",
+                             remedy='remove it from joints[].friction or from the fit')
         return chosen
 
     def fits(self, chosen: Choices, specs: Sequence[PreprocessingSpec]) -> list[FitResult]:
@@ -546,7 +545,7 @@ class ManyBags:
     def _refuse_no_test(self, used: Sequence[object], given: Sequence[object]) -> None:
         if given and not used:
             raise FitError(f'no test bag can be used: {self.unused[-1]}',
-                           remedy='give --test other bags')
+                           remedy='give other test bags')
 
     def _usable(
         self, training: Sequence[SurveyedBag | Unused], test: Sequence[SurveyedBag | Unused],
@@ -567,8 +566,8 @@ class ManyBags:
                     if some is training:
                         same.append(item)
                     continue
-                copy = Unused(str(item.choice), f'is a copy of the training bag '
-                                                f'{other.choice} (sha256 {item.checksum[:12]})')
+                copy = Unused(str(item.choice), f'is a copy of the training bag {other.choice} '
+                                                f'(sha256 {item.checksum[:12]})')
                 if some is test:
                     raise FitError(f'{copy} and cannot test the model',
                                    remedy='give another recording in its place')
@@ -580,14 +579,14 @@ class ManyBags:
 
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
         if wrong and self.streaming.strict:
-            raise FitError(f'--strict: {len(wrong)} unusable bags, first {wrong[0]}',
-                           remedy='leave out such bags, or leave out --strict')
+            raise FitError(f'{len(wrong)} bags cannot be used; strict needs all: bag {wrong[0]}',
+                           remedy='leave such bags out, or fit without strict')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
             warnings.warn(f'left out: bag {item}', TudorWarning, stacklevel=2)
         self.unused += wrong
         if wrong and len(self.unused) > WARNED:
-            warnings.warn(f'{len(self.unused)} bags are left out, the fit uses the others; see '
-                          'why in the key unused of --json', TudorWarning, stacklevel=2)
+            warnings.warn(f'{len(self.unused)} bags are left out, the fit uses the others; why: '
+                          'see the key unused of the JSON output', TudorWarning, stacklevel=2)
 
     def _sample(self, seen: Sequence[SurveyedBag]) -> list[BagData]:
         """Read some bags, evenly among all; those that cannot be read are named later."""

@@ -371,14 +371,14 @@ def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
     arm, names = result.arm, plan.trajectory.joints
     if sorted(names) != sorted(arm.active_joints):
         msg = f'the plan moves {", ".join(names)}, the arm has {", ".join(arm.active_joints)}'
-        raise UsageError(msg, place=plan.path, remedy=f'give --plan a plan of {arm.name}')
+        raise UsageError(msg, place=plan.path, remedy=f'give a plan of arm {arm.name!r}')
     trajectory = plan.trajectory.of(arm.active_joints)
     models = {item.output: item.model for item in result.fitted
               if isinstance(item.model, AnalyticalModel) and item.model.payload_range is None
               and len(plan.noise.size.get(item.output, ())) == len(item.model.channels)}
     if not models:
         raise UsageError('a plan is compared with an analytical model of one payload, which this '
-                         'fit does not have', place=plan.path, remedy='leave out --plan')
+                         'fit does not have', place=plan.path, remedy='leave the plan out')
     planned = sum(stretch.n_kept for stretch in prepare(
         played(trajectory, arm), result.preprocessing))
     runs = sum(facts.used for facts in result.learned) / planned

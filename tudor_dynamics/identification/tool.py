@@ -117,13 +117,13 @@ def find_moves(
     return found
 
 
-def check_efforts(arm: Arm, option: str = '--models') -> None:
+def check_efforts(arm: Arm) -> None:
     """Refuse an arm whose rings have no size, before hours of work and not after."""
-    unknown = [joint.name for joint in arm.joints if joint.effort.unit == 'A']
+    unknown = [repr(joint.name) for joint in arm.joints if joint.effort.unit == 'A']
     if unknown:
         raise FitError(f'{arm.source}: efforts of {", ".join(unknown)} are in A, but the model of '
                        'vibration needs N m or N',
-                       remedy=f'record torques or forces, or remove vibration from {option}')
+                       remedy='record torques or forces, or leave vibration out')
 
 
 def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> FlexibleTool:
@@ -279,8 +279,8 @@ class _Search:
         clear = [k for k, share in enumerate(left)
                  if loud[k] and share < 1.0 - settings.RING_CLEAR]
         if len(clear) < settings.TOOL_LEAST or 2 * len(clear) < sum(loud):
-            raise FitError(f'a flexible tool explains {len(clear)} of {sum(loud)} rests that '
-                           f'ring; it needs {settings.TOOL_LEAST}, and half of them',
+            raise FitError(f'a flexible tool explains only {len(clear)} of {sum(loud)} rests that '
+                           f'ring; {settings.TOOL_LEAST}, and half of all, are needed',
                            remedy='record moves of tudor excite --for vibration, or faster '
                            'ones with rests of 3 s or more')
         covariance = 0.5 * (best.covariance + best.covariance.T)[:-1, :-1]

@@ -103,7 +103,7 @@ def learn_all(
                 found[method, kind] = learned
             else:
                 name = channels[known.index(False) % len(channels)]
-                missing[method, kind] = f'the residual of {name} is always zero: check its signal'
+                missing[method, kind] = f'the residual of {name!r} is always 0: check its signal'
     return found, missing
 
 
@@ -382,7 +382,7 @@ def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
     kilograms = np.where(column > 0.0, error / np.maximum(column, 1e-300), np.nan)
     if not np.isfinite(kilograms).any():
         return None, ('masses in kg need effort.torque_constant, sensors[].gain or masses in '
-                      'the description, or a fit of two payloads (--payload-of)'), {}
+                      'the description, or a fit of two payloads (tudor fit --payload-of)'), {}
     best = int(np.nanargmin(kilograms))
     share = float(error[best] / max(span[best], 1e-300))
     return _grade(share, settings.WEIGHT_SHARE), (

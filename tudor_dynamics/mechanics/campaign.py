@@ -73,7 +73,7 @@ def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple
     if not settings.BETWEEN_CHANGES <= slot < MAX_STEPS:
         raise SimulationError(f'{count} changes of the load do not fit into {seconds:g} s: each '
                               f'needs {settings.BETWEEN_CHANGES:g} s, after a start of '
-                              f'{settings.FIRST_CHANGE:g} s; raise --seconds or lower --loads')
+                              f'{settings.FIRST_CHANGE:g} s; raise seconds, or ask for fewer')
     rng = np.random.default_rng(seed)
     found = []
     for number in range(count):
@@ -106,7 +106,7 @@ def random_pushes(
     if not room <= slot < MAX_STEPS:
         raise SimulationError(f'{count} pushes do not fit into {seconds:g} s: each needs up to '
                               f'{room:g} s, after a start of {settings.FIRST_PUSH:g} s; raise '
-                              '--seconds or lower --pushes')
+                              'seconds, or ask for fewer')
     beams = [joint for joint in arm.active_joints if mechanism.length(joint) > 0.0]
     if not beams:
         msg = f'{arm.source}: no active joint moves an elastic link: describe links, or push none'
@@ -192,16 +192,16 @@ def stimulus_motion(arm: Arm, seconds: float, seed: int, dt: float) -> Reference
 def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     """Make a motion of a trajectory, at the rate of the loop: dt [s]."""
     if sorted(trajectory.joints) != sorted(arm.active_joints):
-        own = ', '.join(arm.active_joints)
-        raise SimulationError(f'the trajectory has the joints {", ".join(trajectory.joints)}, but '
-                              f'the arm {arm.name} has {own}; give a trajectory of {own}')
+        own = ', '.join(map(repr, arm.active_joints))
+        raise SimulationError(f'the trajectory has the joints {list(trajectory.joints)}, but arm '
+                              f'{arm.name!r} has {own}; give a trajectory of {own}')
     q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
     hard = hard_limits(arm)
     for k, j in np.argwhere(hard.outside(q) | (np.abs(dq) > hard.velocity))[:1]:
         raise SimulationError(
-            f'at {trajectory.t[k]:.4g} s the trajectory has {arm.active_joints[j]} at '
-            f'{q[k, j]:.4g} with speed {dq[k, j]:.4g}; its limits are {hard.lower[j]:.4g} to '
-            f'{hard.upper[j]:.4g}, speed {hard.velocity[j]:.4g}; plan one within them with '
+            f'at {trajectory.t[k]:.4g} s the trajectory has joint {arm.active_joints[j]!r} at '
+            f'{q[k, j]:.4g} rad or m, {dq[k, j]:.4g} per s; its limits are {hard.lower[j]:.4g} to '
+            f'{hard.upper[j]:.4g}, {hard.velocity[j]:.4g} per s; plan a motion within them with '
             f'`tudor excite {arm.source}`')
     t = trajectory.t - trajectory.t[0]
     check_budget(f'a trajectory of {t[-1]:g} s at steps of {dt:g} s', t[-1] / dt,

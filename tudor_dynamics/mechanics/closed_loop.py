@@ -377,7 +377,7 @@ class ClosedLoop:
         """
         mechanism, none = self.plant.mechanism, self.arm.spec.payload is None
         if none or not 0.0 <= mass < float('inf'):
-            raise SimulationError(f'{self.arm.name}: ' + (
+            raise SimulationError(f'arm {self.arm.name!r}: ' + (
                 'no payload to change; give the key payload in the arm description' if none else
                 f'a payload of {mass} kg is impossible; give 0 or more'))
         mechanism.body_float[mechanism.body_at(mechanism.tip), at.MASS] = mass
@@ -435,7 +435,7 @@ class ClosedLoop:
         wanted = np.stack(given)
         if not np.isfinite(wanted).all():
             step = int(np.argwhere(~np.isfinite(wanted))[:, 1].min())
-            raise SimulationError(f'{self.arm.name}: the reference of step {step} is not finite')
+            raise SimulationError(f'arm {self.arm.name!r}: reference {step} is not finite')
         begun = self._done
         rows = (begun + steps - 1) // every - (begun - 1) // every
         out = np.empty((rows, 6 * joints + gauges))
@@ -456,9 +456,8 @@ def steps_per_message(dt: float, rate: float) -> int:
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
     if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
         near = 1.0 / (dt * round(min(max(every, 1.0), 100.0)))
-        raise SimulationError(f'a message rate (--rate) of {rate:g} Hz does not divide the '
-                              f'loop rate of {1.0 / dt:g} Hz (damper.rate); give --rate '
-                              f'{near:g}')
+        raise SimulationError(f'a message rate of {rate:g} Hz does not divide the loop rate of '
+                              f'{1.0 / dt:g} Hz (key damper.rate); give a rate of {near:g} Hz')
     return int(round(every))
 
 

@@ -361,8 +361,8 @@ class Plant:
             z[elastic] -= change * min(1.0, 0.2 / max(largest, 1e-300))
             if largest < 1e-11:
                 return
-        msg = (f'{mechanism.name}: no static equilibrium was found: the links are too weak for '
-               'their weight; check sections and material, or set simulation.start: undeformed')
+        msg = (f'arm {mechanism.name!r}: no static equilibrium was found: links are too weak '
+               'for their weight: check sections, material, or use simulation.start: undeformed')
         raise SimulationError(msg)
 
     def _check_step(self) -> None:
@@ -375,22 +375,22 @@ class Plant:
         slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
         # Links so stiff that 2 ms do not follow them are meant as rigid: they stay damped.
         if self.dt * slowest > 1.0 / 8.0 and self.dt > 2e-3:
-            msg = (f'{self.mechanism.name}: a step (--dt) of {self.dt:g} s is too large, as links '
-                   f'vibrate at {slowest:.3g} Hz and above; take at most '
+            msg = (f'arm {self.mechanism.name!r}: a time step of {self.dt:g} s is too large, as '
+                   f'links vibrate at {slowest:.3g} Hz and above; take at most '
                    f'{1.0 / (8.0 * slowest):.2g} s, better {1.0 / (100.0 * slowest):.1g} s')
             raise SimulationError(msg)
 
     def _fail(self, status: int) -> NoReturn:
         """Put a failure into one line."""
-        name, t = self.mechanism.name, self._t0 + (self._time_steps + 1) * self.dt
+        name, t = f'arm {self.mechanism.name!r}', self._t0 + (self._time_steps + 1) * self.dt
         if status == gen.BAD_INPUT:
             msg = (f'{name}: a torque, force or motion at t = {t:.6g} s is not finite; check the '
                    'input')
         elif status == gen.SINGULAR:
             loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
                      if not self.tables.prescribed[index]]
-            msg = (f'{name}: the mass matrix is singular, as joint {" or ".join(loose)}, or a '
-                   'node of a beam, moves no mass; give the link after it a mass or hub_inertia')
+            msg = (f'{name}: the mass matrix is singular, as {" or ".join(map(repr, loose))} or a '
+                   'node of a beam moves no mass; give the link after it a mass or hub_inertia')
         elif status == gen.TOO_BENT:
             msg = (f'{name}: at t = {t:.6g} s a link is bent by more than '
                    f'{settings.MAX_ROTATION} rad, where a linear beam means nothing; energy '

@@ -126,12 +126,12 @@ class Probe:
     def _check(self, joint: str, distance: float) -> None:
         mechanism = self.plant.mechanism
         if joint not in mechanism.beams:
-            raise SimulationError(f'{mechanism.name}: joint {joint!r} has no beam; choose a '
+            raise SimulationError(f'arm {mechanism.name!r}: joint {joint!r} has no beam; choose a '
                                   f'joint that has one, of {list(mechanism.beams)}')
         length = mechanism.length(joint)
         if not -1e-9 <= distance <= length + 1e-9:
-            raise SimulationError(f'{mechanism.name}: a place at {distance:g} m lies outside the '
-                                  f'beam of {joint!r}; give one from 0 to {length:g} m')
+            raise SimulationError(f'arm {mechanism.name!r}: a place at {distance:g} m is outside '
+                                  f'the beam of {joint!r}; give one from 0 to {length:g} m')
 
 
 # -- Inertial sensors on a mechanism: at the far end of each beam and at the tip
@@ -261,14 +261,14 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
         free[mechanism.q_index[mechanism.joints.index(joint)]] = True
     index = np.flatnonzero(free)
     if index.size == 0:
-        msg = f'{mechanism.name}: nothing can vibrate, all links are rigid and all joints held'
+        msg = f'arm {mechanism.name!r}: nothing can vibrate: all links are rigid, all joints held'
         raise SimulationError(msg)
     pick = np.ix_(index, index)
     stiffness, damping = _tangents(plant)
     try:
         values, vectors = eigh(stiffness[pick], plant.mass_matrix()[pick])
     except np.linalg.LinAlgError:
-        msg = (f'{mechanism.name}: the mass matrix is singular with the joints '
+        msg = (f'arm {mechanism.name!r}: the mass matrix is singular with the joints '
                f'{list(free_joints)} free; give their links a mass, or a hub_inertia')
         raise SimulationError(msg) from None
     count = min(count, index.size)
@@ -295,8 +295,8 @@ def count_steps(seconds: float, dt: float, rate: float) -> tuple[int, int]:
     for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
         check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
         if not 0.0 < value < 1e9:
-            raise UsageError(f'{name} (--{name}) must be positive, found {value}')
-    check_budget(f'--seconds {seconds:g} --dt {dt:g}', seconds / dt)
+            raise UsageError(f'{name} must be positive, found {value}')
+    check_budget(f'a run of {seconds:g} s at steps of {dt:g} s', seconds / dt)
     total = max(int(round(seconds / dt)), 1)
     return total, max(int(round(1.0 / (rate * dt))), 1) if rate * dt > 1e-9 else 2 * total
 
@@ -370,7 +370,7 @@ def run_plant(
                 'energy': plant.energy(), 'rotation': largest_rotation(plant)}
     shown = {name: np.shape(value) for name, value in look().items()}
     check_budget('the records of the run', samples, 8.0 * sum(map(math.prod, shown.values())),
-                 'lower --seconds or --rate')
+                 'lower seconds or rate')
     run = PlantRecord(**{name: np.zeros((samples, *shape)) for name, shape in shown.items()})
     for k in range(steps + 1):
         if k > 0:

@@ -236,7 +236,7 @@ def motion_signal(
     times, columns = read_table(path, joints)
     if times[0] > t[0] + 1e-9 or times[-1] < t[-1] - 1e-9 or times.size < 6:
         msg = (f'{path}: covers {times[0]:g} to {times[-1]:g} s with {times.size} rows, but the '
-               f'run needs 0 to {t[-1]:g} s and at least 6 rows; give --seconds or a longer table')
+               f'run needs 0 to {t[-1]:g} s and at least 6 rows; give fewer seconds or more rows')
         raise SimulationError(msg)
     result = tuple(np.zeros((t.size, len(joints))) for _ in range(3))
     for joint, values in columns.items():

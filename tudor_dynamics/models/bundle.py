@@ -190,9 +190,8 @@ def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
 def tool_of(bundle: ModelBundle) -> FlexibleTool:
     """Give the flexible tool of a bundle, or say how to learn it."""
     if bundle.tool is None:
-        raise ModelError('the model knows no flexible tool', remedy='fit it again with '
-                         '`--models analytical vibration`, from motion with rests of three '
-                         'seconds')
+        raise ModelError('the model knows no flexible tool', remedy='run `tudor fit --models '
+                         'analytical vibration` on bags of motion with rests of three seconds')
     return bundle.tool
 
 
@@ -459,10 +458,10 @@ def check_target(path: Path, *, overwrite: bool) -> None:
     if not path.exists() and not path.is_symlink():
         return
     if not overwrite:
-        raise ModelError(f'{path}: exists already; choose another --out, or add --overwrite')
+        raise ModelError(f'{path}: exists already; give another folder, or tudor fit --overwrite')
     if not (path / 'model.yaml').is_file():
         raise ModelError(f'{path}: exists already and is not a model bundle, so it is not '
-                         'overwritten; choose another --out')
+                         'overwritten; give another folder')
 
 
 def _arm_files(arm: Arm) -> dict[str, bytes]:

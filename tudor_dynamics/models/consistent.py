@@ -430,7 +430,7 @@ def solve_consistent(arm: Arm, model: AnalyticalModel, prior: Prior) -> BodySolu
             problem.reweigh(x)
         x = _searched(problem, x)
     if not np.all(np.isfinite(x)):
-        raise FitError(f'{arm.name}: no physically possible masses and inertias explain the '
+        raise FitError(f'arm {arm.name!r}: no physically possible masses and inertias explain the '
                        'efforts in the bags; look for faults with `tudor info BAG --arm ARM.yaml`')
     return problem.solution(x)
 

@@ -197,7 +197,7 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
     rows = sum(product.n for product in products)
     floors = _variance_floors(products)
     if rows <= p:
-        raise FitError(f'only {rows} samples for {p} parameters; record longer, or raise --rate')
+        raise FitError(f'only {rows} samples for {p} parameters; record longer, or raise the rate')
     weights = np.ones(len(products))
     for _ in range(3 if weighted and len(products) > 1 else 1):
         parameters, *_ = _solve(products, weights)

@@ -190,9 +190,9 @@ class StrainRegressor(Regressor):
                    else tuple(gauge.joint for gauge in arm.gauges))
         missing = [name for name in outputs if not model.existJointName(name)]
         if missing:
-            msg = ('--strain-form paper needs the joint before each gauge among active_joints; '
-                   f'{", ".join(missing)} is not')
-            raise ArmError(msg, place=arm.source, remedy='use --strain-form exact')
+            msg = ('the strain form paper needs the joint before each gauge among active_joints, '
+                   f'which lack {", ".join(map(repr, missing))}')
+            raise ArmError(msg, place=arm.source, remedy='use the strain form exact')
         names = [f'{parameter}({name})' for name in list(model.names)[1:]
                  for parameter in BODY_PARAMETERS]
         self.columns = (*names, 'offset')

@@ -115,7 +115,7 @@ class TunedArm:
         """Units of the gauges per m/m, shape (n_damped,)."""
         if not self.scale.all():
             name = arm.gauge_names[index[int(np.argmin(self.scale))]]
-            raise ModelError(f'gauge {name} has no unit of strain', place=arm.source,
+            raise ModelError(f'gauge {name!r} has no unit of strain', place=arm.source,
                              remedy=f'set its gauges[].unit to {" or ".join(STRAIN_SCALE)}')
         values = model.values if model is not None else {}
         self._driven, self._loose = driven_arm(arm, values), driven_arm(arm, values)
@@ -134,7 +134,7 @@ class TunedArm:
         missing = [name for name in self.arm.gauge_names if name not in sensors]
         if missing:
             raise ModelError(f'the gains of the gauges {", ".join(missing)} are not known',
-                             place=self.arm.source, remedy='add sensors[].gain, or give --model')
+                             place=self.arm.source, remedy='add sensors[].gain, or give a model')
         known = [sensors[name] for name in self.arm.gauge_names]
         return np.array([[sensor.gain for sensor in known], [sensor.offset for sensor in known]])
 
@@ -273,13 +273,13 @@ class Wish:
 
     def __post_init__(self) -> None:
         if not 0.02 <= self.damping_ratio <= 0.95:
-            raise UsageError(f'--damping-ratio {self.damping_ratio:g}: expected 0.02 to 0.95')
+            raise UsageError(f'a damping ratio of {self.damping_ratio:g}: expected 0.02 to 0.95')
         if not 0.0 <= self.delay <= LONGEST_DELAY:
-            raise UsageError(f'--delay {self.delay:g} s: expected 0 to {LONGEST_DELAY:g} s')
+            raise UsageError(f'a delay of {self.delay:g} s: expected 0 to {LONGEST_DELAY:g} s')
         payloads = self.payloads
         if not payloads or any(not math.isfinite(p) or p < 0.0 for p in payloads) or list(
                 payloads) != sorted(set(payloads)):
-            raise UsageError(f'--payloads {list(payloads)}: expected masses of 0 kg or more, '
+            raise UsageError(f'payloads {list(payloads)}: expected masses of 0 kg or more, '
                              'each larger than the one before')
 
 

@@ -78,7 +78,7 @@ class SignTester(Trial):
                 watch = False
         response = self._response(gauge)
         if response is None:
-            raise TudorError(f'fewer than 20 strains of {self.arm.gauge_names[gauge]} arrived in '
+            raise TudorError(f'gauge {self.arm.gauge_names[gauge]!r}: under 20 strains came in '
                              f'{seconds:g} s on {self.arm.gauges[gauge].topic}; check its driver')
         return response
 

@@ -51,7 +51,7 @@ class ForceControllerNode(MovingNode):
         Figure('wanted [N]', lambda controller: f'{controller.wanted:.3g}', 'controller'),
         Figure('force [N]', lambda controller: f'{controller.force:.3g}', 'controller'),
         Figure('weight by', lambda node: node.controller and node.static.source))
-    ending = 'has been shut down: the node sends no references; start it again to go on'
+    ending = 'the node was shut down: the node sends no references; start it again to go on'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('force_controller', SILENT, **kwargs)
@@ -131,7 +131,7 @@ class ForceControllerNode(MovingNode):
         if controller is None or level != OK:
             return level, message
         if controller.phase is Phase.HELD:
-            return ERROR, f'{controller.cause}: the arm holds its pose; call ~/reset to go on'
+            return ERROR, f'{controller.cause}: the arm stands until you call the service ~/reset'
         if self.static.source == 'none':
             return WARN, ('the weight of the arm in the gauge readings is unknown: set the '
                           'parameter model, or add the key links to the arm description')

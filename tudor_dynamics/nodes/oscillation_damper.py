@@ -40,6 +40,7 @@ from tudor_dynamics.nodes.common.interfaces import (
 from tudor_dynamics.nodes.common.messages import floats, NamedReader
 from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.settings import BRAKING, LONGEST_GAP, PUBLISHERS_LOOK
+from tudor_dynamics.online.coverage import ALSO
 from tudor_dynamics.typing import FloatArray
 
 
@@ -79,7 +80,7 @@ class OscillationDamperNode(MovingNode):
         Figure('damper JOINT', lambda controller: dict(zip(
             controller.damper.joints, controller.damper.report(), strict=True)), 'controller'))
     feels = True
-    ending = 'has been shut down: the joints brake to standstill; start the node again to go on'
+    ending = 'the node was shut down: the joints brake to standstill; start it again to go on'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('oscillation_damper', LONGEST_GAP, **kwargs)
@@ -204,7 +205,7 @@ class OscillationDamperNode(MovingNode):
         if controller is None or not self.active:
             return level, message
         if controller.state is State.FAULT:
-            return ERROR, f'{controller.cause}; the joints are stopped until you call ~/reset'
+            return ERROR, f'{controller.cause}; joints stand until you call the service ~/reset'
         if clock := self.clocks.fault():
             return ERROR, f'{self._own}: {clock}'
         if controller.blind:
@@ -218,9 +219,9 @@ class OscillationDamperNode(MovingNode):
         gains = controller.gains
         if gains.excited:
             return ERROR, (f'the damper is off: {gains.excited}; run damper_sign_test, check '
-                           'the gains and the loop delay, then call ~/reset')
+                           'the gains and the loop delay, then call the service ~/reset')
         if bad := self._gauge_faults(controller):
-            return ERROR, '; '.join(bad)
+            return ERROR, ALSO.join(bad)
         if self.crowded:
             return self.crowded
         if controller.state is State.HOLDING:
@@ -233,15 +234,15 @@ class OscillationDamperNode(MovingNode):
                           f'network); full gain needs at most {1e3 * gains.full_delay:.0f} ms')
         gain = gains.position_gain_in_use
         if gain < gains.position_gain:
-            return WARN, (f'a loop delay of {delay} lowers the position gain to {gain:.2g} 1/s '
-                          f'(from {gains.position_gain:g}); shorten the delay (driver, network)')
+            return WARN, (f'a loop delay of {delay} lowers the position gain to {gain:.2g} per s, '
+                          f'from {gains.position_gain:g}; shorten the delay (driver, network)')
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
             return WARN, f'fixed gains: {adaptation.unknown}'
         if note := controller.reference.refusal or self.clocks.offset(self._own):
             return WARN, note
-        if controller.limits.missing:
-            return WARN, f'{"; ".join(controller.limits.missing)}; add them to joints[].limits'
+        if (limits := controller.limits).missing:
+            return WARN, ALSO.join(f'{x}; add it to joints[].limits' for x in limits.missing)
         return level, message
 
     def _look(self) -> None:
@@ -254,7 +255,7 @@ class OscillationDamperNode(MovingNode):
         damper = controller.damper
         faults = self._faults | {place: status for place, status in enumerate(damper.status)
                                  if status >= Status.MISSING}
-        texts = [f'{damper.joints[place]} ({damper.gauges[place]}): {MEANING[fault]}'
+        texts = [f'{damper.joints[place]}, gauge {damper.gauges[place]}: {MEANING[fault]}'
                  for place, fault in faults.items()]
         self._faults = {place: fault for place, fault in self._faults.items()
                         if damper.status[place] not in (Status.DAMPING, Status.SATURATED)}

@@ -64,7 +64,7 @@ class ReferenceGeneratorNode(MovingNode):
         Figure('trajectory', lambda source: _progress(source), 'source'),
         Figure('off the reference JOINT [rad]', lambda source: _off(source), 'source'),
         Figure('begun again', lambda source: source.note or None, 'source'))
-    ending = 'has been shut down: the arm brakes to standstill; start the node again to go on'
+    ending = 'the node was shut down: the arm brakes to standstill; start it again to go on'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('reference_generator', LONGEST_GAP, **kwargs)
@@ -265,9 +265,9 @@ class ReferenceGeneratorNode(MovingNode):
         elif alive:
             self._unwatched = f'{names} cannot detect collisions; see the diagnostics of {names}'
         elif self.monitors:
-            self._unwatched = f'{names} publishes {COLLISION} but sends no diagnostics; restart it'
+            self._unwatched = f'{names} publishes {COLLISION!r} but no diagnostics; restart it'
         else:
-            self._unwatched = f'no node publishes the topic {COLLISION}; start monitor'
+            self._unwatched = f'no node publishes the topic {COLLISION!r}; start monitor'
         self.source.halt(self._unwatched if self.value('require_monitor') else '')
         self._heard = {name: item for name, item in self._heard.items() if now - item[0] < 60.0}
 
@@ -303,13 +303,13 @@ class ReferenceGeneratorNode(MovingNode):
             return level, message
         if source.reacting or source.collision:
             return WARN, (f'the node accepts no goals after a collision (reaction: '
-                          f'{self.value("reaction")}); check the arm, then call ~/reset')
+                          f'{self.value("reaction")}): check the arm, call the service ~/reset')
         if source.halted:
             return WARN, f'the node accepts no goals: {source.halted}'
         if self.crowded is not None:
             return self.crowded
         if len(self.monitors) > 1:
-            return WARN, (f'the topic {COLLISION} has {len(self.monitors)} publishers, in nodes '
+            return WARN, (f'the topic {COLLISION!r} has {len(self.monitors)} publishers, in nodes '
                           f'{", ".join(self.monitors)}; stop all but the one of this arm')
         if self._unwatched and self.monitors:
             return WARN, f'no node watches for collisions any more: {self._unwatched}'

@@ -112,8 +112,8 @@ class TrajectoryRelayNode(TudorNode):
 
     def _reset(self) -> str:
         if self.collision:
-            raise UsageError(f'a collision is still reported on {COLLISION}', remedy='check the '
-                             'arm, call ~/reset of the node that reports it, then of this node')
+            raise UsageError(f'a collision is still reported on {COLLISION!r}', remedy='check '
+                             'the arm, reset the node that reports it, then reset this node')
         self.held = False
         return 'accepts trajectories again'
 
@@ -140,7 +140,7 @@ class TrajectoryRelayNode(TudorNode):
     def _on_goal(self, goal: Any) -> str:
         """Forward a goal; give why not."""
         if self._client is None or not self._client.server_is_ready():
-            return self._refuse(f'the controller {self.value("controller")} offers no action '
+            return self._refuse(f'the controller {self.value("controller")!r} offers no action '
                                 'follow_joint_trajectory: activate it')
         why = self._check(goal.trajectory)
         if not why:
@@ -199,7 +199,7 @@ class TrajectoryRelayNode(TudorNode):
         follower = self.follower
         assert follower is not None
         if self.held or self.collision:
-            raise SignalError('a collision was reported', remedy='check the arm and call ~/reset')
+            raise SignalError('a collision was reported; check the arm, call the service ~/reset')
         if self._q is None or self.steady() - self._at > self.value('timeout'):
             raise SignalError(f'no joint positions arrive on {self._own}: start the driver')
         self._step()
@@ -222,7 +222,7 @@ class TrajectoryRelayNode(TudorNode):
             if off.max() > self.value('start_tolerance'):
                 name, away = self._names[int(off.argmax())], off.max()
                 raise SignalError(
-                    f'{name} is {away:.3g} {self._units[name]} away from the point that is due, '
+                    f'{name!r} is {away:.3g} {self._units[name]} away from the point that is due, '
                     f'more than start_tolerance {self.value("start_tolerance"):g}',
                     remedy='begin where the arm is, or raise time_from_start of the points')
             why = Path(own, whole, since).beyond(follower.bounds)
@@ -243,15 +243,15 @@ class TrajectoryRelayNode(TudorNode):
             kind, frequency = self.value('shaping'), self.value('shaping_frequency')
             tool = self._tool if kind == TIMING or not frequency else None
             if kind == TIMING and tool is None:
-                raise SignalError('shaping is timing, but tool is empty', remedy='set it to '
-                                  'a bundle of `tudor fit --models analytical vibration`')
+                raise SignalError('shaping is timing, but the parameter tool is empty', remedy=(
+                    'set it to a bundle of `tudor fit --models analytical vibration`'))
             if tool is None and not frequency:
-                raise SignalError('shaping_frequency is 0 and tool is empty', remedy='set one of '
-                                  'these parameters: a frequency [Hz], or the path of a model')
+                raise SignalError('no frequency is known', remedy='set the parameter '
+                                  'shaping_frequency [Hz], or tool to the path of a model bundle')
             shape = partial(shaped_for, tool, kind=kind) if tool is not None else partial(
                 convolved, shaper=impulses(kind, frequency, self.value('shaping_damping')))
             if np.abs(state.dq).max() > AT_REST:
-                raise SignalError('the arm was still moving when it arrived',
+                raise SignalError('the arm still moved when the trajectory came',
                                   remedy='send each motion after the one before has ended')
             begin = max(since, 0.0)
             return shape(from_state(whole, state, begin) if whole.t[0] > begin else whole)
@@ -307,7 +307,7 @@ class TrajectoryRelayNode(TudorNode):
         if level != OK:
             return level, message
         if self.held or self.collision:
-            return WARN, 'collision: the controller was stopped; check the arm, then call ~/reset'
+            return WARN, 'a collision stopped the arm; check it, then call the service ~/reset'
         if not self._output.get_subscription_count():
             return WARN, f'no node hears {self._output.topic_name}: activate that controller'
         if self.refused:

@@ -67,18 +67,18 @@ class ContactEstimate:
     note: str = ''  # what cannot be said, why, and what would show it; empty for nothing
 
 
-LINK_ALONE = 'efforts show the link alone; gauges would show them'
+LINK_ALONE = 'efforts show the link alone; gauges would show force and place'
 
 
 def not_known(span: Span, newtons: tuple[float, float], *, placed: bool) -> str:
     """Say what is not known of a contact on a span, why, and what would show it."""
     return '; '.join([
-        'the gauges cannot separate place and force: two of them before it would show the place'
+        'the gauges cannot separate place and force: two gauges before the place would show it'
         if span.spread else f'one gauge on the link of {span.joint}: a push at its end is '
         'assumed; a second gauge would show the place'] * (not placed) + [
         f'a force along the link of {span.joint} shows in no gauge'] * (not span.along) + [
         f'strain and described masses give newtons to {100.0 * newtons[1]:.0f} % only: add '
-        'sensors[].gain, or fit two payloads (--payload-of)'] * math.isnan(newtons[0]))
+        'sensors[].gain, or fit bags of two known payloads'] * math.isnan(newtons[0]))
 
 
 class ContactRecord:
@@ -248,13 +248,13 @@ class ContactEstimator:
         gain = gauge_gain(bundle.arm, model)
         deviation = np.abs(strain_deviation(bundle, kind) / gain)
         if not np.isfinite(deviation).any():
-            raise ModelError(f'{bundle.arm.name}: no gauge has a known gain (reading per N m); '
-                             'add sensors[].gain to the arm description, or fit an elastic model')
+            raise ModelError(f'arm {bundle.arm.name!r}: no gauge has a known gain (reading per N '
+                             'm); add sensors[].gain to the description, or fit an elastic model')
         arm = bundle.arm
         self.spans = spans_of(arm, [bool(v) for v in np.isfinite(deviation)])
         if not self.spans:
-            raise ModelError(f'{arm.name}: no link with gauges has a joint or frame beyond its '
-                             'gauges; add a tip frame to the URDF')
+            raise ModelError(f'arm {arm.name!r}: no link with gauges has a joint or frame beyond '
+                             'them; add a tip frame to the URDF')
         elastic = isinstance(model, ElasticModel)
         self._widening = MOVING_DEVIATIONS if elastic else 1.0
         self._detected, self._ended, self._free = (
@@ -439,9 +439,9 @@ class TorqueEstimator:
         usual = validation_rmse(bundle, 'effort', 'analytical')
         if usual is None:
             raise ModelError('contacts from efforts need the validation error of the model, which '
-                             'the bundle lacks: fit the model to several bags, or with --test')
+                             'the bundle lacks: fit the model to several bags, or give test bags')
         if not np.isfinite(self._gain).any():
-            raise ModelError(f'{arm.name}: no torque constant is known; add motors[] with '
+            raise ModelError(f'arm {arm.name!r}: no torque constant is known; add motors[] with '
                              'torque_constant and gear_ratio to the arm description')
         self._deviation = usual * self._gain
         self._links = tuple(link_frame(arm.full_model, name) for name in self._joints)

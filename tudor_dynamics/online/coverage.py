@@ -56,7 +56,7 @@ class SensorHealth:
 MEANING = {
     'settling': 'filters are settling after a start or gap in {on}: wait; if this lasts, look for '
                 'lost messages',
-    'gap': 'messages on {on} are lost: check the driver, the network and qos_overrides',
+    'gap': 'messages on {on} are lost: check driver, network, and the parameters qos_overrides',
     'not_finite': 'messages on {on} have NaN or infinite values: check the driver',
     'duplicate_stamp': 'stamps on {on} repeat: check the driver, and look for a second publisher',
     'backward_stamp': 'stamps on {on} go back: check the driver, and look for a second publisher',
@@ -70,9 +70,9 @@ MEANING = {
                     'and synchronise the clocks of both publishers',
     'no_prediction': 'no prediction comes, or the model diverged: check the node that predicts',
     'no_thresholds': 'the model has no thresholds: fit it with more motion without contact, or '
-                     'call ~/calibrate while the arm moves without contact'}
+                     'call the service ~/calibrate while the arm moves without contact'}
 """Causes for which a sample is not judged; ``on``: the topics that they are about."""
-ALSO = '; also: '  # between two texts of one level
+ALSO = '\n'  # between two texts of one level; the first is the message of a diagnosis
 OF_OTHERS = 'other_names'  # what another device sends on the same topic; counts where it is all
 OF_MOTIONS = ('no_measurement', 'no_neighbour')  # of a pairing; count motions, not measurements
 
@@ -220,7 +220,7 @@ class OutputCoverage:
             name not in OF_MOTIONS))
         of = self._sensors if cause in OF_MOTIONS or motions.get(cause) != causes[cause] else [0]
         on = ', '.join(self.streams[k].topic for k in of)
-        return f' ({"mainly " * (len(causes) > 1)}{cause}): {MEANING[cause].format(on=on)}'
+        return f', {"mainly " * (len(causes) > 1)}because {MEANING[cause].format(on=on)}'
 
     def _shares(self, new: _Counts, old: _Counts) -> tuple[dict[str, float], dict[str, float]]:
         """Give shares of the motions that were not judged, and of measurements left out."""
@@ -316,7 +316,7 @@ def _together(found: dict[str, CoverageReport]) -> CoverageReport:
             part = f'{100.0 * verdict.share:.1f} % of the samples'
             part = part if part in verdict.text else 'any sample'
             text = verdict.text.replace(f'{part} of {output}', 'SAMPLES')
-            longest, outputs = texts.get(same := text.replace('(mainly ', '('), ('', {}))
+            longest, outputs = texts.get(same := text.replace(', mainly ', ', '), ('', {}))
             outputs.setdefault(part, []).append(output)
             texts[same] = max(text, longest, key=len), outputs
     said = ALSO.join(text.replace('SAMPLES', ' and '.join(

@@ -61,8 +61,7 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
             msg = (f'joint {joint.name!r}: efforts cannot be converted from '
                    f'{joint.effort.unit} to {unit}, as the joint has no torque constant')
             raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm descrip'
-                                         'tion and fit again, or ask for efforts in the unit of '
-                                         'the model (unit: model, --unit model)')
+                                         "tion and fit again, or choose the unit 'model'")
         result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
 
@@ -352,7 +351,7 @@ class Feedforward:
         if kind not in efforts:
             msg = (f'the bundle has no effort model of kind {kind!r}; its effort models: '
                    f'{", ".join(efforts) or "none"}')
-            raise ModelError(msg, remedy=f'choose one of them, or fit with --models {kind}')
+            raise ModelError(msg, remedy=f'choose one of them, or `tudor fit --models {kind}`')
         self.joints = arm.active_joints
         self.units = tuple(
             joint.effort.unit if unit == 'model' else 'A' if unit == 'current' else
@@ -396,7 +395,7 @@ class Feedforward:
         elif self._per_kilogram is None and abs(more) > SAME:
             msg = (f'the model was fitted to a payload of {self._known:g} kg, and cannot '
                    f'convert its efforts to {payload:g} kg')
-            raise ModelError(msg, remedy='fit a model to bags of two payloads (--payload-of), or '
+            raise ModelError(msg, remedy='fit a model to bags of two known payloads, or '
                                          'add torque constants to the arm description')
         if self._deflected is not None:
             self._deflected.carry(payload)
@@ -460,7 +459,7 @@ class Feedforward:
         beyond = ((motor < low) | (motor > high)) & (wanted >= low) & (wanted <= high)
         if beyond.any():
             point, joint = np.argwhere(beyond)[0]
-            msg = (f'at point {point + 1}, the motor of {self.joints[joint]} would have to go to '
+            msg = (f'at point {point + 1}, the motor of {self.joints[joint]!r} has to be at '
                    f'{motor[point, joint]:.4g} to compensate bending, beyond its position limits '
                    f'{low[joint]:.4g} to {high[joint]:.4g} {self._unit[self.joints[joint]]}')
             raise SignalError(msg, remedy='keep the wanted motion further from these limits')
@@ -478,7 +477,7 @@ class Feedforward:
             if off.max() > HELD_WITHIN:
                 msg = (f'the model holds {name!r} at {self._held[name]:g} {self._unit[name]}, but '
                        f'point {int(off.argmax()) + 1} moves it to {column[off.argmax()]:g}')
-                raise SignalError(msg, remedy=f'hold {name} at {self._held[name]:g}, or fit a '
+                raise SignalError(msg, remedy=f'hold {name!r} at {self._held[name]:g}, or fit a '
                                               'model with it among active_joints')
 
 

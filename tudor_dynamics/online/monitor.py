@@ -317,9 +317,9 @@ class Watch:
         wide = [f'{factor:.1f} times for {method}'
                 for method, (factor, _) in self.widened.items() if factor > WIDENING_WARNING]
         return '' if not wide else (
-            'weak collisions are missed: this motion differs from the training, so thresholds are '
-            f'raised ({", ".join(wide)}); call ~/calibrate during this motion, while nothing '
-            'touches the arm, or fit the model again with bags of this motion too')
+            'weak collisions are missed, as this motion differs from the training and thresholds '
+            f'are raised ({", ".join(wide)}): call the service ~/calibrate during this motion, '
+            'while nothing touches the arm, or fit the model again with bags of this motion too')
 
     def stuck(self, seconds: float) -> str:
         """Say which channels have not changed for a time, while the arm moved; empty for none."""

@@ -355,6 +355,6 @@ class Calibration:
             for channel, tail in zip(3 * learned.channels, learned.tails, strict=True):
                 if not tail.scale > 0:
                     raise FitError(f'{method}: the residual of {channel} never changes; check its '
-                                   'sensor, then call ~/calibrate again')
+                                   'sensor, then call the service ~/calibrate again')
             found[method] = learned
         return found

@@ -315,8 +315,8 @@ def elastic_drives(bundle: ModelBundle) -> dict[str, ElasticDrive]:
         by_torque = float(values[0])
         if by_torque <= 0.0:
             raise ModelError(
-                f'in the elastic model of {bundle.arm.name}, the effort of {joint} falls as its '
-                f'gear torque rises (slope {by_torque:.3g}), so its drive cannot be described',
+                f'in the elastic model of {bundle.arm.name!r}, effort of {joint!r} falls as gear '
+                f'torque rises (slope {by_torque:.3g}), so the drive cannot be described',
                 remedy='fit again with bags in which this joint carries a larger load')
         found[joint] = ElasticDrive(1.0 / by_torque, {
             column.partition('(')[0]: float(value) / by_torque
@@ -346,9 +346,8 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> tuple[str, tu
     """Describe an arm as its elastic model has found it, as YAML; name what has no place there."""
     model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if model is None:
-        raise ModelError('--to arm needs an elastic model, and the bundle has none',
-                         remedy='fit one with tudor fit --models analytical elastic, or choose '
-                                'another --to')
+        raise ModelError('an arm description needs an elastic model, and the bundle has none',
+                         remedy='fit one with tudor fit --models analytical elastic')
     writer = _Writer(model)
     writer.physical()
     for joint, drive in elastic_drives(bundle).items():

@@ -384,7 +384,7 @@ def denser(trajectory: Trajectory, rate: float) -> Trajectory:
     """Put more points onto the splines, so that efforts follow what lies between: rate [Hz]."""
     seconds = float(trajectory.t[-1] - trajectory.t[0])
     if not 0.0 < rate < float('inf') or seconds * rate > settings.MOST_POINTS:
-        raise SignalError(f'{seconds:g} s at {rate:g} points per second; give a --rate above '
+        raise SignalError(f'{seconds:g} s at {rate:g} points per second; give a rate above '
                           f'0, low enough for {settings.MOST_POINTS} points in all')
     if len(trajectory.t) < 2:
         return trajectory

@@ -95,7 +95,7 @@ def test_loads_that_are_not_stated() -> None:
     """Which of two bags carries more."""
     finding, = _found(_bags(None, None, carried=(0.0, 1.0)))
     assert (finding.kind, finding.bag) == ('load_unknown', 'run2')
-    assert finding.what == 'the arm carries more in bag run2 than in bag run1'
+    assert finding.what == "the arm carries more in bag 'run2' than in bag 'run1'"
 
 
 def test_one_recording_twice() -> None:

@@ -132,13 +132,13 @@ def test_the_same_mass_stated_and_another_carried() -> None:
 def test_two_bags_of_one_mass_stated() -> None:
     """The one that carries more is named; how much is for the user to say."""
     assert _found([0.2, 0.2], [0.0, 1.0]) == [
-        ('load_unknown', 'run2', 'the arm carries more in bag run2 than in bag run1')]
+        ('load_unknown', 'run2', "the arm carries more in bag 'run2' than in bag 'run1'")]
 
 
 def test_the_lighter_bag_comes_second() -> None:
     """Which one is heavier does not depend on their order."""
     assert _found([None, None], [1.0, 0.0]) == [
-        ('load_unknown', 'run1', 'the arm carries more in bag run1 than in bag run2')]
+        ('load_unknown', 'run1', "the arm carries more in bag 'run1' than in bag 'run2'")]
 
 
 def test_two_bags_of_two_masses_cannot_be_judged() -> None:

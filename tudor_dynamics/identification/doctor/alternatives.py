@@ -164,13 +164,13 @@ def directions(case: Case) -> Iterator[Alternative]:
         flip = _scaled(len(names), i, -1.0)
         turned = [{'effort': flip}] if i in shared else []
         if len(case.now) > 1:
-            moved = _moved(case, 'joint_sign', (name,), flip, f'position of {name} '
+            moved = _moved(case, 'joint_sign', (name,), flip, f'position of {name!r} '
                            'increases against its axis in the URDF or D-H rows', -1.0)
             for mixed in ({}, *turned):
                 yield replace(moved, mixed=mixed)
         for mixed in turned:
             yield Alternative(
-                case, 'effort_sign', (name,), case.usual, f'effort of {name} has the opposite '
+                case, 'effort_sign', (name,), case.usual, f'effort of {name!r} has the opposite '
                 'sign of what motion and gravity need', '', -1.0, mixed)
 
 
@@ -182,7 +182,7 @@ def scales(case: Case) -> Iterator[Alternative]:
     for i, name in enumerate(names):
         for scale in settings.JOINT_SCALES if case.moves[i] else ():
             yield _moved(case, 'joint_scale', (name,), _scaled(len(names), i, scale),
-                         f'joint {name} moves about {scale:.3g} times as far as its positions say',
+                         f'joint {name!r} moves {scale:.3g} times as far as its positions say',
                          scale)
 
 
@@ -226,7 +226,7 @@ def bends(case: Case) -> Iterator[Alternative]:
         name = case.arm.active_joints[i]
         how = f'drifts by {-size.real:.2g} rad during the bag' if not turn else (
             f'has an error of up to {abs(size):.2g} rad that repeats {turn:g} times a turn')
-        yield Alternative(case, kind, (name,), explained, f'position of {name} {how}', '',
+        yield Alternative(case, kind, (name,), explained, f'position of {name!r} {how}', '',
                           abs(size), mended=partial(_straightened, joint=i, turn=turn, size=size))
 
 
@@ -290,13 +290,13 @@ def exchanges(case: Case) -> Iterator[Alternative]:
         for what, mixed in ([('positions', {}), ('names', {'effort': swap})]
                             if 'effort' in case.outputs else [('names', {})]):
             yield replace(moved, mixed=mixed,
-                          what=f'{what} of joints {names[i]} and {names[j]} are exchanged')
+                          what=f'{what} of joints {names[i]!r} and {names[j]!r} are exchanged')
     for output, what in (('effort', 'efforts'), ('strain', 'gauges')):
         if output in case.outputs:
             names = case.bodies[output].channels
             for i, j in combinations(range(len(names)), 2):
                 yield Alternative(case, f'{what}_exchanged', (names[i], names[j]), case.usual,
-                                  f'{output}s of {names[i]} and {names[j]} are exchanged',
+                                  f'{output}s of {names[i]!r} and {names[j]!r} are exchanged',
                                   mixed={output: _swapped(len(names), i, j)})
 
 
@@ -311,7 +311,7 @@ def units(case: Case) -> Iterator[Alternative]:
             other = {1e3: f'm{unit}', 1e-3: f'k{unit}'}.get(size, 'A' if unit != 'A' else 'N m')
             yield Alternative(
                 case, 'effort_unit', (joint.name,), case.usual,
-                f'effort of {joint.name} is {size:.3g} times as large as the other efforts '
+                f'effort of {joint.name!r} is {size:.3g} times as large as the other efforts '
                 f'suggest: its unit seems to be {other}, not {unit}', '', size,
                 {'effort': _scaled(len(case.arm.joints), i, 1.0 / scale)})
 
@@ -327,7 +327,7 @@ def drives(case: Case) -> Iterator[Alternative]:
                         or np.count_nonzero(arm.coupling[:, i]) > 1)
         alone = arm.changed(couplings=None)
         yield Alternative(case, 'coupling_wrong', coupled, case.explained(arm=alone),
-                          f'the data show no coupling between {" and ".join(coupled)}', '',
+                          f'the data show no coupling of {" and ".join(map(repr, coupled))}', '',
                           0.0, arm=alone)
         return
     for i, joint in enumerate(names):
@@ -348,7 +348,7 @@ def _coupled(
     arm = case.arm.changed(couplings=couplings)
     return Alternative(
         case, 'coupling_missing', (motor, joint), case.explained(arm=arm),
-        f'{joint} also turns the motor of {motor} {"forwards" if ratio > 0.0 else "backwards"}; '
+        f'{joint!r} also turns the motor of {motor!r} {"forwards" if ratio > 0 else "backwards"}; '
         f'the bag has positions and efforts of the {at}', 'add to the arm description: couplings: '
         f'{{pairs: [{{motor: {motor}, joint: {joint}, ratio: {ratio:g}}}], '
         f'positions: {at}, efforts: {at}}}', ratio, arm=arm)
@@ -395,7 +395,7 @@ def opposite(case: Case, hinted: Mapping[int, float]) -> list[Finding]:
     if hinted:
         names = case.arm.active_joints
         return [found(
-            'effort_sign', f'effort and position of {names[i]} have opposite signs: '
+            'effort_sign', f'effort and position of {names[i]!r} have opposite signs: '
             'friction would drive the joint, not brake it', case.recording.path, (names[i],),
             size=-1.0, now=power, otherwise=-power, measure='correlation of friction and speed',
             remedy='change the sign of the effort in the driver, or that of the position')
@@ -426,7 +426,7 @@ def _gauges_turned(case: Case) -> list[Finding]:
             together = float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
             if together < -1.0 + settings.AGAINST / case.brevity:
                 findings.append(found(
-                    'gauge_sign', f'gauge {gauge.name} and effort of {gauge.joint} have '
+                    'gauge_sign', f'gauge {gauge.name!r} and effort of {gauge.joint!r} have '
                     'opposite signs', case.recording.path, (gauge.name,), size=-1.0,
                     now=together, otherwise=-together, measure='correlation of gauge and effort',
                     remedy='change the sign of the gauge in its driver, or that of the effort'))

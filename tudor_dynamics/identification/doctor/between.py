@@ -136,7 +136,7 @@ def _scales(cases: Sequence[Case], pairs: Pairs, output: str) -> list[Finding]:
     for (j, of_unit), found_there in scaled.items():
         names = tuple(name for name, _ in found_there)
         here, there = cases[j].recording.path, cases[0 if j else 1].recording.path
-        what = f'{"effort of" if output == "effort" else "gauge"} {", ".join(names)}'
+        what = f'{"effort of" if output == "effort" else "gauge"} {", ".join(map(repr, names))}'
         size = float(np.median([size for _, size in found_there])) if of_unit else -1.0
         kind, text, remedy = (
             f'{output}_unit', f'is {size:.3g} times as large as in {there}: the units differ',
@@ -223,8 +223,8 @@ def _heavier(
         if differs and differ[j, i] and change[i, j] * change[j, i] < 0.0:
             heavy, light = (j, i) if change[i, j] > 0.0 else (i, j)
             return [found(
-                'load_unknown', f'the arm carries more in bag {names[heavy]} than in bag '
-                f'{names[light]}',
+                'load_unknown', f'the arm carries more in bag {names[heavy]!r} than in bag '
+                f'{names[light]!r}',
                 names[heavy], remedy='state the payload of each bag with tudor fit --payload-of '
                 'BAG=KG, or fit each bag separately')]
     return []

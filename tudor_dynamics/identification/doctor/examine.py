@@ -94,8 +94,8 @@ def _gauges(arm: Arm) -> tuple[list[Finding], Arm]:
             continue
         limit = length or settings.LONGEST_ARM
         kind, what = 'gauge_beyond_link', (
-            f'distance of gauge {gauge.name} is {gauge.distance:.4g} m, but the link of joint '
-            f'{gauge.joint} is no longer than {limit:.4g} m')
+            f'distance of gauge {gauge.name!r} is {gauge.distance:.4g} m, but the link of joint '
+            f'{gauge.joint!r} is no longer than {limit:.4g} m')
         if gauge.distance > 1.0 and gauge.distance / 1000.0 <= limit:
             kind, what = 'gauge_in_millimetres', f'{what}: the distance seems to be in mm'
             content['distance'] = gauge.distance / 1000.0
@@ -169,7 +169,7 @@ def changed_gauges(case: Case, predicted: FloatArray) -> list[Finding]:
         sure[i] &= abs(value) > max(least, settings.GAUGE_SURE * std)
         effect[i] = float(np.sqrt(np.mean((value * ways[zero][:, 0]) ** 2))) / size
         said.append(found(
-            'gauge_zero' if zero else 'gauge_gain', f'gauge {gauge.name} ' + (
+            'gauge_zero' if zero else 'gauge_gain', f'gauge {gauge.name!r} ' + (
                 f'is off by {value:+.3g} +- {std:.1g} {gauge.unit} from' if zero else
                 f'reads {1.0 + value:.3f} +- {std:.3f} times') + ' what the model predicts',
             case.recording.path, (gauge.name,), size=value if zero else 1.0 + value))
@@ -240,8 +240,8 @@ def not_listed(arm: Arm, recording: Recording) -> list[Finding]:
     most, span = max(moved.items(), key=lambda item: item[1])
     unit = arm.position_units[most]
     return [replace(found(
-        'joint_not_listed', f'moving, but not active in the arm description: {", ".join(moved)} '
-        f'({most} by {span:.3g} {unit})', recording.path, tuple(moved), size=span), unit=unit)]
+        'joint_not_listed', f'moving, but not active: {", ".join(map(repr, moved))} ({most!r} by '
+        f'{span:.3g} {unit})', recording.path, tuple(moved), size=span), unit=unit)]
 
 
 def rings_on(arm: Arm, recording: Recording) -> list[Finding]:
@@ -254,7 +254,7 @@ def rings_on(arm: Arm, recording: Recording) -> list[Finding]:
     joint = arm.joints[loudest]
     return [found('rings', f'the arm rings at {ring.frequency:.2f} Hz after motion, damping ratio '
                   f'{ring.damping:.3f}, amplitude {size[loudest]:.2g} {joint.effort.unit} in the '
-                  f'effort of {joint.name}', recording.path, size=ring.frequency, remedy=(
+                  f'effort of {joint.name!r}', recording.path, size=ring.frequency, remedy=(
                       f'shape the motion with tudor shape --frequency {ring.frequency:.2f} '
                       f'--damping {ring.damping:.3f}'))]
 
@@ -438,7 +438,7 @@ def trends(chosen: Alternative) -> list[Finding]:
             channel, y = case.bodies[name].channels[i], output[:, i]
             dead = _dies(explained, i, t, y)
             if dead is not None:
-                what = f'{SINGULAR[name]} {channel} stops following the motion at {dead:.2f} s'
+                what = f'{SINGULAR[name]} {channel!r} stops following the motion at {dead:.2f} s'
                 findings.append(found(
                     'dying', what, case.recording.path, (channel,), time=dead,
                     size=float(t[-1]) - dead, remedy=until(case.recording, dead)))
@@ -473,9 +473,9 @@ def _at_once(findings: list[Finding]) -> list[Finding]:
     names, at = tuple(item.channels[0] for item in steps), float(np.median(times))
     most = max(steps, key=lambda item: item.now or 0.0)
     return [item for item in findings if item not in steps] + [found(
-        'payload_changed', f'readings of {", ".join(names)} change together at about {at:.1f} s: '
-        'a load was probably picked up or put down', most.bag, names, time=at, now=most.now,
-        otherwise=most.otherwise)]
+        'payload_changed', f'readings of {", ".join(map(repr, names))} change together at '
+        f'{at:.1f} s: a load was probably picked up or put down', most.bag, names, time=at,
+        now=most.now, otherwise=most.otherwise)]
 
 
 def _dies(explained: Explained, channel: int, t: FloatArray, y: FloatArray) -> float | None:
@@ -521,7 +521,7 @@ def _found(
 ) -> Finding:
     """Say what is odd about a channel: shares of its variance that remain now, and otherwise."""
     label = chosen.case.bodies[name].channels[channel]
-    return found(kind, f'{SINGULAR[name]} {label} {what}', chosen.case.recording.path, (label,),
+    return found(kind, f'{SINGULAR[name]} {label!r} {what}', chosen.case.recording.path, (label,),
                  time=time, size=size, now=float(np.sqrt(now)),
                  otherwise=None if otherwise is None else float(np.sqrt(otherwise)))
 
@@ -735,7 +735,7 @@ def _said(name: str, channels: tuple[str, ...], delay: Delay) -> str:
     """Say what comes late, and by how much."""
     late, what = delay.size > 0.0, PLURAL[name]
     if channels:
-        what = f'{"velocity of" if name == "velocity" else SINGULAR[name]} {", ".join(channels)}'
+        what = f'{SINGULAR.get(name, "velocity of")} {", ".join(map(repr, channels))}'
     more = '' if not delay.rate else (f' at first, and get {1e3 * abs(delay.rate):.2g} ms '
                                       f'{"later" if delay.rate > 0.0 else "earlier"} each second')
     return (f'{what} {"lag" if late else "lead"}{"s" * bool(channels)} the positions by '

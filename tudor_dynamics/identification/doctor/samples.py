@@ -52,7 +52,7 @@ class Channel:
 
     def found(self, kind: str, what: str, time: float, size: float, remedy: str = '') -> Finding:
         """Say what it does."""
-        return found(kind, f'{SINGULAR[self.field]} {self.name}{what}', self.bag, (self.name,),
+        return found(kind, f'{SINGULAR[self.field]} {self.name!r}{what}', self.bag, (self.name,),
                      time=time, size=size, remedy=remedy)
 
 
@@ -107,7 +107,7 @@ def look_at_readings(recording: Recording, items: Sequence[Channel]) -> list[Fin
 
 def _copies(items: Sequence[Channel]) -> list[Finding]:
     """Find channels that give what another one gives."""
-    return [replace(other.found('copied_channel', f' equals {SINGULAR[one.field]} {one.name}',
+    return [replace(other.found('copied_channel', f' equals {SINGULAR[one.field]} {one.name!r}',
                                 0.0, 0.0), channels=(one.name, other.name))
             for one, other in combinations(items, 2) if one.field == other.field != 'q'
             and np.ptp(one.values) > 0.0 and np.std(one.values - other.values) < (
@@ -233,8 +233,8 @@ def sizes(case: Case) -> list[Finding]:
             if (strain := x / STRAIN_SCALE.get(gauge.unit, math.inf)) > settings.LARGEST_STRAIN}
     most = max(over.values(), default=0.0)
     return _efforts(case) if not over else [*_efforts(case), found(
-        'strain_unit', f'gauge {", ".join(over)} reads {100.0 * most:.3g} % strain, which no link '
-        'survives: its unit must be another one', case.recording.path, tuple(over),
+        'strain_unit', f'gauge {", ".join(map(repr, over))} reads {100.0 * most:.3g} % strain, '
+        'which no link survives: its unit must be another one', case.recording.path, tuple(over),
         size=1e3 if most < 1e3 * settings.LARGEST_STRAIN else 1e6)]
 
 
@@ -262,8 +262,8 @@ def _efforts(case: Case) -> list[Finding]:
     most = max(over, key=lambda i: largest[i] / bounds[i])
     now = float(largest[most])
     return [found(
-        'effort_unit', f'effort of {", ".join(chosen)} reaches {now:.4g} {units[most]} (limit '
-        f'{bounds[most]:.4g}): it looks like m{units[most]}', case.recording.path, chosen,
+        'effort_unit', f'effort of {", ".join(map(repr, chosen))} reaches {now:.4g} {units[most]} '
+        f'(limit {bounds[most]:.4g}): it looks like m{units[most]}', case.recording.path, chosen,
         size=1000.0, now=now, otherwise=now / 1000.0, measure='largest effort')]
 
 
@@ -445,5 +445,5 @@ def oddities(recording: Recording) -> list[Finding]:
         for item in recording.oddities.set_backs]
     zero = recording.oddities.zero_velocities
     return findings if not zero else [*findings, found(
-        'velocity_zeros', f'velocities of {", ".join(zero)} are all zero, though the joints '
-        'move; no velocities of this bag are used', recording.path, zero, time=0.0, size=0.0)]
+        'velocity_zeros', f'velocities of {", ".join(map(repr, zero))} are all zero, though joints'
+        ' move; no velocities of this bag are used', recording.path, zero, time=0.0, size=0.0)]

@@ -197,7 +197,7 @@ class DrivenArm:
             np.ascontiguousarray(q), np.ascontiguousarray(dt), self.inner, self.loaded,
             np.ascontiguousarray(measured), gains, moment, torque, *self.arrays)
         if done < n:
-            msg = (f'{self.arm.name}: the elastic model '
+            msg = (f'arm {self.arm.name!r}: the elastic model '
                    + (f'finds no equilibrium at q = {np.round(q[done], 3).tolist()}'
                       if dt[done] <= 0.0 else f'diverges after {done} of {n} samples')
                    + '; check stiffness, masses and units in the arm description')
@@ -291,8 +291,8 @@ class DrivenArm:
         finally:
             self._physics.lag = lag
         if done < len(q):
-            raise SimulationError(f'{self.arm.name}: the elastic model diverges after {done} '
-                                  'samples; check stiffness, masses, units in the arm description')
+            raise SimulationError(f'arm {self.arm.name!r}: the elastic model diverges after '
+                                  f'{done} samples; check stiffness, masses, units of the arm')
         return gains
 
     def ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
@@ -387,7 +387,7 @@ def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray
             [arm], list(group), np.full(group.shape[1], dt),
             [np.zeros((group.shape[1], 0))], NO_GAINS)
         if done < group.shape[1]:
-            raise SimulationError(f'{arm.arm.name}: the elastic model diverges after {done} '
+            raise SimulationError(f'arm {arm.arm.name!r}: the elastic model diverges after {done} '
                                   'samples of a planned motion; fit it to bags with such motion')
         found.append(np.moveaxis(moment, -1, 0)[:len(group)])
     moments = np.concatenate(found)

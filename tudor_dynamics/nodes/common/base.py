@@ -132,7 +132,7 @@ class ClockWatch:
             return ''
         where, most = ('in the future', EARLY) if self.age < 0.0 else ('in the past', OLD)
         return (f'stamps on {topic} are {abs(self.age):.3g} s {where} (limit {most:g} s): '
-                'synchronise the clocks of node and driver, and give all nodes one use_sim_time')
+                'synchronise the clocks of node and driver; all nodes need the same use_sim_time')
 
 
 UNUSABLE = {
@@ -352,15 +352,17 @@ class TudorNode(Node):
             f'{len(sources)} publishers send positions on {positions}, from nodes named '
             f'{", ".join(dict.fromkeys(sources))}; stop all but one'))
 
+    def _named(self, text: str) -> str:
+        """Give services of this node the names by which they are called."""
+        return text.replace('service ~', f'service {self.get_fully_qualified_name()}')
+
     def serve(self, name: str, action: Callable[[], str]) -> None:
         """Offer a Trigger service."""
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
-                response.message = action()
-                response.success = True
+                response.message, response.success = self._named(action()), True
             except TudorError as err:
-                response.message = str(err)
-                response.success = False
+                response.message, response.success = self._named(str(err)), False
             return response
         self.create_service(Trigger, name, answer)
 
@@ -440,7 +442,7 @@ class TudorNode(Node):
             return ''
         cause, count = since.most_common(1)[0]
         text = UNUSABLE[cause].format(on=self.about()['hears'].replace(' ', ' or '))
-        return f'cannot use {count} messages of the last second ({cause}): {text}'
+        return f'cannot use {count} messages of the last second: {text}'
 
     def publish_diagnostics(self, extra: DiagnosticStatus | None = None) -> None:
         """Publish the state of the node; called once a second."""
@@ -450,6 +452,10 @@ class TudorNode(Node):
             level, message = WARN, unusable
         elif self._unknown:  # it may be why nothing arrives
             message = f'{message}{ALSO}{self._unknown}'
+        message, *others = self._named(message).split(ALSO)
+        more |= {f'problem {number}': text for number, text in enumerate(others, 2)}
+        if others:
+            message += f" ({len(others)} more: see the key 'problem 2' on {DIAGNOSTICS})"
         values = {**self.meter.report(), **more}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,

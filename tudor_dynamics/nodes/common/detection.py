@@ -295,7 +295,7 @@ class DetectNode(ModelNode):
                 'state': {**values, 'message': message,
                           'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
-            self.keep(record | {'memory': {
+            self.keep(record | {'states': {
                 name: one.before(event.stamp) for name, one in self._chain.memories.items()}})
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
@@ -323,7 +323,7 @@ class DetectNode(ModelNode):
             raise TudorError(f'cannot calibrate: {self.fault or "no model is loaded"}')
         if self.meter.stale(float(self.value('timeout'))):
             raise TudorError('cannot calibrate: no samples arrive', remedy='start the driver of '
-                             'the arm, then call ~/calibrate again')
+                             'the arm, then call the service ~/calibrate again')
         seconds = float(self.value('calibration_time'))
         self._calibration = Calibration(
             {method: self.bundle.arm.channels[SOURCE[method]] for method in self.watch.methods},
@@ -345,13 +345,13 @@ class DetectNode(ModelNode):
             def take() -> None:
                 if self.bundle is bundle and self.watch is not None:
                     self.watch.use_thresholds(learned, settings)
-                    self._note = ('thresholds of ~/calibrate are in use; loading a model drops '
-                                  'them: then call it again, or fit it with bags of this motion')
+                    self._note = ('thresholds of the service ~/calibrate are in use until a model '
+                                  'is loaded; to keep them, fit a model with bags of this motion')
             return take
 
         def refuse(why: str) -> None:
             self._note = ('calibration failed, the previous thresholds stay in use: '
-                          f'{why}, and call ~/calibrate again while it moves')
+                          f'{why}, and call the service ~/calibrate again while it moves')
             self.get_logger().error(self._note)
         self.in_background(learn, refuse)
 
@@ -380,7 +380,7 @@ class DetectNode(ModelNode):
                   text if verdict.level is CoverageLevel.NONE else '']
         warnings = [
             text, self._unserved, watch.outside_training,
-            '' if 'no_thresholds)' in text and 'no thresholds' in self._note else self._note,
+            '' if 'no thresholds' in text and 'no thresholds' in self._note else self._note,
             f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
             'namespace, or remap the topic' if rivals else '']
         own, said = next(((of, ALSO.join(filter(None, texts))) for of, texts in (

@@ -52,13 +52,13 @@ def tolerances_of(goal: Any, names: Sequence[str], default: Tolerances) -> Toler
         bounds = np.array(np.broadcast_to(bound, len(names)))
         for item in getattr(goal, field):
             if item.name not in names:
-                raise SignalError(f'{WRONG_JOINTS}: {field} has the unknown joint {item.name}',
+                raise SignalError(f'{WRONG_JOINTS}: {field} has the unknown joint {item.name!r}',
                                   remedy=f'the joints are {", ".join(names)}')
             if item.velocity > 0.0 or item.acceleration > 0.0:
-                raise SignalError(f'{field} of {item.name}: only positions are checked',
+                raise SignalError(f'{field} of {item.name!r}: only positions are checked',
                                   remedy='leave its velocity and acceleration 0')
             if not (item.position >= 0.0 or item.position == -1.0):
-                raise SignalError(f'{field} of {item.name} has the position {item.position:g}',
+                raise SignalError(f'{field} of {item.name!r} has the position {item.position:g}',
                                   remedy='give a bound above 0 [rad or m], 0 for the default, '
                                          'or -1 for none')
             if item.position:

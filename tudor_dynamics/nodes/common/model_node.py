@@ -231,7 +231,7 @@ class ModelNode(TudorNode):
     def _reload(self) -> str:
         """Load beside the running model, and answer at once: the diagnostics have the outcome."""
         if self._loader is not None:
-            raise TudorError('still loading a model or thresholds; call ~/reload again later')
+            raise TudorError('still loading a model or thresholds; call the service again later')
 
         def load() -> Callable[[], None]:
             whole = self._load()
@@ -246,7 +246,7 @@ class ModelNode(TudorNode):
 
         def refuse(why: str) -> None:
             self._reload_fault = why
-            self.get_logger().error(f'reload refused: {why}; correct this, then call ~/reload')
+            self.get_logger().error(f'model not loaded: {why}; then call the service ~/reload')
         self.in_background(load, refuse)
         return f'loading {self.source}'
 
@@ -299,8 +299,8 @@ class ModelNode(TudorNode):
             return level, message
         known = None if self._whole is None else self._whole.payload_range
         if known is not None and not known[0] <= self.payload <= known[1]:
-            return WARN, (f'parameter payload {self.payload:g} kg is outside the {known[0]:g} to '
-                          f'{known[1]:g} kg of the model: it extrapolates; fit it to such loads')
+            return WARN, (f'the parameter payload is {self.payload:g} kg, outside {known[0]:g} to '
+                          f'{known[1]:g} kg, which the model knows; fit a model to such loads')
         if self._reload_fault:
-            return ERROR, f'the previous model stays in use, reload refused: {self._reload_fault}'
+            return ERROR, f'reload refused, the previous model stays in use: {self._reload_fault}'
         return level, message
