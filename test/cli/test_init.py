@@ -33,7 +33,7 @@ from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.identification.drafting import draft_of, text_of
+from tudor_dynamics.identification.drafting.draft import draft_of, text_of
 import yaml
 
 

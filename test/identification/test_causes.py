@@ -147,7 +147,7 @@ def stand_ins(
     for name, stand_in in {
             'messages_of': lambda *_: [], 'carried_load': lambda how, *_: how,
             'Monitor': lambda *_, payload: SimpleNamespace(
-                payload=payload, watch=SimpleNamespace(stages={'strain': None})),
+                payload=payload, memories={}, watch=SimpleNamespace(stages={'strain': None})),
             'replay': lambda _, own: replay(own.payload),
             'CAUSES': [row for row in CAUSES if row[1] == 'load']}.items():
         monkeypatch.setattr(causes, name, stand_in)

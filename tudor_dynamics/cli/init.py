@@ -25,7 +25,7 @@ from tudor_dynamics.arm.description import arm_from_dict, OPEN, spelled
 from tudor_dynamics.cli.console import refuse_existing, say, say_command
 from tudor_dynamics.errors import printable
 from tudor_dynamics.files import other_name, write_whole
-from tudor_dynamics.identification.drafting import (
+from tudor_dynamics.identification.drafting.draft import (
     answer, Draft, draft_of, question_of, text_of)
 
 EXAMPLES = """\

@@ -203,7 +203,7 @@ PAYING_ERRORS = 2.5  # standard errors between parts that it has to win by
 PREDICTED = 0.5  # error with the remedy from which on nothing is predicted
 LIKELIEST = 3  # alternatives of several bags that are tried
 
-# -- Trends of a channel (doctor/examine.py)
+# -- Trends of a channel (doctor/residuals.py)
 DRIFT_GAIN = 0.6  # log ratio by which a line in time reduces the residual (bench/doctor)
 DRIFT_SIZE = 0.15  # least drift, in standard deviations of the channel (bench/doctor)
 WINDOWS = 20  # windows of a recording in which a channel may have died (bench/doctor)
@@ -243,7 +243,7 @@ FLAT_RUN = 3.0  # ... as many times longer than 99 % of those elsewhere (bench/d
 FLAT_SHARE = 0.004  # ... and the share of all samples there (bench/doctor)
 JOINT_SCALES = (0.5, 0.8, 1.25, 2.0)  # single for fourfold edges, gears of the next size
 RESCALED = 0.95  # part of an error that another scale may leave: what bends wins 2 % by one
-# (doctor/examine.py; chosen with bench/lab_faults)
+# (doctor/residuals.py; chosen with bench/lab_faults)
 SIGNS, SIGN_PASSES = 3, 10  # first guesses of a lost sign by what bodies do; passes each
 SIGNED = 0.5  # part of the residual's power that remains with the sign guessed (simulated arms)
 STEP_SECONDS, STEP_WITHIN = 6.0, (0.3, 0.7)  # of recordings, in which a gain or zero may change

@@ -25,8 +25,9 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.identification.doctor.examine import _spectrum, examine
+from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
+from tudor_dynamics.identification.doctor.residuals import _spectrum
 from tudor_dynamics.typing import FloatArray
 
 Change = Callable[[FloatArray, FloatArray], FloatArray]

@@ -23,8 +23,8 @@ from draft_making import JOINTS, motion, torques, urdf, write
 import pytest
 
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.identification.drafting import (
-    chain_of_table, draft_of, effort_unit, read_table, strain_unit)
+from tudor_dynamics.identification.drafting.draft import chain_of_table, draft_of, read_table
+from tudor_dynamics.identification.drafting.judging import effort_unit, strain_unit
 
 
 @pytest.mark.parametrize(('low', 'high', 'unit'), [

@@ -25,7 +25,7 @@ import pytest
 
 from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
-from tudor_dynamics.identification.drafting import draft_of, text_of
+from tudor_dynamics.identification.drafting.draft import draft_of, text_of
 import yaml
 
 LYING = urdf().replace('rpy="1.5708', 'rpy="0')
