@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from fcntl import flock, LOCK_EX
 import gc
 import os
 from pathlib import Path
@@ -60,10 +61,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         ).endswith(name)), len(LONGEST)))
 
 
-def pytest_collection_finish() -> None:
+@pytest.hookimpl(hookwrapper=True)
+def pytest_collection() -> Iterator[None]:
     """Let the collector of garbage leave alone what stays for good: a million objects."""
+    gc.disable()
+    yield
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope='session')
@@ -79,6 +84,21 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f'no recordings in {folder}; TUDOR_SHARED_DATA names another folder')
     return folder
+
+
+@pytest.fixture(scope='session')
+def two_blades(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Fit the sample bags, once for all workers; the others wait, and take what is there."""
+    import tudor_dynamics as td
+    own = tmp_path_factory.getbasetemp()
+    folder = own.parent if 'PYTEST_XDIST_WORKER' in os.environ else own
+    with (folder / 'two_blades.lock').open('w') as file:
+        flock(file, LOCK_EX)
+        if not (folder / 'two_blades').exists():  # written as a whole, or not at all
+            td.fit([root / f'bags/two_blade_train_{k}' for k in (1, 2)],
+                   td.load_arm(root / 'config/two_blade_arm.yaml'), out=folder / 'two_blades',
+                   settings=td.FitSettings(kinds=('analytical',)))
+    return folder / 'two_blades'
 
 
 @pytest.fixture

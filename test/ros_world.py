@@ -35,7 +35,6 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from tudor_dynamics.arm.description import load_arm  # noqa: E402
 from tudor_dynamics.bags.reader import read_recording  # noqa: E402
 from tudor_dynamics.bags.recording import Recording  # noqa: E402
-from tudor_dynamics.cli.main import main  # noqa: E402
 from tudor_dynamics.nodes.common.messages import floats, nanoseconds, time_message  # noqa: E402
 from tudor_dynamics.nodes.common.runner import new_executor  # noqa: E402
 
@@ -243,12 +242,9 @@ def world() -> Iterator[World]:
 
 
 @pytest.fixture(scope='session')
-def model(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def model(two_blades: Path) -> Path:
     """Model of the sample bags."""
-    out = tmp_path_factory.mktemp('nodes') / 'model'
-    assert main(['fit', str(root / 'bags/two_blade_train_1'), str(root / 'bags/two_blade_train_2'),
-                 '--arm', str(root / 'config/two_blade_arm.yaml'), '--out', str(out)]) == 0
-    return out
+    return two_blades
 
 
 @pytest.fixture(scope='session')

@@ -20,7 +20,6 @@ from pathlib import Path
 import threading
 
 import pytest
-import tudor_dynamics as td
 from tudor_dynamics.cli import console
 
 
@@ -31,10 +30,6 @@ def unwatched(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope='session')
-def model(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Fit the sample bags."""
-    out = tmp_path_factory.mktemp('sample') / 'model'
-    td.fit([root / f'bags/two_blade_train_{k}' for k in (1, 2)],
-           td.load_arm(root / 'config/two_blade_arm.yaml'), out=out,
-           settings=td.FitSettings(kinds=('analytical',)))
-    return out
+def model(two_blades: Path) -> Path:
+    """Model of the sample bags."""
+    return two_blades

@@ -24,7 +24,6 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from tudor_dynamics.cli.main import main
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, warm_up
 
@@ -33,13 +32,9 @@ PERIOD = 1_000_000
 
 
 @pytest.fixture(scope='module')
-def bundle(root: Path, tmp_path_factory: pytest.TempPathFactory) -> ModelBundle:
+def bundle(two_blades: Path) -> ModelBundle:
     """Model of the sample bags."""
-    out = tmp_path_factory.mktemp('memory') / 'model'
-    assert main(['fit', str(root / 'bags/two_blade_train_1'), str(root / 'bags/two_blade_train_2'),
-                 '--arm', str(root / 'config/two_blade_arm.yaml'), '--models', 'analytical',
-                 '--out', str(out)]) == 0
-    return load_bundle(out)
+    return load_bundle(two_blades)
 
 
 class Life:
