@@ -30,9 +30,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from tudor_dynamics.arm.description import OPEN, open_values
-from tudor_dynamics.arm.kinematics import ExactAngles, is_prismatic, model_from_dh, model_from_urdf
+from tudor_dynamics.arm.kinematics import (
+    ExactAngles, is_prismatic, model_from_dh, model_from_urdf, read_urdf)
 from tudor_dynamics.arm.schema import one_spelling
-from tudor_dynamics.arm.urdf import read_urdf
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.messages import DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
 from tudor_dynamics.bags.reader import read_planned
