@@ -122,7 +122,8 @@ FORMATS: tuple[tuple[str, str, tuple[type, ...]], ...] = (
      'from `stamp` on, measured, expected, threshold, ratio; `state`, the diagnostics with '
      '`message` and `age [ms]` of the stamps: level, load, gauges, clocks, drops; `settings`, the '
      'parameters; `digest` of the model; `made`, versions; in the bag alone also `states`: by '
-     'part (model, load, observer, thresholds of a method) its `state` at two `stamp`s before. '
+     'part (model, load, observer, thresholds of a method) its `state` at two `stamp`s before, '
+     'and `thresholds`, those of `~/calibrate`. '
      'The topic `tudor_asked` has, in order: the load that was heard [kg], and 1 where another '
      'load was announced, or the monitor was reset. `tudor why` reads it.', ()),
     ('Recordings', 'rosbag2, MCAP or SQLite, of the topics that the arm description names. '

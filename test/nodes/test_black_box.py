@@ -269,6 +269,9 @@ def test_a_node_that_ran_for_long(
         records[0]['states'] = damaged
         with pytest.raises(BagError, match='damaged records of events'):
             causes(command)
+    records[0] |= {'states': {}, 'thresholds': {'strain': {'analytical': {'usual': []}}}}
+    with pytest.raises(BagError, match='damaged records of events'):
+        causes(command)
 
 
 def test_the_logged_step_runs_from_any_folder(

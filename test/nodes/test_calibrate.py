@@ -28,6 +28,8 @@ from std_srvs.srv import Trigger
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.cli.main import build_parser
+from tudor_dynamics.cli.why import causes
 from tudor_dynamics.nodes.monitor import MonitorNode
 
 
@@ -43,10 +45,10 @@ def calibrate(world: World) -> Trigger.Response:
     return world.call(Trigger, 'monitor/calibrate')
 
 
-def start(world: World, model: Path) -> MonitorNode:
+def start(world: World, model: Path, **more: object) -> MonitorNode:
     """Start a monitor that hears the sensors."""
     node = world.add(MonitorNode, model=str(model), methods=['strain'],
-                     timeout=20.0, calibration_time=30.0)
+                     timeout=20.0, calibration_time=30.0, **more)
     world.meet('joint_states', 'link_strains')
     return node
 
@@ -59,10 +61,10 @@ def let_pass(world: World, node: MonitorNode, recording: Recording, **how: objec
 
 
 def test_free_motion_gives_thresholds_that_find_a_push(
-    world: World, model: Path, free: Recording, recording: Recording,
+    world: World, model: Path, free: Recording, recording: Recording, tmp_path: Path,
 ) -> None:
     """Nothing comes in: refused. Half a minute of motion: other thresholds, a push is found."""
-    node = start(world, model)
+    node = start(world, model, event_bags=str(tmp_path))
     answer = calibrate(world)
     assert not answer.success and 'no samples' in answer.message
     let_pass(world, node, free, last=60)
@@ -98,6 +100,10 @@ def test_free_motion_gives_thresholds_that_find_a_push(
     assert (ratio[-len(values):] > np.abs(series(residuals, 'position')[1])[-len(values):]
             / values - 1e-9).all()
     assert {message.header.frame_id for message in (*ratios, *residuals)} == {'base'}
+    world.end(node)
+    (path,) = tmp_path.iterdir()
+    (cause,) = causes(build_parser('why').parse_args(['why', str(path)]))
+    assert (cause.event.event.onset, cause.same) == (onset, True)  # by thresholds of the service
 
 
 def test_too_little_motion_is_refused(world: World, model: Path, free: Recording) -> None:

@@ -117,4 +117,4 @@ def _print(found: Sequence[Cause], *, verbose: bool) -> None:
         if cause.same is not None:
             say('  the replay gives the event of the node to the last bit' if cause.same else
                 '  the replay comes near to the event of the node, not to the last bit: the model '
-                'is another, ~/calibrate was called, or the bag has less than the last 30 s')
+                'is another, or the bag has less than the last 30 s')

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ from tudor_dynamics.online.contact import contact_text, ContactEstimate
 from tudor_dynamics.online.detector import Excess, ExcessStage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, SOURCE
 from tudor_dynamics.online.settings import LOST_STEP, STANDING
+from tudor_dynamics.online.threshold_learning import stored_thresholds
 from tudor_dynamics.typing import FloatArray
 
 
@@ -304,14 +305,19 @@ def explain(
     records: list[dict[str, Any]],  # its events, to be explained; empty for all that come
 ) -> list[Cause]:
     """Replay what a monitor heard, and name the cause of each event."""
-    bundle = whole.beside_robot()
+    first, learned, bundle = records[0] if records else {}, None, whole.beside_robot()
     messages = messages_of(bag, bundle.arm)
 
     def monitor(how: str) -> Monitor:
-        return Monitor(bundle.at(payload), settings, payload=carried_load(how, bundle, payload))
+        return Monitor(bundle.at(payload), settings, learned,
+                       payload=carried_load(how, bundle, payload))
+    if first.get('thresholds'):  # of the service `calibrate`
+        with undamaged(bag):
+            learned = stored_thresholds(
+                replace(bundle, facts={'thresholds': first['thresholds']}), settings.kind)
     own, sensed = monitor(source), [item for item in messages if item.topic != ASKED]
     with undamaged(bag):
-        kept = records[0].get('states', {}) if records else {}
+        kept = first.get('states', {})
         for name, memory in own.memories.items():
             memory.recall(kept.get(name, ()))
     estimating = seen = replay(messages, own)

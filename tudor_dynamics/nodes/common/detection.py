@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 import json
 import math
 from pathlib import Path
@@ -49,7 +50,8 @@ from tudor_dynamics.online.monitor import (
     FIELD, Found, METHODS, Monitor, MonitorSettings, SOURCE, warm_up, Watch)
 from tudor_dynamics.online.settings import RECORD_SAMPLES
 from tudor_dynamics.online.streams import Gathering, Residual
-from tudor_dynamics.online.threshold_learning import Calibration
+from tudor_dynamics.online.threshold_learning import (
+    Calibration, stored_thresholds, thresholds_to_dict)
 from visualization_msgs.msg import Marker
 
 
@@ -173,6 +175,7 @@ class DetectNode(ModelNode):
         super().__init__(name, **kwargs)
         self.watch: Watch | None = None
         self._calibration: Calibration | None = None
+        self._learned: dict[str, Any] = {}  # thresholds of `CALIBRATE`, as facts of a bundle
         self._made = provenance()  # once: it takes 30 ms
         self.coverage = Coverage()
         self._residuals, self._thresholds, self._ratios = (
@@ -225,7 +228,7 @@ class DetectNode(ModelNode):
                 [*drops, watch.counts[output]],
                 [self._sensor_drops[output], *self.gathering[output].drops,
                  watch.pairing[output].drops], watch.settle)
-        self._calibration = None
+        self._calibration, self._learned = None, {}
         unserved = [m for m in self.value('methods') if m not in watch.methods]
         self._unserved = '' if not unserved else (
             f'methods {", ".join(unserved)}: the bundle has no model of kind {self.value("kind")} '
@@ -295,7 +298,7 @@ class DetectNode(ModelNode):
                 'state': {**values, 'message': message,
                           'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
-            self.keep(record | {'states': {
+            self.keep(record | {'thresholds': self._learned, 'states': {
                 name: one.before(event.stamp) for name, one in self._chain.memories.items()}})
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
@@ -340,11 +343,15 @@ class DetectNode(ModelNode):
         bundle, settings = self.bundle, self.settings()
 
         def learn() -> Callable[[], None]:
-            learned = calibration.learn()
+            learned = {method: {
+                'analytical' if method == 'momentum' else settings.kind: thresholds_to_dict(found)
+            } for method, found in calibration.learn().items()}
 
             def take() -> None:
-                if self.bundle is bundle and self.watch is not None:
-                    self.watch.use_thresholds(learned, settings)
+                if self.bundle is bundle is not None and self.watch is not None:
+                    self._learned = learned
+                    self.watch.use_thresholds(stored_thresholds(
+                        replace(bundle, facts={'thresholds': learned}), settings.kind), settings)
                     self._note = ('thresholds of the service ~/calibrate are in use until a model '
                                   'is loaded; to keep them, fit a model with bags of this motion')
             return take
