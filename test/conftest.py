@@ -91,7 +91,7 @@ def two_blades(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Fit the sample bags, once for all workers; the others wait, and take what is there."""
     import tudor_dynamics as td
     own = tmp_path_factory.getbasetemp()
-    folder = own.parent if 'PYTEST_XDIST_WORKER' in os.environ else own
+    folder = own.parent if own.name.startswith('popen-') else own  # of all workers
     with (folder / 'two_blades.lock').open('w') as file:
         flock(file, LOCK_EX)
         if not (folder / 'two_blades').exists():  # written as a whole, or not at all

@@ -121,8 +121,8 @@ FORMATS: tuple[tuple[str, str, tuple[type, ...]], ...] = (
      '(q, dq, ddq of the active joints); `last_second`, of `channel`, at most 50 rows of seconds '
      'from `stamp` on, measured, expected, threshold, ratio; `state`, the diagnostics with '
      '`message` and `age [ms]` of the stamps: level, load, gauges, clocks, drops; `settings`, the '
-     'parameters; `digest` of the model; `made`, versions; in the bag alone also `states`: by '
-     'part (model, load, observer, thresholds of a method) its `state` at two `stamp`s before, '
+     'parameters; `digest` of the model; `made`, versions. The key `tudor_states` has, by '
+     'part (model, load, observer, method), its `state` at two `stamp`s before the first event, '
      'and `thresholds`, those of `~/calibrate`. '
      'The topic `tudor_asked` has, in order: the load that was heard [kg], and 1 where another '
      'load was announced, or the monitor was reset. `tudor why` reads it.', ()),

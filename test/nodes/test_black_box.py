@@ -38,10 +38,12 @@ from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.main import build_parser, main
 from tudor_dynamics.cli.why import causes
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.identification.causes import explain
 from tudor_dynamics.models.bundle import load_bundle, save_bundle
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.monitor import MonitorNode, OFF
-from tudor_dynamics.online.black_box import EVENTS, records_of
+from tudor_dynamics.online.black_box import EVENTS, records_of, STATES
+from tudor_dynamics.online.monitor import MonitorSettings
 from tudor_dynamics.typing import FloatArray
 import yaml
 
@@ -254,24 +256,28 @@ def test_a_node_that_ran_for_long(
     command = build_parser('why').parse_args(['why', str(path)])
     assert [item.same for item in causes(command)] == [True]
     records = records_of(bag)
-    kept = records[0]['states']
-    assert {*kept} == {'strain', 'effort', 'load', 'observer', 'model'}
-    assert len(kept['strain']) == 2 and kept['load'] == []
-    monkeypatch.setattr('tudor_dynamics.cli.why.records_of', lambda _: records)
+    kept = json.loads(bag.metadata.custom[STATES])
+    assert {*kept} == {'strain', 'effort', 'load', 'observer', 'model', 'thresholds'}
+    assert len(kept['strain']) == 2 and kept['load'] == [] and kept['thresholds'] == {}
+    settings, bundle = MonitorSettings.of(records[0]['settings']), load_bundle(model)
+
+    def same(states: Any) -> list[bool | None]:
+        custom = {**bag.metadata.custom, STATES: json.dumps(states)}
+        other = replace(bag, metadata=replace(bag.metadata, custom=custom))
+        return [cause.same for cause in explain(
+            other, bundle, settings, 'parameter', 0.0, records)]
+    assert same(kept) == [True]
     one = deepcopy(kept['strain'][1])
     levels = kept['strain'][1]['state'][0]
     levels[0] = [3.0 * level for level in levels[0]]
-    assert [item.same for item in causes(command)] != [True]
-    for damaged in (7, [], {'strain': 7}, {'strain': [{'stamp': 1}]}, *(
+    assert same(kept) != [True]
+    for damaged in (7, [], {'strain': 7}, {'strain': [{'stamp': 1}]}, {
+            'thresholds': {'strain': {'analytical': {'usual': []}}}}, *(
             {'strain': [{**one, 'state': state}]}
             for state in (7, [], [[[1.0], [1.0, 2.0]], *one['state'][1:]],
                           [*one['state'][:2], [2**80] * len(one['state'][2])]))):
-        records[0]['states'] = damaged
         with pytest.raises(BagError, match='damaged records of events'):
-            causes(command)
-    records[0] |= {'states': {}, 'thresholds': {'strain': {'analytical': {'usual': []}}}}
-    with pytest.raises(BagError, match='damaged records of events'):
-        causes(command)
+            same(damaged)
 
 
 def test_the_logged_step_runs_from_any_folder(

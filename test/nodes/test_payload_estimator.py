@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import json
 from pathlib import Path
 import re
 from typing import Any
@@ -39,7 +40,8 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.main import build_parser
 from tudor_dynamics.cli.why import causes
-from tudor_dynamics.identification.causes import replay
+from tudor_dynamics.errors import BagError
+from tudor_dynamics.identification.causes import explain, replay
 from tudor_dynamics.load.live import carried_load
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
@@ -50,7 +52,8 @@ from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.payload_estimator import PayloadEstimatorNode
-from tudor_dynamics.online.black_box import ASKED, Heard, messages_of, records_of
+from tudor_dynamics.online.black_box import (
+    ASKED, Heard, messages_of, records_of, STATES)
 from tudor_dynamics.online.coverage import CoverageLevel, CoverageReport
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.online.threshold_learning import thresholds_to_dict
@@ -155,7 +158,7 @@ def test_contacts_that_go_unseen(
     monkeypatch.setattr(MonitorNode, 'verdict', lambda self: (WARN, 'samples are lost'))
     assert node.verdict() == (WARN, 'samples are lost')
     node.coverage.verdict = CoverageReport(CoverageLevel.PARTIAL, 'samples are lost')
-    assert node.verdict() == (WARN, 'a touch may be taken for a load, as samples are lost')
+    assert node.verdict() == (WARN, 'a touch may be taken for a load: samples are lost')
 
 
 def test_without_a_scale(world: World, model: Path) -> None:
@@ -291,8 +294,17 @@ def test_a_load_of_long_ago(
     assert 1000 < bag.topics['/link_strains'].count < 1300  # its begin has gone
     records = records_of(bag)
     assert [item.same for item in causes(command)] == [True] * len(records) != []
-    assert records[0]['states'].pop('load')
-    monkeypatch.setattr('tudor_dynamics.cli.why.records_of', lambda _: records)
+    states = json.loads(bag.metadata.custom[STATES])
+    inner = states['load'][0]['state']['observer']
+    for damage in ({'_kept': []}, {'_recent': {**inner['_recent'], '_full': 10**6}}):
+        damaged = {**states['load'][0], 'state': {
+            **states['load'][0]['state'], 'observer': {**inner, **damage}}}
+        custom = {**bag.metadata.custom, STATES: json.dumps({**states, 'load': [damaged]})}
+        with pytest.raises(BagError, match='damaged records'):
+            explain(replace(bag, metadata=replace(bag.metadata, custom=custom)),
+                    load_bundle(bundle), MonitorSettings.of(records[0]['settings']), 'estimate',
+                    0.0, records)
+    monkeypatch.setattr('tudor_dynamics.identification.causes.STATES', 'none')
     assert [item.same for item in causes(command)] != [True] * len(records)
 
 

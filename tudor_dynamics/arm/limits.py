@@ -231,8 +231,8 @@ class SelfCollision:
         if capsules:
             self.note += f' and {capsules} capsules of {radius:g} m from joint to joint'
         if missing:
-            self.note += (f'; {len(missing)} shapes are left out, as their meshes are not there '
-                          f'({missing[0]}{", ..." if len(missing) > 1 else ""}): name a folder')
+            self.note += (f'; {len(missing)} shapes are left out, as their meshes are not there ('
+                          f'{missing[0]}{", ..." if len(missing) > 1 else ""}): name their folder')
         if left_out:
             self.note += f'; {left_out} pairs overlap always, or are taken out by the SRDF'
 

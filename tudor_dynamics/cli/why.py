@@ -116,5 +116,5 @@ def _print(found: Sequence[Cause], *, verbose: bool) -> None:
                 f'{name} {ratio:.2f}' for name, ratio in seen.event.ratios.items()))
         if cause.same is not None:
             say('  the replay gives the event of the node to the last bit' if cause.same else
-                '  the replay comes near to the event of the node, not to the last bit: the model '
-                'is another, or the bag has less than the last 30 s')
+                '  the replay comes near to the event of the node, not to the last bit: model '
+                'or payload differ, or the bag is of another version or of less than 25 s')

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+import json
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,8 @@ from tudor_dynamics.identification.settings import (
     SHARED_TOUCH, STARTED, STOOD_BEFORE, SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.online.black_box import ASKED, Heard, messages_of, replayed, undamaged
+from tudor_dynamics.online.black_box import (
+    ASKED, Heard, messages_of, replayed, STATES, undamaged)
 from tudor_dynamics.online.contact import contact_text, ContactEstimate
 from tudor_dynamics.online.detector import Excess, ExcessStage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, SOURCE
@@ -305,22 +307,24 @@ def explain(
     records: list[dict[str, Any]],  # its events, to be explained; empty for all that come
 ) -> list[Cause]:
     """Replay what a monitor heard, and name the cause of each event."""
-    first, learned, bundle = records[0] if records else {}, None, whole.beside_robot()
+    learned, states, bundle = None, {}, whole.beside_robot()
     messages = messages_of(bag, bundle.arm)
 
     def monitor(how: str) -> Monitor:
         return Monitor(bundle.at(payload), settings, learned,
                        payload=carried_load(how, bundle, payload))
-    if first.get('thresholds'):  # of the service `calibrate`
+    if records and records[0]['settings'].get('payload', payload) == payload:
         with undamaged(bag):
-            learned = stored_thresholds(
-                replace(bundle, facts={'thresholds': first['thresholds']}), settings.kind)
+            states = json.loads(bag.metadata.custom.get(STATES, '{}'))
+            if states.get('thresholds'):  # of the service `calibrate`
+                learned = stored_thresholds(
+                    replace(bundle, facts={'thresholds': states['thresholds']}), settings.kind)
     own, sensed = monitor(source), [item for item in messages if item.topic != ASKED]
     with undamaged(bag):
-        kept = first.get('states', {})
         for name, memory in own.memories.items():
-            memory.recall(kept.get(name, ()))
-    estimating = seen = replay(messages, own)
+            memory.recall(states.get(name, ()))
+    with undamaged(bag, (IndexError,) if states else ()):
+        estimating = seen = replay(messages, own)
     if source != 'estimate':
         with suppress(ModelError):  # not every model has kilograms
             estimating = replay(messages, monitor('estimate'))

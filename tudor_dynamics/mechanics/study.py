@@ -236,7 +236,7 @@ def motion_signal(
     times, columns = read_table(path, joints)
     if times[0] > t[0] + 1e-9 or times[-1] < t[-1] - 1e-9 or times.size < 6:
         msg = (f'{path}: covers {times[0]:g} to {times[-1]:g} s with {times.size} rows, but the '
-               f'run needs 0 to {t[-1]:g} s and at least 6 rows; give fewer seconds or more rows')
+               f'run needs 6 rows or more, from 0 to {t[-1]:g} s; add them, or run for less time')
         raise SimulationError(msg)
     result = tuple(np.zeros((t.size, len(joints))) for _ in range(3))
     for joint, values in columns.items():

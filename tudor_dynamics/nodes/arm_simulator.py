@@ -197,8 +197,8 @@ class ArmSimulatorNode(TudorNode):
         if self.fault or self.arm is None:
             return level, message
         if self.arm.failure:
-            return ERROR, (f'{self.arm.failure}, then call the service ~/reset: the arm rests at '
-                           'its initial pose and takes no commands')
+            return ERROR, (f'{self.arm.failure}; until you call the service ~/reset, the arm '
+                           'rests at its initial pose and takes no commands')
         if level != OK:
             return WARN, (f'no commands arrive on {VELOCITY_COMMANDS}, so the joints stand still: '
                           'start oscillation_damper')

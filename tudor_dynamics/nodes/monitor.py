@@ -53,6 +53,7 @@ class BlackBox:
     def __init__(self, node: DetectNode) -> None:
         self._node, self._ring = node, MessageRing()
         self._pending: list[dict[str, Any]] = []
+        self._states: dict[str, Any] = {}
         self._due = 0
         self._writer: Thread | None = None
         self._closing = False  # no sample waits any more
@@ -73,12 +74,13 @@ class BlackBox:
             return take(data)
         return keep
 
-    def event(self, record: dict[str, Any]) -> None:
+    def event(self, record: dict[str, Any], states: Callable[[], dict[str, Any]]) -> None:
         """Let a bag be written in 3 s; events until then go into the same."""
         if self._node.value('event_bags') in OFF:
             return
         if not self._pending:
             self._due = self._ring.last + round(RECORDED_AFTER * 1e9)
+            self._states = states()
         self._pending.append(record)
 
     def look(self) -> None:
@@ -87,16 +89,18 @@ class BlackBox:
         now = self._node.get_clock().now().nanoseconds
         if self._pending and not busy and max(now, self._ring.last) >= self._due:
             records, self._pending = self._pending, []
-            self._writer = Thread(target=self._write, args=(self._ring.kept(), records))
+            self._writer = Thread(target=self._write, args=(
+                self._ring.kept(), records, self._states))
             self._writer.start()
 
-    def _write(self, messages: tuple[Message, ...], records: list[dict[str, Any]]) -> None:
+    def _write(self, messages: tuple[Message, ...], records: list[dict[str, Any]],
+               states: dict[str, Any]) -> None:
         home = os.environ.get('ROS_HOME') or '~/.ros'
         folder = Path(self._node.value('event_bags') or f'{home}/tudor_dynamics/events')
         try:
             path = write_events(
                 folder.expanduser().absolute() / self._node.get_namespace().strip('/'),
-                self._paced(messages), records)
+                self._paced(messages), records, states)
             command = shlex.join(['tudor', 'why', str(path)])
             self._node.get_logger().info(f'to see why: {command} (the last 30 s)')
         except BagError as err:
@@ -115,7 +119,7 @@ class BlackBox:
         if self._writer is not None:
             self._writer.join()
         if self._pending:
-            self._write(self._ring.kept(), self._pending)
+            self._write(self._ring.kept(), self._pending, self._states)
 
 
 class MonitorNode(DetectNode):
@@ -189,9 +193,9 @@ class MonitorNode(DetectNode):
             0, np.array([self.port.load.mass if self.port.load else 0.0,
                          what == 'expect', what == 'reset'])))
 
-    def keep(self, record: dict[str, Any]) -> None:
+    def keep(self, record: dict[str, Any], states: Callable[[], dict[str, Any]]) -> None:
         """Let a bag of the event be written."""
-        self._box.event(record)
+        self._box.event(record, states)
 
     def close(self) -> None:
         """Write the bag of an event that has just come."""

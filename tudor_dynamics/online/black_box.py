@@ -41,8 +41,9 @@ from tudor_dynamics.typing import FloatArray
 
 Message = tuple[int, str, str, bytes]
 """When it arrived [ns], topic, type, data."""
-EVENTS = 'tudor_events'
-"""Key of the records of events among the custom data of a bag: JSON, a list of `record_of`."""
+EVENTS, STATES = 'tudor_events', 'tudor_states'
+"""Keys among the custom data of a bag, as JSON: records of its events, a list of `record_of`; what
+lasted for longer than the bag at the first of them."""
 ASKED = 'tudor_asked'
 """Topic of what a monitor was asked for, in the ring alone: joint states with these names."""
 ASKS = ('load', 'expect', 'reset')
@@ -75,12 +76,13 @@ def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
 
 
 @contextmanager
-def undamaged(bag: Bag) -> Iterator[None]:
+def undamaged(bag: Bag, kinds: tuple[type[Exception], ...] = (
+        AttributeError, LookupError, OverflowError, RecursionError, TypeError, ValueError),
+) -> Iterator[None]:
     """Refuse records of events that hold what no monitor has written."""
     try:
         yield
-    except (AttributeError, LookupError, OverflowError, RecursionError, TypeError,
-            ValueError) as err:
+    except kinds as err:
         raise BagError(f'{METADATA} has damaged records of events (key {EVENTS}: {one_line(err)})',
                        place=str(bag.path), remedy='copy the bag again') from None
 
@@ -124,13 +126,15 @@ class MessageRing:
 
 def write_events(
     folder: Path, messages: Iterable[Message], records: list[dict[str, Any]],
+    states: dict[str, Any] | None = None,
 ) -> Path:
     """Write a bag of events, whole or not at all; the oldest goes where there are too many."""
     # by the clock on the wall: simulated time begins at 0 in every run
     path = folder / datetime.now(timezone.utc).strftime('event_%Y%m%d_%H%M%S_%f')
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_messages(path, messages, custom={EVENTS: json.dumps(records)})
+        write_messages(path, messages, custom={
+            EVENTS: json.dumps(records), STATES: json.dumps(states or {})})
         own = []
         for item in sorted(folder.glob(f'event_*/{METADATA}')):
             with suppress(BagError):

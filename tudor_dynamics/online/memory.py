@@ -34,8 +34,9 @@ def state_of(part: Any) -> Any:
         return {key: state_of(value) for key, value in part.items()}
     if isinstance(part, (tuple, deque)):
         return [state_of(value) for value in part]
-    names = getattr(part, 'REMEMBERED', None)
-    return part if names is None else {name: state_of(getattr(part, name)) for name in names}
+    if part is None or isinstance(part, (bool, int, float)):
+        return part
+    return {name: state_of(getattr(part, name)) for name in part.REMEMBERED}
 
 
 def put_state(part: Any, state: Any) -> Any:
@@ -51,11 +52,11 @@ def put_state(part: Any, state: Any) -> Any:
     if isinstance(part, tuple):
         return tuple(put_state(*pair) for pair in zip(part, state, strict=True))
     if isinstance(part, deque):
-        return deque((put_state(deepcopy(part[0]), item) for item in state), part.maxlen)
-    names = getattr(part, 'REMEMBERED', None)
-    if names is None:
+        return deque((put_state(deepcopy(part[0]), item) for item in [state[0], *state[1:]]),
+                     part.maxlen)
+    if part is None or isinstance(part, (bool, int, float)):
         return part if part is None else type(part)(state)
-    for name in names:
+    for name in part.REMEMBERED:
         setattr(part, name, put_state(getattr(part, name), state[name]))
     return part
 
@@ -67,10 +68,13 @@ class Memory:
         self._part, self._of = part, of
         self._kept: deque[dict[str, Any]] = deque(maxlen=1 + round(MEMORY_OLDEST / MEMORY_EVERY))
         self._recalled: dict[int, Any] = {}
+        state_of(part)  # an error now, and not at the first event
 
     def step(self, stamp: int) -> None:
         """Keep or recall the state after a sample, stamp [ns]."""
         since = stamp - self._kept[-1]['stamp'] if self._kept else -1
+        if since < 0:  # the clock was set back: stamps of before come again
+            self._kept.clear()
         if stamp in self._recalled:
             put_state(self._part, self._recalled.pop(stamp))
         elif 0 <= since < MEMORY_EVERY * 1e9:

@@ -126,13 +126,13 @@ class Found:
 class MomentumObserver:
     """Observer of external efforts: gain [1/s], settle [s]."""
 
-    REMEMBERED = ('_trail',)
+    REMEMBERED = '_trail', '_observed', '_carried'
 
     def __init__(self, model: Model, gain: float = OBSERVER_GAIN, settle: float = 0.5) -> None:
         self.model = model
         self.gain = gain
         self.settle = max(settle, MOMENTUM_LAGS / gain)
-        self._observed: FloatArray | None = None
+        self._observed, self._begun = np.zeros(len(model.channels)), False
         self._last = 0
         self._carried = 0.0
         self._trail = model.trail()
@@ -147,7 +147,7 @@ class MomentumObserver:
         if load is not None and own is not None:
             more = load.mass - load.known
             own_momentum, change = self._expect(motion.row[None], n, own.along)
-            if self._observed is not None:  # what has just come moves as the arm does already
+            if self._begun:  # what has just come moves as the arm does already
                 self._observed = self._observed + (more - self._carried) * own_momentum[0]
             self._carried = more
             momentum, expected = momentum + more * own_momentum, expected + more * change
@@ -173,8 +173,8 @@ class MomentumObserver:
     def _advance(
         self, stamp: int, first: bool, momentum: FloatArray, expected: FloatArray,
     ) -> FloatArray | None:
-        if first or self._observed is None:
-            self._observed, self._last = momentum, stamp
+        if first or not self._begun:
+            self._observed, self._last, self._begun = momentum, stamp, True
             return None
         dt = (stamp - self._last) * 1e-9
         self._last = stamp

@@ -354,7 +354,7 @@ class Calibration:
             learned = learn_thresholds(records, self.channels[method], held)
             for channel, tail in zip(3 * learned.channels, learned.tails, strict=True):
                 if not tail.scale > 0:
-                    raise FitError(f'{method}: the residual of {channel} never changes; check its '
-                                   'sensor, then call the service ~/calibrate again')
+                    raise FitError(f'{method}: the residual of {channel!r} never changes; check '
+                                   'its sensor')
             found[method] = learned
         return found

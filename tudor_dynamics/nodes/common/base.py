@@ -352,7 +352,7 @@ class TudorNode(Node):
             f'{len(sources)} publishers send positions on {positions}, from nodes named '
             f'{", ".join(dict.fromkeys(sources))}; stop all but one'))
 
-    def _named(self, text: str) -> str:
+    def named(self, text: str) -> str:
         """Give services of this node the names by which they are called."""
         return text.replace('service ~', f'service {self.get_fully_qualified_name()}')
 
@@ -360,9 +360,9 @@ class TudorNode(Node):
         """Offer a Trigger service."""
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
-                response.message, response.success = self._named(action()), True
+                response.message, response.success = self.named(action()), True
             except TudorError as err:
-                response.message, response.success = self._named(str(err)), False
+                response.message, response.success = self.named(str(err)), False
             return response
         self.create_service(Trigger, name, answer)
 
@@ -452,7 +452,7 @@ class TudorNode(Node):
             level, message = WARN, unusable
         elif self._unknown:  # it may be why nothing arrives
             message = f'{message}{ALSO}{self._unknown}'
-        message, *others = self._named(message).split(ALSO)
+        message, *others = self.named(message).split(ALSO)
         more |= {f'problem {number}': text for number, text in enumerate(others, 2)}
         if others:
             message += f" ({len(others)} more: see the key 'problem 2' on {DIAGNOSTICS})"

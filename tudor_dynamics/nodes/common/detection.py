@@ -291,6 +291,8 @@ class DetectNode(ModelNode):
             self._ringing.publish(stamp, amplitude)
         for event in found.events:
             _, message, values = self.status()
+            message, *others = self.named(message).split(ALSO)
+            values |= {f'problem {number}': text for number, text in enumerate(others, 2)}
             record = record_of(event, self._past[event.method]) | {
                 'digest': self.bundle.digest if self.bundle else '', 'made': self._made,
                 'settings': {**{name: self.value(name) for name in self.params},
@@ -298,7 +300,7 @@ class DetectNode(ModelNode):
                 'state': {**values, 'message': message,
                           'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
-            self.keep(record | {'thresholds': self._learned, 'states': {
+            self.keep(record, lambda: {'thresholds': self._learned, **{
                 name: one.before(event.stamp) for name, one in self._chain.memories.items()}})
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
@@ -310,8 +312,8 @@ class DetectNode(ModelNode):
         if found.residuals:
             self.port.publish(found.residuals[-1][1].motion.stamp, len(found.loads))
 
-    def keep(self, record: dict[str, Any]) -> None:
-        """Take note of an event."""
+    def keep(self, record: dict[str, Any], states: Callable[[], dict[str, Any]]) -> None:
+        """Take note of an event, and of what lasted for longer than its bag."""
 
     def _reset(self) -> str:
         """Restart, with the load as well: nothing touches the arm now."""
@@ -359,7 +361,7 @@ class DetectNode(ModelNode):
         def refuse(why: str) -> None:
             self._note = ('calibration failed, the previous thresholds stay in use: '
                           f'{why}, and call the service ~/calibrate again while it moves')
-            self.get_logger().error(self._note)
+            self.get_logger().error(self.named(self._note))
         self.in_background(learn, refuse)
 
     def counters(self) -> list[Counter[str]]:

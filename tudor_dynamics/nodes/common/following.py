@@ -24,13 +24,13 @@ from typing import Any
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import GoalEvent
-from rclpy.node import Node
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.control.references import MISSED, OFF_PATH, REACHED, Tolerances
 from tudor_dynamics.control.trajectory import LATE, WRONG_JOINTS
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.nodes.common.base import TudorNode
 from tudor_dynamics.nodes.common.interfaces import FOLLOW
 from tudor_dynamics.nodes.common.messages import nanoseconds
 from tudor_dynamics.typing import FloatArray
@@ -40,7 +40,7 @@ CODES = {REACHED: 0, WRONG_JOINTS: -2, LATE: -3, OFF_PATH: -4, MISSED: -5}
 INVALID_GOAL = -1
 
 
-def since_start(node: Node, message: JointTrajectory) -> float:
+def since_start(node: TudorNode, message: JointTrajectory) -> float:
     """Time since the start of a trajectory, 0 where it begins as it comes [s]."""
     stamp = nanoseconds(message.header.stamp)
     return 1e-9 * (node.get_clock().now().nanoseconds - stamp) if stamp else 0.0
@@ -72,13 +72,13 @@ def tolerances_of(goal: Any, names: Sequence[str], default: Tolerances) -> Toler
 class FollowServer:
     """Offers the action over what a node does with trajectories; one goal is active at a time."""
 
-    def __init__(self, node: Node, take: Callable[[Any], str], stop: Callable[[str], None],
+    def __init__(self, node: TudorNode, take: Callable[[Any], str], stop: Callable[[str], None],
                  ) -> None:
         self.action: Any = None
         with suppress(ImportError):  # wheels have no ``control_msgs``
             from control_msgs.action import FollowJointTrajectory
             self.action = FollowJointTrajectory
-        self._take, self._stop = take, stop
+        self._take, self._stop, self._named = take, stop, node.named
         self._goal: Any = None
         self._server = None if self.action is None else ActionServer(
             node, self.action, FOLLOW, partial(self._finish, ''), cancel_callback=self._cancel,
@@ -133,7 +133,7 @@ class FollowServer:
             goal.succeed()
         else:
             goal.abort()
-        return self.action.Result(error_code=code, error_string=text)
+        return self.action.Result(error_code=code, error_string=self._named(text))
 
     def destroy(self) -> None:
         """End the server."""

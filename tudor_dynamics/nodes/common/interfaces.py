@@ -140,7 +140,7 @@ DETECT = (
           dynamic=True),
     Param('rearm', 0.3, 'time below its threshold after which a level is left', 's', 0.0, 60.0,
           dynamic=True),
-    Param('observer_gain', 30.0, 'bandwidth of the momentum observer', '1/s', 0.1, 1e4),
+    Param('observer_gain', 30.0, 'bandwidth of the momentum observer', '1/s', 0.25, 1e4),
     Param('estimate_contact', False, 'estimate force and place of contacts, from strain where the '
           'model has it, else from the momentum observer'),
     Param('calibration_time', 60.0, 'motion without contact that ~/calibrate learns from', 's',

@@ -246,7 +246,8 @@ class ModelNode(TudorNode):
 
         def refuse(why: str) -> None:
             self._reload_fault = why
-            self.get_logger().error(f'model not loaded: {why}; then call the service ~/reload')
+            self.get_logger().error(
+                self.named(f'model not loaded: {why}; then call the service ~/reload'))
         self.in_background(load, refuse)
         return f'loading {self.source}'
 
