@@ -105,8 +105,8 @@ def test_moves_for_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         joint['effort']['unit'] = 'A'
     arm.write_text(json.dumps(words))
     assert main([*call, str(tmp_path / 'other')]) == 2
-    assert ('in A, but the model of vibration needs N m or N; record torques or forces, or leave '
-            'vibration out') in capsys.readouterr().err
+    assert ('in A, but the model of vibration needs torques [N m] or forces [N]; correct their '
+            'unit, record such efforts, or leave vibration out') in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('options', 'said'), [

@@ -399,7 +399,7 @@ def test_a_flexible_tool_with_the_models(
     words = ['fit', f'{root}/bags/two_blade_train_1@0-50%', '--models', 'vibration', '--arm',
              f'{root}/config/two_blade_arm.yaml', '--out', str(tmp_path / 'm'), '--exit-zero']
     assert main(words) == 2
-    assert 'are in A, but the model of vibration needs N m or N' in capsys.readouterr().err
+    assert 'are in A, but the model of vibration needs torques' in capsys.readouterr().err
     tool = FlexibleTool.model_validate({
         'motion': 'measured', 'rests': 4, 'turn': [0.3, 0.2, 0.1], 'place': [0.1, 0.0, 0.3],
         'mass': 0.5, 'length': 0.3, 'frequencies': [3.0], 'damping': [0.02],

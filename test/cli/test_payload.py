@@ -56,7 +56,7 @@ def test_wrong_input(model: Path, root: Path, capsys) -> None:
     assert main(['payload', bag, '--model', str(model), '--kind', 'elastic']) == 2
     assert 'no elastic model that estimates loads' in capsys.readouterr().err
     assert main(['payload', bag, '--model', str(model), '--payload-of', 'other=0.1']) == 2
-    assert 'BAG must be a bag of this command' in capsys.readouterr().err
+    assert 'is not one of the bags that were given' in capsys.readouterr().err
 
 
 @pytest.mark.shared

@@ -60,7 +60,7 @@ def test_what_the_delay_forbids(tmp_path: Path, capsys: Any) -> None:
 
 @pytest.mark.parametrize('more, cause', [
     (['--out', 'schedule.txt'], 'expected a file that ends in .yaml'),
-    (['--out', 'schedule.yaml', '--damping-ratio', '2'], 'expected 0.02 to 0.95'),
+    (['--out', 'schedule.yaml', '--damping-ratio', '2'], 'give 0.02 to 0.95'),
     (['--out', 'schedule.yaml', '--payloads', '0.2', '0.1'], 'expected masses of 0 kg or more'),
     (['--out', 'schedule.yaml', '--picture', 'picture.bmp'], 'expected a picture'),
     (['--out', 'schedule.yaml', '--model', 'nothing'], 'nothing')])

@@ -418,7 +418,7 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
             raise UsageError(f'payload {text!r}: expected BAG=KG, 0 kg or more, such as run1=0.2')
         resolved = str(Path(path).resolve())
         if resolved not in known:
-            raise UsageError(f'payload {text!r}: BAG must be a bag of this command')
+            raise UsageError(f'payload {text!r}: {path!r} is not one of the bags that were given')
         found[resolved] = mass
     return found
 

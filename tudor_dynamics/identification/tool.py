@@ -122,8 +122,8 @@ def check_efforts(arm: Arm) -> None:
     unknown = [repr(joint.name) for joint in arm.joints if joint.effort.unit == 'A']
     if unknown:
         raise FitError(f'{arm.source}: efforts of {", ".join(unknown)} are in A, but the model of '
-                       'vibration needs N m or N',
-                       remedy='record torques or forces, or leave vibration out')
+                       'vibration needs torques [N m] or forces [N]',
+                       remedy='correct their unit, record such efforts, or leave vibration out')
 
 
 def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> FlexibleTool:

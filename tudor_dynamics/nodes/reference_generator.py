@@ -265,7 +265,7 @@ class ReferenceGeneratorNode(MovingNode):
         elif alive:
             self._unwatched = f'{names} cannot detect collisions; see the diagnostics of {names}'
         elif self.monitors:
-            self._unwatched = f'{names} publishes {COLLISION!r} but no diagnostics; restart it'
+            self._unwatched = f'no diagnostics come from {names} any more; restart {names}'
         else:
             self._unwatched = f'no node publishes the topic {COLLISION!r}; start monitor'
         self.source.halt(self._unwatched if self.value('require_monitor') else '')
@@ -312,7 +312,7 @@ class ReferenceGeneratorNode(MovingNode):
             return WARN, (f'the topic {COLLISION!r} has {len(self.monitors)} publishers, in nodes '
                           f'{", ".join(self.monitors)}; stop all but the one of this arm')
         if self._unwatched and self.monitors:
-            return WARN, f'no node watches for collisions any more: {self._unwatched}'
+            return WARN, f'collisions are not detected any more: {self._unwatched}'
         return level, message
 
 
