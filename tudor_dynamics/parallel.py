@@ -242,8 +242,8 @@ def on_cluster(address: str | None) -> Iterator[None]:
     try:
         client = Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as err:
-        raise UsageError(f'no scheduler answers on {address} ({err})', remedy='start one '
-                         'with `dask scheduler`, and give the address that it prints') from None
+        raise UsageError(f'no cluster answers on {address} ({err})', remedy='start its scheduler '
+                         'by `dask scheduler`, and give the address that it prints') from None
     _cluster = Cluster(client)
     try:
         if not _cluster.width():
