@@ -126,6 +126,7 @@ def test_what_cannot_be_tuned() -> None:
         TunedArm(blade_arm())
     with pytest.raises(ModelError, match='gains of the gauges'):
         TunedArm(damped_arm(sensors=[]))
-    for wish in ({'damping_ratio': 1.2}, {'delay': -1.0}, {'payloads': (0.2, 0.1)}):
-        with pytest.raises(UsageError, match='expected'):
+    for wish, said in (({'damping_ratio': 1.2}, 'give 0.02'), ({'delay': -1.0}, 'expected'),
+                       ({'payloads': (0.2, 0.1)}, 'expected')):
+        with pytest.raises(UsageError, match=said):
             Wish(**wish)
