@@ -314,16 +314,16 @@ def explain(
         return Monitor(bundle.at(payload), settings, learned,
                        payload=carried_load(how, bundle, payload))
     if records and records[0]['settings'].get('payload', payload) == payload:
-        with undamaged(bag):
+        with undamaged(bag, STATES):
             states = json.loads(bag.metadata.custom.get(STATES, '{}'))
             if states.get('thresholds'):  # of the service `calibrate`
                 learned = stored_thresholds(
                     replace(bundle, facts={'thresholds': states['thresholds']}), settings.kind)
     own, sensed = monitor(source), [item for item in messages if item.topic != ASKED]
-    with undamaged(bag):
+    with undamaged(bag, STATES):
         for name, memory in own.memories.items():
             memory.recall(states.get(name, ()))
-    with undamaged(bag, (IndexError,) if states else ()):
+    with undamaged(bag, STATES, (IndexError,) if states else ()):
         estimating = seen = replay(messages, own)
     if source != 'estimate':
         with suppress(ModelError):  # not every model has kilograms

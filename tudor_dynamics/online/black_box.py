@@ -76,20 +76,20 @@ def record_of(event: CollisionEvent, past: Iterable[Excess]) -> dict[str, Any]:
 
 
 @contextmanager
-def undamaged(bag: Bag, kinds: tuple[type[Exception], ...] = (
+def undamaged(bag: Bag, key: str, kinds: tuple[type[Exception], ...] = (
         AttributeError, LookupError, OverflowError, RecursionError, TypeError, ValueError),
 ) -> Iterator[None]:
-    """Refuse records of events that hold what no monitor has written."""
+    """Refuse records of events that hold what no monitor has written under a key."""
     try:
         yield
     except kinds as err:
-        raise BagError(f'{METADATA} has damaged records of events (key {EVENTS}: {one_line(err)})',
+        raise BagError(f'{METADATA} has damaged records of events (key {key}: {one_line(err)})',
                        place=str(bag.path), remedy='copy the bag again') from None
 
 
 def records_of(bag: Bag) -> list[dict[str, Any]]:
     """Read the records of a bag; none where it has none."""
-    with undamaged(bag):
+    with undamaged(bag, EVENTS):
         found = json.loads(bag.metadata.custom.get(EVENTS, '[]'))
         for record in found:
             int(record['onset']), record['method'], dict(record['ratio']), dict(record['settings'])

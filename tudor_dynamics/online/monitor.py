@@ -241,8 +241,8 @@ class Watch:
         self.ringing = (None if bundle.tool is None or 'effort' not in self.outputs else
                         RingObserver(bundle.arm, bundle.tool))
         self._load_method = None if payload is None else self._follows(payload)
-        self._lasting = {'load': Memory(payload, bundle.digest),
-                         'observer': Memory(self.observer, bundle.digest)}
+        self._memories = {'load': Memory(payload, bundle.digest),
+                          'observer': Memory(self.observer, bundle.digest)}
         self.use_thresholds(thresholds, settings)
 
     def _follows(self, payload: CarriedLoad) -> str:
@@ -295,7 +295,7 @@ class Watch:
     @property
     def memories(self) -> dict[str, Memory]:
         """Give what lasts for longer than a recording of an event, by its name there."""
-        return {**self._lasting, **{name: stage.memory for name, stage in self.stages.items()}}
+        return {**self._memories, **{name: stage.memory for name, stage in self.stages.items()}}
 
     @property
     def level(self) -> Level:
@@ -370,7 +370,7 @@ class Watch:
                 if method == 'momentum':
                     assert self.observer is not None
                     residual = self.observer.step(pair, self.payload)
-                    self._lasting['observer'].step(pair.motion.stamp)
+                    self._memories['observer'].step(pair.motion.stamp)
                 if self.contact is not None and method == self.contact.source:
                     estimate = self.contact.step(
                         pair.motion.stamp, pair.motion.dt == 0.0, pair.motion.row, pair.measured,
@@ -405,7 +405,7 @@ class Watch:
         motion = residual.motion
         load = self.payload.step(motion.stamp, motion.dt, motion.row, residual.measured,
                                  touched=self.level is not Level.FREE)
-        self._lasting['load'].step(motion.stamp)
+        self._memories['load'].step(motion.stamp)
         if load is not None:
             found.loads.append(load)
             self.detector.reset()

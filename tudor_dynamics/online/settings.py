@@ -250,7 +250,8 @@ RING_TIME = 30.0
 """Messages are kept for so long [s]: filters forget their beginning."""
 MEMORY_EVERY, MEMORY_OLDEST, MEMORY_APART = 5.0, 25.0, 10.0
 """Memories of thresholds, loads and models: how often they are kept, how old they may be so that
-filters settle before them, and how much later the second one of an event is [s]."""
+filters settle before them, and how much later the second of an event is [s]; that replays are then
+equal is tested by test/online/test_memory.py."""
 RING_BYTES = 64 << 20
 """Messages that are kept at most [bytes]: 30 s of 1 kHz on four topics are 20 MB."""
 BAGS = 20  # bags of events in a folder, after which the oldest goes

@@ -356,6 +356,11 @@ class TudorNode(Node):
         """Give services of this node the names by which they are called."""
         return text.replace('service ~', f'service {self.get_fully_qualified_name()}')
 
+    def problems(self, message: str) -> tuple[str, dict[str, str]]:
+        """Give the first problem of a verdict, and the others as values of a diagnosis."""
+        first, *others = self.named(message).split(ALSO)
+        return first, {f'problem {number}': text for number, text in enumerate(others, 2)}
+
     def serve(self, name: str, action: Callable[[], str]) -> None:
         """Offer a Trigger service."""
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -452,11 +457,10 @@ class TudorNode(Node):
             level, message = WARN, unusable
         elif self._unknown:  # it may be why nothing arrives
             message = f'{message}{ALSO}{self._unknown}'
-        message, *others = self.named(message).split(ALSO)
-        more |= {f'problem {number}': text for number, text in enumerate(others, 2)}
+        message, others = self.problems(message)
         if others:
             message += f" ({len(others)} more: see the key 'problem 2' on {DIAGNOSTICS})"
-        values = {**self.meter.report(), **more}
+        values = {**self.meter.report(), **more, **others}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,
             hardware_id=self.hardware(),

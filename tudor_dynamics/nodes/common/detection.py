@@ -290,14 +290,13 @@ class DetectNode(ModelNode):
         for stamp, amplitude in found.rings:
             self._ringing.publish(stamp, amplitude)
         for event in found.events:
-            _, message, values = self.status()
-            message, *others = self.named(message).split(ALSO)
-            values |= {f'problem {number}': text for number, text in enumerate(others, 2)}
+            _, verdict, values = self.status()
+            message, others = self.problems(verdict)
             record = record_of(event, self._past[event.method]) | {
                 'digest': self.bundle.digest if self.bundle else '', 'made': self._made,
                 'settings': {**{name: self.value(name) for name in self.params},
                              'model': str(Path(self.source).absolute())},  # readers are elsewhere
-                'state': {**values, 'message': message,
+                'state': {**values, **others, 'message': message,
                           'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
             self.collision_output.event(event, record)
             self.keep(record, lambda: {'thresholds': self._learned, **{
