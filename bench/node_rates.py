@@ -194,6 +194,8 @@ def chains(model: str, depth: int = 0, events: str = 'none') -> dict[str, list[l
                                         node('collision_detector', *methods)],
         'relay 1 hop': [['-c', RELAY, '0', str(depth or DEEP)]],
         'monitor': [node('monitor', *methods, '-p', 'event_bags:=none')],
+        'monitor, keeps messages': [  # the bag itself cannot be begun there
+            node('monitor', *methods, '-p', 'event_bags:=/dev/null/events')],
         'monitor, writes the bag of an event': [
             node('monitor', *methods, '-p', f'event_bags:={events}')]}
 
@@ -253,6 +255,7 @@ def main() -> None:
     args = parser.parse_args()
     sys.setswitchinterval(1e-4)  # the listener must not wait for the sender
     plan = [('relay 3 hops', 500.0), ('filter, predictor, detector', 500.0),
+            ('monitor', 500.0), ('monitor, keeps messages', 500.0),
             ('relay 1 hop', 1000.0), ('monitor', 1000.0),
             ('monitor, writes the bag of an event', 1000.0),
             ('relay 1 hop', 2000.0), ('monitor', 2000.0)]

@@ -68,7 +68,7 @@ def pytest_configure(config: Any) -> None:
             text = io.StringIO()
             with contextlib.redirect_stdout(text):
                 original([item])
-            keep('finding', ' '.join(text.getvalue().split()))
+            keep('finding', text.getvalue().strip())
     original = console.print_findings
     for module in (evaluate, fit, info):
         _before(module, 'print_findings', findings)
@@ -99,7 +99,7 @@ def main() -> None:
     found = kinds_of(args.file)
     print(f'{len(found)} different messages')
     for kind, text in random.Random(args.seed).sample(found, min(args.sample, len(found))):
-        print(f'{kind}\n    {text}')
+        print(kind, *text.splitlines(), sep='\n    ')
 
 
 if __name__ == '__main__':

@@ -168,8 +168,8 @@ MAX_STEPS, MAX_BYTES = 2e7, 4e9
 """What one run may take at once: steps or samples, and memory of what is kept of them [bytes]."""
 
 
-def check_budget(what: str, steps: float, each: float = 8.0, remedy: str = 'choose a '
-                 'shorter time or larger steps') -> None:
+def check_budget(what: str, steps: float, each: float = 8.0,
+                 remedy: str = 'lower seconds=, or raise dt=') -> None:
     """Refuse a run that nobody could wait for, or no memory holds: each [bytes a step]."""
     if not (steps <= MAX_STEPS and steps * each <= MAX_BYTES):
         over = (f'{steps:.3g} steps, more than the limit of {MAX_STEPS:g}'

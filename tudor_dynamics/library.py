@@ -581,6 +581,6 @@ def excitation(
                    'points, accelerations are 0; give dq and ddq where it is smooth')
             warnings.warn(msg, TudorWarning, stacklevel=2)
         return judged(target, motion, bounds_of(target), criterion)
-    check_budget(f'{seconds:g} s at {rate:g} Hz', seconds * rate, remedy='lower seconds or rate')
+    check_budget(f'{seconds:g} s at {rate:g} Hz', seconds * rate, remedy='lower seconds= or rate=')
     return make_plan(target, Order(seconds, highest or default_highest(target.arm), 1.0 / rate,
                                    steps, seed), criterion=criterion)

@@ -232,8 +232,8 @@ def on_cluster(address: str | None) -> Iterator[None]:
         yield
         return
     if not ADDRESS.fullmatch(address):
-        raise UsageError(f'{address!r} is no address of a Dask scheduler', remedy='give one '
-                         'such as tcp://10.0.0.1:8786')
+        raise UsageError(f'cluster= {address}: not the address of a Dask scheduler', remedy='give '
+                         'one such as tcp://10.0.0.1:8786')
     try:
         from distributed import Client
     except ImportError:

@@ -88,11 +88,11 @@ def test_a_bag_gets_efforts(model: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('text', 'options', 'words'), [
     ('t,j1,j3\n0,0,0\n1,0,0\n', [], 'the joint'),
-    ('t,j1\n0,0\n1,0\n', [], 'missing or repeated'),
+    ('t,j1\n0,0\n1,0\n', [], 'is missing'),
     (TABLE, ['--unit', 'current'], 'torque constant'),
-    (TABLE, ['--kind', 'elm'], 'its effort models: analytical'),
-    (TABLE, ['--rate', '-1'], 'give a rate above 0'),
-    (TABLE, ['--payload', '-1'], 'impossible'),
+    (TABLE, ['--kind', 'elm'], 'effort models of this bundle are of the kinds analytical'),
+    (TABLE, ['--rate', '-1'], 'raise it above 0'),
+    (TABLE, ['--payload', '-1'], '--payload -1 kg: give 0 or more'),
     (TABLE, ['--positions', 'motor'], 'elastic model cannot be used')])
 def test_wrong_input_is_one_line(
     model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str,

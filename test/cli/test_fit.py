@@ -268,7 +268,7 @@ def test_a_dead_gauge(
 
 @pytest.mark.parametrize(('words', 'expected'), [
     (['--rate', '-5'], 'rate'),
-    (['--models', 'elm', '--elm-hidden', '0'], 'elm_hidden is 0; give 1'),
+    (['--models', 'elm', '--elm-hidden', '0'], '--elm-hidden 0: give 1'),
     (['--filter', 'zero_phase', '--cutoff', '70'], '(half the sample rate)'),
 ])
 def test_impossible_options(

@@ -106,7 +106,7 @@ def test_collisions_need_thresholds_of_that_kind(
 
 @pytest.mark.parametrize(('changes', 'part'), [
     ({'links': None, 'motors': None}, 'elastic models need'),
-    ({'gauges': None}, 'no gauges are described')])
+    ({'gauges': None}, 'has no gauges, which the elastic model needs')])
 def test_arms_that_do_not_allow_it(
     changes: dict[str, None], part: str, place: Path, tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -115,7 +115,7 @@ def test_arms_that_do_not_allow_it(
     arm = described(tmp_path / 'less.yaml', lone_arm(), **changes)
     line = one_line(capsys, 'fit', tmp_path / 'nowhere', '--arm', arm, '--out', tmp_path / 'm',
                     '--models', 'analytical', 'elastic')
-    assert part in line and 'less.yaml' in line and 'leave the elastic model out' in line
+    assert part in line and 'less.yaml' in line and 'leave elastic out of --models' in line
     assert not (tmp_path / 'm').exists()
 
 
@@ -126,5 +126,5 @@ def test_a_bag_without_strain(
     bag = saved(tmp_path / 'bare', replace(RECORD, strain=None))
     line = one_line(capsys, 'fit', bag, '--arm', place / 'arm.yaml', '--out', tmp_path / 'm',
                     '--models', 'analytical', 'elastic')
-    assert f'{bag}: no strain, which the elastic model is fitted to; record' in line
+    assert f'{bag}: no strain, which the elastic model needs; record' in line
     assert not (tmp_path / 'm').exists()

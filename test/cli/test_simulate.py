@@ -175,7 +175,7 @@ BEAM = ('links', 0, 'flexible')
     ((*BEAM, 'colour'), 'blue', 'unknown key'),
     ((*BEAM, 'height_axis'), 'x', 'height_axis'),
     ((*BEAM, 'lumped'), [{'node': 7, 'mass': 1}], 'node 7'),
-    (('links', 1), None, "no entry of links describes the link after 'corner'"),
+    (('links', 1), None, "links has no entry for the link after 'corner'"),
     (('links',), [], 'no links'),
     (('links', 1, 'joint'), 'knee', 'knee'),
     (('links', 1, 'rigid'), {'mass': 1}, 'rigid and flexible'),
@@ -209,7 +209,7 @@ def test_a_mechanism_that_moves_nothing_is_refused(description, tmp_path, capsys
 @pytest.mark.parametrize(('options', 'words'), [
     (['--torque', 'sin(x)'], "'x'"), (['--torque', '1/t'], 'not finite at t = 0'),
     (['--torque', '1', '--dt', '0.05'], 'too large'),
-    (['--torque', '1', '--dt', '0'], 'dt must be positive'),
+    (['--torque', '1', '--dt', '0'], '--dt must be above 0'),
     (['--torque', '1', '--hold', 'knee'], 'knee'), (['--modes', '0'], '--modes'),
     (['--torque', '1', '--animate', 'x.avi'], 'expected a file name'),
     (['--torque', '1', '--pictures', '--signals', 'q:knee'], 'no such signal'),

@@ -92,7 +92,7 @@ def test_settling_is_told_and_then_all_is_judged(watched: Watched) -> None:
     """Half a second of settling is a WARN; a second later every sample is judged: OK."""
     watched.feed(0, 40)
     level, message, values = watched.told()
-    assert level == WARN and 'settling' in message
+    assert level == WARN and 'filters settle' in message
     assert float(values['not judged: settling']) > 50.0
     watched.feed(40, 300)
     level, message, values = watched.told()
@@ -283,7 +283,7 @@ def test_log_of_starts_and_levels(world: World, model: Path) -> None:
     start = said('started: ')[0].msg
     for part in (str(model), 'two_blade_arm', 'methods strain', '/joint_states', '/collision'):
         assert part in start
-    assert world.spin(lambda: bool(said('start -> STALE: no input')))
+    assert world.spin(lambda: bool(said('start -> STALE: no message comes')))
     node.meter.begin()
     for _ in range(3):
         node.publish_diagnostics()

@@ -37,7 +37,7 @@ from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 
-OTHER = 'has the name of a joint or gauge of the model'
+OTHER = 'is that of a joint or gauge of the model'
 
 
 def chain(world: World, model: Path) -> JointStateFilterNode:
@@ -119,7 +119,7 @@ def test_model_of_another_arm(node: Any, world: World, model: Path, recording) -
     assert not motions
     status = next(status for status in told() if OTHER in status.message)
     assert status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
-    assert re.search('message on /?joint_(states|motion) ', status.message)
+    assert re.search('messages on /?joint_(states|motion) ', status.message)
 
 
 def told_by(world: World, node: str) -> Callable[[], list[DiagnosticStatus]]:

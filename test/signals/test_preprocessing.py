@@ -182,5 +182,5 @@ def test_too_short() -> None:
         prepare(recording_of(q, 100.0), PreprocessingSpec(settle=3.0))
     with pytest.raises(SignalError, match='32 samples'):
         prepare(recording_of(q[:20], 100.0), PreprocessingSpec(settle=0.0))
-    with pytest.raises(SignalError, match='cut-off 60.0 Hz'):
+    with pytest.raises(SignalError, match='cutoff= 60 Hz'):
         prepare(recording_of(q, 100.0), PreprocessingSpec(filter='zero_phase', cutoff=60.0))

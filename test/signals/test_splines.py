@@ -107,9 +107,9 @@ def test_joints_go_by_name() -> None:
     """In any order; what is missing or there twice is refused."""
     path = Trajectory(('b', 'c', 'a'), T[:1], np.array([[1.0, 2.0, 3.0]]))
     assert np.array_equal(path.of(JOINTS).q, [[3.0, 1.0]])
-    with pytest.raises(SignalError, match='missing or repeated'):
+    with pytest.raises(SignalError, match='is missing'):
         path.of(('a', 'd'))
     with pytest.raises(SignalError, match='has 1 positions for the joints'):
         Trajectory.from_points(JOINTS, T[:1], [[1.0]], [[]], [[]])
-    with pytest.raises(SignalError, match='low enough for'):
+    with pytest.raises(SignalError, match='lower it: at most'):
         denser(Trajectory(JOINTS, T, np.zeros((4, 2))), 1e9)

@@ -332,8 +332,8 @@ class ExactAngles:
             return ''
         more = len(self._changed) - SHOWN
         shown = ', '.join(self._changed[:SHOWN]) + (f' and {more} more' if more > 0 else '')
-        return (f'angles within {NEAR:g} rad of a multiple of 45 degrees are rounded: '
-                f'{shown} [rad]; give more digits where that is wrong')
+        return (f'angles within {NEAR:g} rad of a multiple of 45 degrees are taken as that '
+                f'multiple: {shown} [rad]; nothing needs to be done')
 
 
 def build_model(

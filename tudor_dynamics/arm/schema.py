@@ -589,10 +589,10 @@ class InertiaPart(Spec):
             moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             scale = 1e-9 * float(np.abs(moments).sum()) + 1e-300
             if moments[0] < -scale or moments[2] - moments[0] - moments[1] > scale:
-                found = ', '.join(f'{moment:.4g}' for moment in moments)
-                yield (f'no rigid body has such an inertia: of its principal moments, {found} '
-                       'kg m^2, each must be positive, none larger than the sum of the two '
-                       'others; correct Ixx, Iyy, Izz, Ixy, Ixz, Iyz')
+                a, b, c = (f'{moment:.4g}' for moment in moments)
+                why = f'{a} is negative' if moments[0] < -scale else f'{c} is above {a} + {b}'
+                yield (f'no rigid body has such an inertia: the principal moments are {a}, {b}, '
+                       f'{c} kg m^2, but {why}; correct Ixx, Iyy, Izz, Ixy, Ixz, Iyz')
 
     @property
     def components(self) -> tuple[float, ...]:
@@ -640,8 +640,8 @@ class BeamSpec(Spec):
             yield 'give either the end of the beam or its length, not both'
         for part in self.lumped:
             if isinstance(part.node, int) and part.node > self.elements:
-                yield (f'an entry of lumped has node {part.node}, but the last node is '
-                       f'{self.elements}; correct node, or raise elements')
+                yield (f'an entry under lumped has the node {part.node}, but the last node is '
+                       f"{self.elements}; correct its key 'node', or raise 'elements'")
 
 
 class LinkSpec(Spec):

@@ -96,9 +96,9 @@ def choose_clock(
             map(len, delays)) else 0
         for name, states in topics.items():
             if not states.stamped and len(states.stamp):
-                notes.add(f'messages on {name} have no stamp, so log times are used, minus '
-                          f'{delay * 1e-6:.3g} ms, the delay of stamped messages; for exact '
-                          'times, publish a type with a header')
+                notes.add(f'messages on {name} have no stamp, so their log time is used, less '
+                          f'{delay * 1e-6:.3g} ms, by which stamped messages are logged late; for '
+                          f'exact times, publish a message type with a header on {name}')
         return {name: states.stamp if states.stamped else states.log_time - delay
                 for name, states in topics.items()}
     for name, states in topics.items():
@@ -120,15 +120,15 @@ def check_finite(stream: Signals, field: str, notes: Notes, path: str) -> FloatA
     counts = bad.sum(axis=0)
     first = int(np.argmax(bad.any(axis=1)))
     seconds = (stream.stamp[first] - stream.stamp[0]) * 1e-9
-    who = ', '.join(f'{name}: {count}' for name, count in zip(stream.names, counts, strict=True)
-                    if count)
+    who = ', '.join(f'{name!r} in {count}' for name, count in zip(
+        stream.names, counts, strict=True) if count)
     large = '' if not np.isfinite(values[bad]).any() else f' or beyond {MAX_VALUE:g}'
-    text = (f'{stream.what}: {who} of {len(bad)} samples are NaN or infinite{large}, the first '
-            f'at {seconds:.3f} s')
+    text = (f'{stream.what}: {who} of {len(bad)} samples is NaN or infinite{large}, the first after '
+            f'{seconds:.3f} s')
     if counts.max() > FEW * len(bad):
         msg = f'{text}; repair the driver or leave this channel out, and record again'
         raise BagError(msg, place=path)
-    notes.add(f'{text}; these samples are left out')
+    notes.add(f'{text}; these are left out; if there are many, check the driver')
     return np.where(bad, np.nan, values)
 
 
@@ -350,8 +350,9 @@ class Assembly:
             at = (stamp[starts[0] - 1] - stamp[0]) * 1e-9
             self.notes.add(
                 f'{len(lengths)} gap(s) on {self.names[self.plan.joint_topic]} longer than '
-                f'{gap_limit(stamp):.3g} s, the longest {lengths.max():.3f} s, the first at '
-                f'{at:.3f} s; the record is split there; if that recurs, check driver and network')
+                f'{gap_limit(stamp):.3g} s, the longest {lengths.max():.3f} s, the first after '
+                f'{at:.3f} s; the record is split there; if other bags have gaps too, find out '
+                'whether driver, network or disk is too slow')
         for cut in np.searchsorted(stamp, self.cuts, side='right').tolist():
             parts = tuple(piece for part in parts for piece in (
                 (slice(part.start, cut), slice(cut, part.stop))

@@ -152,8 +152,8 @@ class Trajectory(Shown):
         """Take some of the joints, in their own order; none may be missing or named twice."""
         missing = [name for name in joints if self.joints.count(name) != 1]
         if missing:
-            msg = (f'the trajectory has the joints {", ".join(self.joints)}; missing or '
-                   f'repeated: {", ".join(missing)}')
+            msg = (f'the trajectory has the joints {", ".join(self.joints)}: {", ".join(missing)} '
+                   f'{"twice" if missing[0] in self.joints else "is missing"}')
             raise SignalError(msg, remedy=f'give each of {", ".join(joints)} once')
         places = [self.joints.index(name) for name in joints]
         q, dq, ddq, effort = (None if values is None else values[:, places] for values in

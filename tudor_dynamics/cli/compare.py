@@ -43,8 +43,8 @@ ALIKE = 1.05  # ratio of errors below which neither side explains a bag better
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor compare``."""
-    parser.add_argument('one', metavar='A', help='bundle, or arm description')
-    parser.add_argument('other', metavar='B', help='bundle, or arm description')
+    parser.add_argument('one', metavar='ARM_OR_MODEL_A', help='bundle, or arm description')
+    parser.add_argument('other', metavar='ARM_OR_MODEL_B', help='bundle, or arm description')
     parser.add_argument('bag', metavar='BAG', nargs='?',
                         help='recording with efforts to judge both by')
     parser.add_argument('--json', action='store_true', help='print one JSON object')

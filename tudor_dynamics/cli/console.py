@@ -171,9 +171,9 @@ def print_verdicts(name: str, uses: Sequence[Use]) -> None:
 def print_findings(findings: Sequence[Finding]) -> None:
     """Print what the doctor says, one finding after the other."""
     for item in findings:
-        where = f'bag {item.bag!r}: ' if item.bag else ''
-        say(f'doctor: {item.title}: {where}{item.what}')
-        for name, text in (('evidence', item.evidence), ('remedy', item.remedy)):
+        say(f'doctor: {item.title}')
+        for name, text in ((f'bag {item.bag!r}' if item.bag else 'found', item.what),
+                           ('evidence', item.evidence), ('remedy', item.remedy)):
             if text:
                 say(f'  {name}: {text}')
 

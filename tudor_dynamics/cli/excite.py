@@ -149,11 +149,11 @@ def _check(args: argparse.Namespace) -> None:
     if args.floor is None and args.box is None:
         raise UsageError('nothing says where the arm may move',
                          remedy='give --floor Z, the height of the floor above the base [m], or '
-                                '--box X X Y Y Z Z [m]')
+                                '--box XMIN XMAX YMIN YMAX ZMIN ZMAX [m]')
     box = args.box or [-1.0, 1.0] * 3
     if not all(-1e3 <= low < high <= 1e3 for low, high in zip(box[::2], box[1::2], strict=True)):
-        raise UsageError(f'--box {" ".join(f"{value:g}" for value in box)}: give a MIN below '
-                         'MAX for each axis, from -1000 to 1000 m')
+        raise UsageError(f'--box {" ".join(f"{value:g}" for value in box)}: give XMIN XMAX YMIN '
+                         'YMAX ZMIN ZMAX, each MIN below its MAX, from -1000 to 1000 m')
     if Path(args.out).exists():
         raise UsageError('exists already and is not overwritten', place=args.out,
                          remedy='give another --out')

@@ -137,8 +137,8 @@ def described(args: argparse.Namespace) -> Arm:
         return arm
     if AUTO in args.friction:
         if len(args.friction) > 1:
-            msg = f'--friction {" ".join(args.friction)}: give auto alone, or names of terms'
-            raise UsageError(msg)
+            raise UsageError(f'--friction {" ".join(args.friction)}: give auto alone, or names of '
+                             'terms without auto')
         return arm.with_open_friction()
     terms = tuple(dict.fromkeys(args.friction))
     return arm.with_joints({joint.name: {'friction': terms} for joint in arm.spec.joints})

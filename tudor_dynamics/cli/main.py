@@ -165,6 +165,14 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     return parser
 
 
+def _with_options(text: str, parser: argparse.ArgumentParser, only: str | None) -> str:
+    """Write the arguments of the library in an error, as in ``lower seconds=``, as options."""
+    commands: Any = parser._actions[-1].choices
+    known = commands[only]._option_string_actions if only else {}
+    return re.sub(r'\b([a-z_]+)=(?=[\s,;:)]|$)', lambda found: option if (
+        option := f'--{found[1].replace("_", "-")}') in known else found[1], text)
+
+
 def _subcommand(name: str) -> ModuleType:
     """Import a subcommand; what comes with it stays, and is not searched for garbage."""
     path = f'tudor_dynamics.cli.{name.replace("-", "_")}'
@@ -199,11 +207,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         warnings.simplefilter('default', TudorWarning)
         try:
             # parsing loads the subcommand's modules, which takes half a second
-            code = _run(build_parser(only).parse_args(arguments), arguments)
+            parser = build_parser(only)
+            code = _run(parser.parse_args(arguments), arguments)
             sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
             return code
         except TudorError as err:
-            complain(f'{name}: {err}')
+            complain(f'{name}: {_with_options(str(err), parser, only)}')
             return WRONG_INPUT
         except BrokenPipeError:
             forget_output()
@@ -226,8 +235,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             if interrupted.is_set():  # a library has made another error of it
                 return _interrupted(name)
             what = f'{type(err).__name__}: {" ".join(str(err).split())[:120]}'
-            complain(f'{name}: {what}; this is a defect of tudor: {_traceback_file(arguments)}, '
-                     'as docs/howto/report_a_bug.md says')
+            complain(f'{name}: {what}; this is a defect of tudor, please report it as docs/howto/'
+                     f'report_a_bug.md says: {_traceback_file(arguments)}')
             return DEFECT
 
 
@@ -294,9 +303,9 @@ def _traceback_file(arguments: Sequence[str]) -> str:
         with open(number, 'w', encoding='utf-8', errors='replace') as file:
             file.write(report(arguments))
     except OSError as err:
-        return (f'its report cannot be written to {tempfile.gettempdir()} ({err.strerror}); run '
-                'the command again with --debug FILE, and send FILE')
-    return f'please send {path}'
+        return (f'run the command again with --debug FILE, and send FILE (no report could be '
+                f'written to the folder {tempfile.gettempdir()}: {err.strerror})')
+    return f'send {path}'
 
 
 def _open_standard_streams() -> None:

@@ -113,7 +113,8 @@ def _runs(args: argparse.Namespace) -> bool:
 def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
     for name in args.free + args.hold:
         if name not in mechanism.joints:
-            raise UsageError(f'--free, --hold: {args.arm} has no joint {name!r}; its joints are '
+            option = '--free' if name in args.free else '--hold'
+            raise UsageError(f'{option}: {args.arm} has no joint {name!r}; its joints are '
                              f'{", ".join(mechanism.joints)}')
     count_steps(args.seconds, args.dt, args.rate)  # says so if they are impossible
     if args.modes is not None and args.modes < 1:

@@ -349,8 +349,8 @@ class _Study:
             raise UsageError(f'bags of several payloads cannot be compared: {said}',
                              remedy='list bags of one payload in the plan')
         if not self.dates:
-            raise FitError(f'no bag can be used ({len(self.unused)} tried): bag {self.unused[0]}',
-                           remedy='or name other bags in the plan')
+            raise FitError(f'none of {len(self.unused)} bags in the plan can be used; the first: '
+                           f'bag {self.unused[0]}')
         for date_ in self.dates.values():
             date_.sights = parted(date_.whole, PARTS)
 

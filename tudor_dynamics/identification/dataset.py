@@ -415,10 +415,11 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
         except ValueError:
             mass = -1.0
         if not path or not 0.0 <= mass < float('inf'):
-            raise UsageError(f'payload {text!r}: expected BAG=KG, 0 kg or more, such as run1=0.2')
+            raise UsageError(f'payload_of= {text}: expected BAG=KG, 0 kg or more, as in run1=0.2')
         resolved = str(Path(path).resolve())
         if resolved not in known:
-            raise UsageError(f'payload {text!r}: {path!r} is not one of the bags that were given')
+            raise UsageError(f'payload_of= {text}: {path!r} is none of the given bags; write BAG '
+                             'in BAG=KG as it is written there')
         found[resolved] = mass
     return found
 
@@ -443,6 +444,7 @@ def model_for(model: Model, bag: BagData) -> Model:
     if model.payload_range is not None:
         if bag.payload is None:
             raise UsageError(f'the payload of bag {str(bag.choice)!r} is not known, and the model '
-                             'needs it: give the payload [kg] of all bags, or of each (BAG=KG)')
+                             'needs it', remedy='give payload= [kg], or the key custom_data: '
+                             '{payload: KG} in metadata.yaml of the bag')
         return model.at(bag.payload)
     return model

@@ -167,10 +167,10 @@ def records_of(bags: Sequence[BagData]) -> list[Record]:
     if not records:
         names = ', '.join(str(bag.choice) for bag in bags)
         msg = (f'{names}: no stretch has {LEAST_SECONDS:g} s of strain without a gap, which the '
-               'elastic model is fitted to; record longer, or leave the elastic model out')
+               'elastic model needs; record longer, or leave elastic out of models=')
         if not any(bag.has('strain') for bag in bags):
-            msg = (f'{names}: no strain, which the elastic model is fitted to; record the gauges '
-                   'as well, or leave the elastic model out')
+            msg = (f'{names}: no strain, which the elastic model needs; record the gauges too, or '
+                   'leave elastic out of models=')
         raise FitError(msg)
     return records
 

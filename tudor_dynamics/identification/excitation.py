@@ -79,10 +79,10 @@ def series(bounds: Limits, limits: Limits, seconds: float, highest: float, dt: f
     harmonics = int(highest * length + 1e-9)
     what = f'a Fourier series of {seconds:g} s up to {highest:g} Hz'
     if length < 2.0 * FADE or harmonics < 1:
-        raise SignalError(f'{what} leaves less than one period between its ramps; raise ' + (
-            f'seconds to {2.0 * (REST + FADE):g} or more' if length < 2.0 * FADE else
-            f'the highest frequency above {1.0 / length:.3g} Hz, or seconds'))
-    check_budget(what, seconds / dt, 112.0 * harmonics, 'lower seconds, rate or highest frequency')
+        raise SignalError(f'{what} has less than one period between its ramps; raise seconds= ' + (
+            f'to {2.0 * (REST + FADE):g} or more' if length < 2.0 * FADE else
+            f'or highest=, which has to be above {1.0 / length:.3g} Hz for this time'))
+    check_budget(what, seconds / dt, 112.0 * harmonics, 'lower seconds=, rate= or highest=')
     t = np.asarray(np.arange(int(round(seconds / dt)) + 1) * dt - REST, dtype=np.float64)
     window = [part[:, None] for part in fade(t, length, FADE)]
     w = 2.0 * np.pi / length * np.arange(1, harmonics + 1)

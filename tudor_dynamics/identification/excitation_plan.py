@@ -22,10 +22,10 @@ from functools import cached_property
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tudor_dynamics.arm.description import Arm, OUTPUTS
 from tudor_dynamics.arm.limits import Limits, SelfCollision
@@ -251,8 +251,8 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
             found[output] = model if model.states is None else _planned(bundle.arm, output)
             noise[output] = model.deviations()
     if not found:
-        raise UsageError('the bundle has no analytical model of a single payload',
-                         remedy='give the noise of the channels in place of a bundle')
+        raise UsageError('model= has no analytical model of a single payload', remedy='give '
+                         'noise= in its place')
     return Target(arm.with_friction_of(bundle.arm), found, bundle.preprocessing,
                   Noise(noise, residual=True), known)
 
@@ -354,7 +354,8 @@ class _Head(BaseModel):
     model_config = ConfigDict(extra='ignore', frozen=True)
     format: str  # noqa: A003
     version: int
-    noise: dict[str, dict[str, float]]  # standard deviation by output and channel, in its unit
+    noise: dict[str, dict[str, Annotated[float, Field(ge=1e-12, le=1e12)]]] = Field(min_length=1)
+    # standard deviation by output and channel, in its unit
     noise_of: str  # `samples`, or `residuals` of a model
     noise_stated: bool  # whether anybody stated it
 
@@ -414,8 +415,5 @@ def read_plan(path: str | Path) -> PlanFolder:
         raise UsageError(f'found {head.format[:60]} {head.version}, expected {FORMAT} {VERSION}',
                          place=path / HEAD, remedy='plan again with this version')
     noise = {output: np.array(list(values.values())) for output, values in head.noise.items()}
-    if not noise or not all(np.all((size >= 1e-12) & (size <= 1e12)) for size in noise.values()):
-        raise UsageError('key noise: expected 1e-12 to 1e12 for each channel', place=path / HEAD,
-                         remedy='plan again with tudor excite')
     return PlanFolder(path, read_trajectory(path / TABLE),
                       Noise(noise, head.noise_of == 'residuals'), head.noise_stated)

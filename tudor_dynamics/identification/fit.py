@@ -166,14 +166,14 @@ def check_arm(arm: Arm) -> None:
     """Refuse an arm of which no elastic model can be made, before hours of work and not after."""
     if arm.coupling is not None:
         raise FitError(f'{arm.source}: the elastic model does not support the key couplings; '
-                       'remove that key, or leave the elastic model out')
+                       'remove that key, or leave elastic out of models=')
     if not arm.gauges:
-        raise FitError(f'{arm.source}: no gauges are described, but the elastic model is fitted '
-                       'to strain; add the key gauges, or leave the elastic model out')
+        raise FitError(f'{arm.source}: has no gauges, which the elastic model needs; add the key '
+                       'gauges, or leave elastic out of models=')
     try:
         DrivenArm(arm)
     except TudorError as err:
-        raise FitError(f'{err}, or leave the elastic model out') from None
+        raise FitError(f'{err}, or leave elastic out of models=') from None
 
 
 def _tell(arm: Arm, found: Identified) -> None:

@@ -134,9 +134,9 @@ def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
                       'analytical')
     found = {output: kinds[chosen] for output, kinds in bundle.models.items() if chosen in kinds}
     if chosen == 'elm' or not found:
-        raise UsageError(f'the bundle has no {chosen} model that estimates loads, only '
-                         f'{", ".join(have)}', remedy='leave the kind out, or ' * bool(kind)
-                         + 'fit one with tudor fit --models analytical elastic')
+        raise UsageError(f'to estimate loads needs a model of the kind {chosen}, but the kinds of '
+                         f'this model are {", ".join(have)}', remedy='leave out kind=, or ' * bool(
+                             kind) + 'fit one with tudor fit --models analytical elastic')
     return found
 
 

@@ -579,10 +579,10 @@ class ManyBags:
 
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
         if wrong and self.streaming.strict:
-            raise FitError(f'{len(wrong)} bags cannot be used; strict needs all: bag {wrong[0]}',
-                           remedy='leave such bags out, or fit without strict')
+            raise FitError(f'{len(wrong)} bags cannot be used, but strict= needs all; the first: '
+                           f'bag {wrong[0]}', remedy='leave such bags out, or strict=')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
-            warnings.warn(f'left out: bag {item}', TudorWarning, stacklevel=2)
+            warnings.warn(f'bag {item}; the fit leaves this bag out', TudorWarning, stacklevel=2)
         self.unused += wrong
         if wrong and len(self.unused) > WARNED:
             warnings.warn(f'{len(self.unused)} bags are left out, the fit uses the others; why: '

@@ -123,7 +123,8 @@ def check_efforts(arm: Arm) -> None:
     if unknown:
         raise FitError(f'{arm.source}: efforts of {", ".join(unknown)} are in A, but the model of '
                        'vibration needs torques [N m] or forces [N]',
-                       remedy='correct their unit, record such efforts, or leave vibration out')
+                       remedy='correct the key effort.unit, record torques, or leave vibration '
+                       'out of models=')
 
 
 def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> FlexibleTool:

@@ -73,7 +73,7 @@ def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple
     if not settings.BETWEEN_CHANGES <= slot < MAX_STEPS:
         raise SimulationError(f'{count} changes of the load do not fit into {seconds:g} s: each '
                               f'needs {settings.BETWEEN_CHANGES:g} s, after a start of '
-                              f'{settings.FIRST_CHANGE:g} s; raise seconds, or ask for fewer')
+                              f'{settings.FIRST_CHANGE:g} s; raise seconds=, or lower loads=')
     rng = np.random.default_rng(seed)
     found = []
     for number in range(count):
@@ -106,7 +106,7 @@ def random_pushes(
     if not room <= slot < MAX_STEPS:
         raise SimulationError(f'{count} pushes do not fit into {seconds:g} s: each needs up to '
                               f'{room:g} s, after a start of {settings.FIRST_PUSH:g} s; raise '
-                              'seconds, or ask for fewer')
+                              'seconds=, or lower pushes=')
     beams = [joint for joint in arm.active_joints if mechanism.length(joint) > 0.0]
     if not beams:
         msg = f'{arm.source}: no active joint moves an elastic link: describe links, or push none'
@@ -198,14 +198,16 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
     hard = hard_limits(arm)
     for k, j in np.argwhere(hard.outside(q) | (np.abs(dq) > hard.velocity))[:1]:
-        raise SimulationError(
-            f'at {trajectory.t[k]:.4g} s the trajectory has joint {arm.active_joints[j]!r} at '
-            f'{q[k, j]:.4g} rad or m, {dq[k, j]:.4g} per s; its limits are {hard.lower[j]:.4g} to '
-            f'{hard.upper[j]:.4g}, {hard.velocity[j]:.4g} per s; plan a motion within them with '
-            f'`tudor excite {arm.source}`')
+        name = arm.active_joints[j]
+        unit = 'm' if arm.is_prismatic(name) else 'rad'
+        raise SimulationError(f'at {trajectory.t[k]:.4g} s the trajectory has ' + (
+            f'{name!r} at {q[k, j]:.4g} {unit}, but its limits are {hard.lower[j]:.4g} to '
+            f'{hard.upper[j]:.4g} {unit}' if hard.outside(q)[k, j] else f'a speed of {name!r} of '
+            f'{dq[k, j]:.4g} {unit}/s, but its limit is {hard.velocity[j]:.4g} {unit}/s')
+            + f'; plan a motion within the limits with `tudor excite {arm.source}`')
     t = trajectory.t - trajectory.t[0]
     check_budget(f'a trajectory of {t[-1]:g} s at steps of {dt:g} s', t[-1] / dt,
-                 48.0 * len(arm.joints))
+                 48.0 * len(arm.joints), 'give a shorter trajectory')
     curve = CubicHermiteSpline(t, q, dq)
     times = np.arange(int(t[-1] / dt + 1e-9) + 1) * dt
     return Reference(curve(times), curve(times, 1), curve(times, 2), dt)

@@ -402,5 +402,5 @@ def with_payload(arm: Arm, mass: float) -> Arm:
 
     """
     if not (math.isfinite(mass) and mass >= 0.0):
-        raise SimulationError(f'a payload of {mass} kg is impossible; give 0 or more')
+        raise SimulationError(f'payload= {mass:g} kg: give 0 or more')
     return arm.changed(payload=InertiaPart(mass=mass) if mass > 0.0 else None)

@@ -220,8 +220,8 @@ class Builder:
         spec = self.links.get(name)
         urdf_mass = model.inertias[index].mass
         if (spec is None or (spec.rigid is None and spec.flexible is None)) and urdf_mass <= 0:
-            msg = (f'{self.arm.source}: no entry of links describes the link after {name!r}; '
-                   'add one with rigid: or flexible: (rigid: {mass: 0} where it has no mass)')
+            msg = (f'{self.arm.source}: links has no entry for the link after {name!r}; add one '
+                   "with the key 'rigid' or 'flexible' (without mass: `rigid: {mass: 0}`)")
             raise SimulationError(msg)
         spec = spec or LinkSpec(joint=name)
         parent_joint = int(model.parents[index])
@@ -405,8 +405,8 @@ def build_mechanism(arm: Arm) -> Mechanism:
         raise SimulationError(f'{arm.source}: the simulator does not model couplings; remove them '
                               'from a copy of the description to simulate the arm without them')
     if not arm.spec.links and not any(i.mass > 0 for i in list(arm.full_model.inertias)[1:]):
-        raise SimulationError(f'{arm.source}: has no links, which simulation and elastic models '
-                              'need; add an entry to links for each joint, rigid or flexible')
+        raise SimulationError(f'{arm.source}: no links, which simulation and elastic models need; '
+                              'add the key links, as docs/reference/arm_yaml.md shows')
     for index in range(1, arm.full_model.njoints):
         builder.link(index)
     tip = builder.tip_frame()

@@ -102,7 +102,7 @@ class Plant:
     ) -> None:
         check_type(mechanism, Mechanism, 'mechanism', 'build_mechanism(arm)')
         if not (np.isfinite(dt) and dt > 0.0):
-            raise SimulationError(f'the time step dt must be positive, found {dt} s')
+            raise SimulationError(f'dt= must be above 0 s, found {dt}')
         if not 0.0 <= rho <= 1.0:
             msg = f'rho, the damping of the integrator, must be from 0 to 1, found {rho}'
             raise SimulationError(msg)
@@ -389,14 +389,14 @@ class Plant:
         elif status == gen.SINGULAR:
             loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
                      if not self.tables.prescribed[index]]
-            msg = (f'{name}: the mass matrix is singular, as {" or ".join(map(repr, loose))} or a '
-                   'node of a beam moves no mass; give the link after it a mass or hub_inertia')
+            msg = (f'{name}: the mass matrix is singular: {" or ".join(map(repr, loose))}, or a '
+                   'beam, moves no mass; give each link a mass, or the key hub_inertia')
         elif status == gen.TOO_BENT:
             msg = (f'{name}: at t = {t:.6g} s a link is bent by more than '
                    f'{settings.MAX_ROTATION} rad, where a linear beam means nothing; energy '
                    f'before: {self.energy().total:.6g} J; check torques and sections')
         else:
             msg = (f'{name}: the run diverged at t = {t:.6g} s (energy before that: '
-                   f'{self.energy().total:.3g} J); set a time step below {self.dt:g} s, or check '
-                   'torques and masses')
+                   f'{self.energy().total:.3g} J); lower dt=, which is {self.dt:g} s, or look for '
+                   'torques that are too large and masses that are too small')
         raise SimulationError(msg)

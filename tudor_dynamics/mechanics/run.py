@@ -295,7 +295,7 @@ def count_steps(seconds: float, dt: float, rate: float) -> tuple[int, int]:
     for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
         check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
         if not 0.0 < value < 1e9:
-            raise UsageError(f'{name} must be positive, found {value}')
+            raise UsageError(f'{name}= must be above 0 and below 1e9, found {value}')
     check_budget(f'a run of {seconds:g} s at steps of {dt:g} s', seconds / dt)
     total = max(int(round(seconds / dt)), 1)
     return total, max(int(round(1.0 / (rate * dt))), 1) if rate * dt > 1e-9 else 2 * total
@@ -369,8 +369,8 @@ def run_plant(
         return {**vars(plant.state), **vars(seen), **sensors.read(plant, seen.acceleration),
                 'energy': plant.energy(), 'rotation': largest_rotation(plant)}
     shown = {name: np.shape(value) for name, value in look().items()}
-    check_budget('the records of the run', samples, 8.0 * sum(map(math.prod, shown.values())),
-                 'lower seconds or rate')
+    check_budget('recording the run', samples, 8.0 * sum(map(math.prod, shown.values())),
+                 'lower seconds= or rate=')
     run = PlantRecord(**{name: np.zeros((samples, *shape)) for name, shape in shown.items()})
     for k in range(steps + 1):
         if k > 0:

@@ -285,7 +285,7 @@ class Model(ABC):
 def check_payload(payload: float, known: Range) -> None:
     """Refuse what is no mass, and warn beyond the payloads that a model was fitted to."""
     if not 0.0 <= payload < float('inf'):
-        raise FitError(f'a payload of {payload:g} kg is impossible; give 0 or more')
+        raise FitError(f'payload= {payload:g} kg: give 0 or more')
     low, high = known
     if not low - 1e-9 <= payload <= high + 1e-9:
         msg = (f'the payload {payload:g} kg is outside the {low:g} to {high:g} kg that the model '

@@ -522,9 +522,9 @@ def load_bundle(
     # but for the friction of its joints, which a fit may choose
     if arm is not None and arm.with_friction_of(own).digest != own.digest:
         raise ModelError(
-            f'this model was fitted to another description (of {own.name!r}) than {arm.source} '
+            f'the model was fitted to another description (of {own.name!r}) than {arm.source} '
             f'(of {arm.name!r})', place=path,
-            remedy='give the description that it was fitted to, or fit it again')
+            remedy='set arm= to the description that it was fitted to, or fit it again')
     try:
         arrays = load_npz(content['elm.npz'], path / 'elm.npz') if 'elm.npz' in content else {}
         models = _models(own, head, arrays, '')

@@ -188,8 +188,8 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
-            'the model gives no masses: it has no analytical model of efforts for one payload',
-            remedy='run tudor fit on bags with efforts that all carry the same payload')
+            'the model gives no masses, as it has no analytical model of efforts for one payload',
+            remedy='run tudor fit on bags that have efforts and were recorded with one payload')
     if not model.data_:
         raise ModelError('the bundle lacks the sums over its training bags (data.npz)',
                          remedy='fit the model again with this version')

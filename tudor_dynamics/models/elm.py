@@ -95,7 +95,7 @@ class ExtremeLearningMachine(MemorylessModel):
         for name, value, least in (
                 ('hidden', self.hidden, 1), ('ridge', self.ridge, 0), ('seed', self.seed, 0)):
             if not value >= least:
-                raise FitError(f'elm_{name} is {value}; give {least} or more')
+                raise FitError(f'elm_{name}= {value}: give {least} or more')
         check_budget(f'{self.hidden} neurons', self.hidden, 16.0 * self.hidden, 'take fewer')
         lows: list[FloatArray] = []
         highs: list[FloatArray] = []

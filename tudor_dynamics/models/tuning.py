@@ -273,7 +273,7 @@ class Wish:
 
     def __post_init__(self) -> None:
         if not 0.02 <= self.damping_ratio <= 0.95:
-            raise UsageError(f'the damping ratio is {self.damping_ratio:g}; give 0.02 to 0.95')
+            raise UsageError(f'damping_ratio= {self.damping_ratio:g}: give 0.02 to 0.95')
         if not 0.0 <= self.delay <= LONGEST_DELAY:
             raise UsageError(f'a delay of {self.delay:g} s: expected 0 to {LONGEST_DELAY:g} s')
         payloads = self.payloads

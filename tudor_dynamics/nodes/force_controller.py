@@ -51,7 +51,7 @@ class ForceControllerNode(MovingNode):
         Figure('wanted [N]', lambda controller: f'{controller.wanted:.3g}', 'controller'),
         Figure('force [N]', lambda controller: f'{controller.force:.3g}', 'controller'),
         Figure('weight by', lambda node: node.controller and node.static.source))
-    ending = 'the node was shut down and sends no references; start it again to go on'
+    ending = 'the node was shut down and sends no references; start the node again'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('force_controller', SILENT, **kwargs)

@@ -187,8 +187,8 @@ class MonitorsNode(TudorNode):
     def verdict(self) -> tuple[bytes, str]:
         """Say which arms are not watched; what the others see their own monitors say."""
         level, message = super().verdict()
-        faults = [f'{arm.namespace} is not watched: {arm.fault}; see the log'
-                  for arm in self.arms if arm.fault]
+        faults = [f'{arm.namespace} is not watched, because of {arm.fault}; see the traceback in '
+                  'the log' for arm in self.arms if arm.fault]
         failed = [arm.namespace for arm in self.arms if arm.failures]
         if level == OK and faults:
             return ERROR, '; '.join(faults)

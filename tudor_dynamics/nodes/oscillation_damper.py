@@ -80,7 +80,7 @@ class OscillationDamperNode(MovingNode):
         Figure('damper JOINT', lambda controller: dict(zip(
             controller.damper.joints, controller.damper.report(), strict=True)), 'controller'))
     feels = True
-    ending = 'the node was shut down: the joints brake to standstill; start it again to go on'
+    ending = 'the node was shut down, and the joints brake to standstill; start the node again'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('oscillation_damper', LONGEST_GAP, **kwargs)

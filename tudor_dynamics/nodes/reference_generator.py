@@ -64,7 +64,7 @@ class ReferenceGeneratorNode(MovingNode):
         Figure('trajectory', lambda source: _progress(source), 'source'),
         Figure('off the reference JOINT [rad]', lambda source: _off(source), 'source'),
         Figure('begun again', lambda source: source.note or None, 'source'))
-    ending = 'the node was shut down: the arm brakes to standstill; start it again to go on'
+    ending = 'the node was shut down, and the arm brakes to standstill; start the node again'
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('reference_generator', LONGEST_GAP, **kwargs)

@@ -247,7 +247,8 @@ class TrajectoryRelayNode(TudorNode):
                     'set it to a bundle of `tudor fit --models analytical vibration`'))
             if tool is None and not frequency:
                 raise SignalError('no frequency is known', remedy='set the parameter '
-                                  'shaping_frequency [Hz], or tool to the path of a model bundle')
+                                  'shaping_frequency [Hz], or the parameter tool to the path of '
+                                  'a model')
             shape = partial(shaped_for, tool, kind=kind) if tool is not None else partial(
                 convolved, shaper=impulses(kind, frequency, self.value('shaping_damping')))
             if np.abs(state.dq).max() > AT_REST:

@@ -54,20 +54,21 @@ class SensorHealth:
 
 
 MEANING = {
-    'settling': 'filters are settling after a start or gap in {on}: wait; if this lasts, look for '
-                'lost messages',
-    'gap': 'messages on {on} are lost: check driver, network, and the parameters qos_overrides',
+    'settling': 'filters settle after the first message on {on}, or after a pause: wait some '
+                'seconds; if this lasts, find the pauses with `ros2 topic hz`',
+    'gap': 'messages on {on} are lost: compare `ros2 topic hz` with the rate of the driver; equal '
+           'rates mean that this computer is too busy, others that the network loses them',
     'not_finite': 'messages on {on} have NaN or infinite values: check the driver',
     'duplicate_stamp': 'stamps on {on} repeat: check the driver, and look for a second publisher',
     'backward_stamp': 'stamps on {on} go back: check the driver, and look for a second publisher',
     'unknown_names': 'messages on {on} lack some joints or gauges of the model: publish all of '
-                     'them in one message, or use the model of the connected arm',
-    'other_names': 'no message on {on} has the name of a joint or gauge of the model: use the '
-                   'model of the connected arm, or compare the names (ros2 topic echo)',
+                     'them in one message, or set the parameter model to the model of this arm',
+    'other_names': 'no name in messages on {on} is that of a joint or gauge of the model: set the '
+                   'parameter model to the model of this arm, or correct the names in its driver',
     'short_array': 'messages on {on} have fewer values than names: correct the driver',
     'no_measurement': 'no measurements come on {on} during the motion: check topic and driver',
-    'no_neighbour': 'no measurement on {on} is near a joint state in time: check the rate of {on} '
-                    'and synchronise the clocks of both publishers',
+    'no_neighbour': 'no stamp on {on} is near that of a joint state: publish {on} at the rate of '
+                    'the joint states, and synchronise the clocks of both publishers',
     'no_prediction': 'no prediction comes, or the model diverged: check the node that predicts',
     'no_thresholds': 'the model has no thresholds: fit it with more motion without contact, or '
                      'call the service ~/calibrate while the arm moves without contact'}
@@ -192,8 +193,8 @@ class OutputCoverage:
             causes = causes or {'no_measurement': 1.0}
             why = self._silent(new) or self._apart(new, old)
             return CoverageReport(
-                CoverageLevel.NONE, 'collisions cannot be detected in any sample of '
-                f'{self.output}{f": {why}" if why else self._main(causes, motions)}', 1.0, causes)
+                CoverageLevel.NONE, f'collisions cannot be detected in any sample of {self.output}'
+                f'{f", because {why}" if why else self._main(causes, motions)}', 1.0, causes)
         faults = list(filter(None, [self._apart(new, old)]))
         if share >= UNJUDGED_WARNING:
             faults.append(f'collisions cannot be detected in {100.0 * share:.1f} % of the samples '
@@ -210,7 +211,7 @@ class OutputCoverage:
         silent = [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
                   if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
         return '' if not silent else (
-            f'no message came on {" or ".join(silent)}: start or check what publishes there')
+            f'no message came on {" nor on ".join(silent)}: start what publishes there')
 
     def _main(self, causes: dict[str, float], motions: dict[str, float]) -> str:
         """Name the cause that explains most, what it means, and the topics it is about."""

@@ -61,7 +61,7 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
             msg = (f'joint {joint.name!r}: efforts cannot be converted from '
                    f'{joint.effort.unit} to {unit}, as the joint has no torque constant')
             raise ModelError(msg, remedy='add joints[].effort.torque_constant to the arm descrip'
-                                         "tion and fit again, or choose the unit 'model'")
+                                         'tion and fit again, or give unit= model')
         result[i] = constant if unit == 'torque' else 1.0 / constant
     return result
 
@@ -349,9 +349,9 @@ class Feedforward:
     ) -> None:
         arm, efforts = bundle.arm, bundle.models.get('effort', {})
         if kind not in efforts:
-            msg = (f'the bundle has no effort model of kind {kind!r}; its effort models: '
+            msg = (f'kind= {kind}: the effort models of this bundle are of the kinds '
                    f'{", ".join(efforts) or "none"}')
-            raise ModelError(msg, remedy=f'choose one of them, or `tudor fit --models {kind}`')
+            raise ModelError(msg, remedy=f'choose such a kind, or run tudor fit --models {kind}')
         self.joints = arm.active_joints
         self.units = tuple(
             joint.effort.unit if unit == 'model' else 'A' if unit == 'current' else
@@ -388,7 +388,7 @@ class Feedforward:
         """
         more = payload - self._known
         if not 0.0 <= payload < float('inf'):
-            raise ModelError(f'a payload of {payload:g} kg is impossible; give 0 or more')
+            raise ModelError(f'payload= {payload:g} kg: give 0 or more')
         elastic = self._of_all.has_memory
         if self._of_all.payload_range is not None or (elastic and abs(more) > SAME):
             self._model = self._of_all.at(payload)

@@ -346,7 +346,7 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> tuple[str, tu
     """Describe an arm as its elastic model has found it, as YAML; name what has no place there."""
     model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if model is None:
-        raise ModelError('an arm description needs an elastic model, and the bundle has none',
+        raise ModelError('an arm description needs an elastic model, which this bundle lacks',
                          remedy='fit one with tudor fit --models analytical elastic')
     writer = _Writer(model)
     writer.physical()

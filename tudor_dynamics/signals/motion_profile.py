@@ -384,8 +384,9 @@ def denser(trajectory: Trajectory, rate: float) -> Trajectory:
     """Put more points onto the splines, so that efforts follow what lies between: rate [Hz]."""
     seconds = float(trajectory.t[-1] - trajectory.t[0])
     if not 0.0 < rate < float('inf') or seconds * rate > settings.MOST_POINTS:
-        raise SignalError(f'{seconds:g} s at {rate:g} points per second; give a rate above '
-                          f'0, low enough for {settings.MOST_POINTS} points in all')
+        raise SignalError(f'rate= {rate:g} points per second, for {seconds:g} s', remedy='raise '
+                          'it above 0' if rate <= 0.0 else
+                          f'lower it: at most {settings.MOST_POINTS} points are possible')
     if len(trajectory.t) < 2:
         return trajectory
     t = np.linspace(trajectory.t[0], trajectory.t[-1], max(1, round(seconds * rate)) + 1)

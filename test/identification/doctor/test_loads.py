@@ -67,7 +67,7 @@ def test_a_load_is_named_with_its_mass() -> None:
     assert finding.size == pytest.approx(1.0, abs=0.15)
     assert finding.now is not None and finding.otherwise is not None
     assert finding.otherwise < 0.5 * finding.now
-    assert 'a load at the tip explains most of the residual; ' in finding.what
+    assert 'a load explains most of the residual; ' in finding.what
     assert list(evaluated.loads) == ['test1']
 
 

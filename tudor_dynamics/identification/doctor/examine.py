@@ -144,7 +144,7 @@ def _of_output(case: Case, output: str, predicted: FloatArray) -> Finding | None
     better = gain(np.maximum(before[felt], 1e-9), np.maximum(after[felt], 1e-9))
     if better < settings.LOAD_GAIN or then > settings.LOAD_SHARE * now:
         return None
-    return found('load_unknown', 'a load at the tip explains most of the residual',
+    return found('load_unknown', 'a load explains most of the residual',
                  case.recording.path, now=now, otherwise=then)
 
 

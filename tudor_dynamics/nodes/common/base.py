@@ -350,7 +350,7 @@ class TudorNode(Node):
                            'only one node publish there')
         return None if len(sources) < 2 else (WARN, (
             f'{len(sources)} publishers send positions on {positions}, from nodes named '
-            f'{", ".join(dict.fromkeys(sources))}; stop all but one'))
+            f'{", ".join(dict.fromkeys(sources))}; stop all but the driver of this arm'))
 
     def named(self, text: str) -> str:
         """Give services of this node the names by which they are called."""
@@ -383,7 +383,8 @@ class TudorNode(Node):
     def described_arm(self, contents: str, reader: str = '') -> Arm:
         """Read the parameter ``arm``; a reader takes no interfaces but JointStates."""
         if not self.value('arm'):
-            raise ArmError(f'the parameter arm is empty; set it to an arm.yaml with {contents}')
+            raise ArmError('the parameter arm is empty; set it to the path of an arm.yaml with '
+                           f'{contents}')
         arm = load_arm(self.value('arm'))
         if reader:
             refuse_interfaces(arm, reader)
@@ -419,8 +420,8 @@ class TudorNode(Node):
         if self.fault:
             return ERROR, self.fault
         if 'timeout' in self.params and self.meter.stale(float(self.value('timeout'))):
-            topics = self._own or self.about()['hears'].replace(' ', ' or ')
-            return STALE, f'no input on {topics}: start what publishes there'
+            topics = self._own or self.about()['hears'].replace(' ', ' nor on ')
+            return STALE, f'no message comes on {topics}: start what publishes there'
         return OK, 'running'
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:
@@ -447,7 +448,7 @@ class TudorNode(Node):
             return ''
         cause, count = since.most_common(1)[0]
         text = UNUSABLE[cause].format(on=self.about()['hears'].replace(' ', ' or '))
-        return f'cannot use {count} messages of the last second: {text}'
+        return f'{count} messages of the last second could not be used, because {text}'
 
     def publish_diagnostics(self, extra: DiagnosticStatus | None = None) -> None:
         """Publish the state of the node; called once a second."""
@@ -459,7 +460,7 @@ class TudorNode(Node):
             message = f'{message}{ALSO}{self._unknown}'
         message, others = self.problems(message)
         if others:
-            message += f" ({len(others)} more: see the key 'problem 2' on {DIAGNOSTICS})"
+            message += f" ({len(others)} more: see 'problem 2' in the values on {DIAGNOSTICS})"
         values = {**self.meter.report(), **more, **others}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,

@@ -353,8 +353,9 @@ class DetectNode(ModelNode):
                     self._learned = learned
                     self.watch.use_thresholds(stored_thresholds(
                         replace(bundle, facts={'thresholds': learned}), settings.kind), settings)
-                    self._note = ('thresholds of the service ~/calibrate are in use until a model '
-                                  'is loaded; to keep them, fit a model with bags of this motion')
+                    self._note = ('thresholds learned by the service ~/calibrate apply until a '
+                                  'model is loaded; to learn them for good, record this motion, '
+                                  'and add the bag to tudor fit')
             return take
 
         def refuse(why: str) -> None:

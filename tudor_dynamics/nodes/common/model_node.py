@@ -303,5 +303,6 @@ class ModelNode(TudorNode):
             return WARN, (f'the parameter payload is {self.payload:g} kg, outside {known[0]:g} to '
                           f'{known[1]:g} kg, which the model knows; fit a model to such loads')
         if self._reload_fault:
-            return ERROR, f'reload refused, the previous model stays in use: {self._reload_fault}'
+            return ERROR, ('the previous model stays in use, as the new one is refused. '
+                           f'{self._reload_fault}')
         return level, message
