@@ -123,8 +123,8 @@ def check_finite(stream: Signals, field: str, notes: Notes, path: str) -> FloatA
     who = ', '.join(f'{name!r} in {count}' for name, count in zip(
         stream.names, counts, strict=True) if count)
     large = '' if not np.isfinite(values[bad]).any() else f' or beyond {MAX_VALUE:g}'
-    text = (f'{stream.what}: {who} of {len(bad)} samples is NaN or infinite{large}, the first after '
-            f'{seconds:.3f} s')
+    text = (f'{stream.what}: {who} of {len(bad)} samples is NaN or infinite{large}, the first '
+            f'after {seconds:.3f} s')
     if counts.max() > FEW * len(bad):
         msg = f'{text}; repair the driver or leave this channel out, and record again'
         raise BagError(msg, place=path)
