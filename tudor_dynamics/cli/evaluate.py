@@ -73,7 +73,8 @@ def run_collisions(args: argparse.Namespace) -> int:
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
     if args.kind not in kinds:
         raise UsageError(f'{args.model}: the bundle has no {args.kind} model; give --kind '
-                         f'{" or ".join(kinds)}, or fit again with --models {args.kind}')
+                         f'{" or ".join(kinds)}, or run tudor fit --models '
+                         f'{" ".join([*kinds, args.kind])}')
     choices = [parse_choice(text) for text in args.bags]
     settings = MonitorSettings(
         args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),

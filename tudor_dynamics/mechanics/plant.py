@@ -397,6 +397,6 @@ class Plant:
                    f'before: {self.energy().total:.6g} J; check torques and sections')
         else:
             msg = (f'{name}: the run diverged at t = {t:.6g} s (energy before that: '
-                   f'{self.energy().total:.3g} J); lower dt=, which is {self.dt:g} s, or look for '
-                   'torques that are too large and masses that are too small')
+                   f'{self.energy().total:.3g} J); take time steps below {self.dt:g} s, or look '
+                   'for torques that are too large and masses that are too small')
         raise SimulationError(msg)
