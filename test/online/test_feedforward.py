@@ -120,7 +120,7 @@ def test_payload_beside_a_model_of_one() -> None:
     assert Feedforward(unknown).payload == 0.2
     with pytest.raises(ModelError, match='0.2 kg, and cannot convert its efforts'):
         Feedforward(unknown, payload=0.3)
-    with pytest.raises(ModelError, match='impossible'):
+    with pytest.raises(ModelError, match='kg: give 0 or more'):
         Feedforward(unknown, payload=-1.0)
 
 
