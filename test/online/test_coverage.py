@@ -114,7 +114,7 @@ def test_another_device_on_the_same_topic_is_no_fault() -> None:
     assert 'no message came on strains' in alone.verdict.text
     alone = Robot()
     alone.live(3.0, other_names=50)
-    assert alone.verdict.text.endswith('compare the names (ros2 topic echo)')
+    assert alone.verdict.text.endswith('correct the names in its driver')
     gauges = Robot()
     gauges.live(3.0, no_measurement=50, strain_other_names=50)
     assert 'no message on strains has the name' in gauges.verdict.text
