@@ -182,22 +182,16 @@ def _prior(products: list[Products], weights: FloatArray, noise: float) -> float
     return noise / power if power > 0.0 else 0.0
 
 
-def _variance_floors(products: list[Products]) -> FloatArray:
-    """Bound each channel's residual variance from below by what its products can resolve."""
-    # a channel that is fitted to rounding (or that is constant zero) would otherwise be given an
-    # endless weight, against which the other channels vanish
-    squares = np.array([product.gram[-1, -1] / max(product.n, 1) for product in products])
-    largest = float(np.max(squares, initial=0.0))
-    return np.maximum(1e-14 * np.maximum(squares, 1e-6 * largest), 1e-300)
-
-
 def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
     """Estimate the parameters that a group of channels shares."""
     p = products[0].gram.shape[0] - 1
     rows = sum(product.n for product in products)
-    floors = _variance_floors(products)
     if rows <= p:
         raise FitError(f'only {rows} samples for {p} parameters; record longer, or raise the rate')
+    # a channel that is fitted to rounding (or that is constant zero) would otherwise be given an
+    # endless weight, against which the other channels vanish
+    squares = np.array([product.gram[-1, -1] / max(product.n, 1) for product in products])
+    floors = np.maximum(1e-14 * np.maximum(squares, 1e-6 * squares.max(initial=0.0)), 1e-300)
     weights = np.ones(len(products))
     for _ in range(3 if weighted and len(products) > 1 else 1):
         parameters, *_ = _solve(products, weights)
