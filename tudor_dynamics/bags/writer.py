@@ -326,13 +326,6 @@ class LiveWriter:
         writer = self._writer
         self._saved = dict(writer.counts), writer.min_timestamp, writer.max_timestamp
 
-    def _restore(self) -> None:
-        """Forget what was written after it was last saved."""
-        self._saver.restore()
-        counts, first, last = self._saved
-        self._writer.counts = dict.fromkeys(self._writer.counts, 0) | counts
-        self._writer.min_timestamp, self._writer.max_timestamp = first, last
-
     def close(self) -> None:
         """Finish the bag and give it its name; without any message there is none."""
         if self._open:
@@ -354,8 +347,11 @@ class LiveWriter:
         made = self._scratch / self.path.name
         try:
             (self._scratch / RESERVE).unlink()
-            if failure:
-                self._restore()
+            if failure:  # what was written after it was last saved is forgotten
+                self._saver.restore()
+                counts, first, last = self._saved
+                self._writer.counts = dict.fromkeys(self._writer.counts, 0) | counts
+                self._writer.min_timestamp, self._writer.max_timestamp = first, last
             count = self.count
             try:
                 self._writer.close()
