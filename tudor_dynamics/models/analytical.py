@@ -44,7 +44,6 @@ from tudor_dynamics.models.regressor import (
     regressor_of)
 from tudor_dynamics.models.settings import (
     LARGEST_GRAM_CONDITION, LOAD_CHANGE, LOAD_PASSES, WEIGHT_PASSES)
-from tudor_dynamics.signals.preprocessing import Decimation
 from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 1024
@@ -371,8 +370,12 @@ class AnalyticalModel(MemorylessModel):
         for block in blocks():
             check_block(block, self.n_inputs, self.channels)
             if block.decimation is not None and block.decimation.sections is not None:
-                yield self._smoothed(self.regressor.rows(block.motion), block.decimation), (
-                    block.output)
+                # only what base parameters take of rows; the other columns are zero
+                used = np.unique(np.concatenate([base.kept for base in self.base_]))
+                found = block.decimation(self.regressor.rows(block.motion)[:, :, used])
+                full = np.zeros((*found.shape[:2], len(self.regressor.columns)))
+                full[:, :, used] = found
+                yield full, block.output
                 continue
             motion = block.motion if block.decimation is None else block.decimation(block.motion)
             for first in range(0, len(motion), ROWS_AT_A_TIME):
@@ -383,14 +386,6 @@ class AnalyticalModel(MemorylessModel):
                 rows = self.regressor.rows(piece, room)
                 buffer = rows if room is None else buffer
                 yield rows, block.output[part]
-
-    def _smoothed(self, rows: FloatArray, decimation: Decimation) -> FloatArray:
-        """Filter and decimate what base parameters take of rows; the other columns are zero."""
-        used = np.unique(np.concatenate([base.kept for base in self.base_]))
-        found = decimation(rows[:, :, used])
-        full = np.zeros((*found.shape[:2], rows.shape[2]))
-        full[:, :, used] = found
-        return full
 
     def _fit_weighted(self, blocks: Blocks, *, triangular: bool) -> None:
         estimator = ESTIMATORS[self.estimator]
