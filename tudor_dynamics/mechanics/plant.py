@@ -215,8 +215,7 @@ class Plant:
         self.tables.vectors[gen.Z] = self.mechanism.initial
         if q is not None:
             self._put(self.tables.vectors[gen.Z], q, 'q')
-        for index, drive in zip(self._q, self._drives, strict=True):
-            self.tables.prescribed[index] = drive != 'torque'
+        self.tables.prescribed[self._q] = [drive != 'torque' for drive in self._drives]
         self.parameters_changed()
         if external_force is not None:
             self._set_force(external_force)
