@@ -206,15 +206,18 @@ def new_table(title: str, names: Sequence[str] = (), figures: Sequence[str] = ()
     return table
 
 
-def print_table(table: Table) -> None:
-    """Print a table on standard output: as wide as the terminal, or as its figures need."""
+def print_table(table: Table, spare: str = '') -> None:
+    """Print a table as wide as the terminal, or as its figures need; spare: a column to give up."""
     # no markup: units in brackets, and names that come from bags, stand as they are
     console = Console(markup=False, highlight=False, emoji=False)
+    if _arrange(table, console.width) > console.width:
+        table.columns = [column for column in table.columns if column.header != spare]
     console.width = max(console.width, _arrange(table, console.width))
     title, table.title = table.title, None  # rich would fold it to the width of the figures
-    if title:
-        console.print(title)
-    console.print(table)
+    say(*[str(title)] * bool(title))
+    with console.capture() as drawn:
+        console.print(table)
+    print('\n'.join(line.rstrip() for line in drawn.get().splitlines()))
 
 
 def _arrange(table: Table, width: int) -> int:
@@ -225,7 +228,7 @@ def _arrange(table: Table, width: int) -> int:
     texts = [column for column in table.columns if not column.no_wrap]
 
     def total() -> int:
-        return sum((column.width or 0) + GAP for column in table.columns)
+        return sum((column.width or 0) + GAP for column in table.columns) - GAP
     for group in (texts[1:], texts[:1]):
         while total() > width:
             widest = max(group, key=lambda column: column.width or 0, default=None)

@@ -30,8 +30,9 @@ import numpy as np
 
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.detection import (
-    best_of, EVENT_FIGURES, EVENT_NAMES, event_notes, event_rows, MethodResult)
+    best_of, EVENT_NAMES, event_notes, event_table, MethodResult)
 from tudor_dynamics.identification.doctor.between import Evaluated
 from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, RUN_IN, Start
 from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, STARTS
@@ -217,8 +218,8 @@ def render(
         'page', arm=result.arm.name, joints=result.arm.active_joints,
         sections=[(anchor, title) for anchor, title, there in sections if there],
         overall=overall((result.causal or result).fitted, assessment.detects),
-        picture=arm_figure(result.arm, np.median(np.column_stack(
-            [axis.training for axis in axes])[:, result.arm.velocity_index], axis=0)),
+        picture=arm_figure(result.arm, np.array([np.median(axis.training) for axis in axes])),
+        where='training bags',
         ringing=_ringing(result),
         analytical=any(item.kind == 'analytical' for item in result.fitted),
         judged=[*((item, 'beside the robot') for item in live),
@@ -434,15 +435,22 @@ MOST = 6  # bags whose ratios a page draws
 
 
 def collision_page(
-    bundle: ModelBundle, bags: Sequence[str], results: Sequence[MethodResult], allowed: float,
+    bundle: ModelBundle, data: Sequence[BagData], results: Sequence[MethodResult], allowed: float,
     made: dict[str, str],
 ) -> str:
     """Render the page of what a detector found; allowed: false alarms per hour; made: as above."""
+    bags = [str(bag.choice) for bag in data]
     curves = {item.method: item.roc for item in results if item.roc.pushes}
     pictures = [(f'{item.method}: {item.watched[bag].bag}', event_figure(item, bag))
                 for bag in range(min(len(bags), MOST)) for item in results]
+    sections = [
+        ('methods', 'Figures', True), ('roc', 'What other thresholds would have found', curves),
+        ('events', 'Events', True), ('ratios', 'Ratio to the threshold, pushes and events', True),
+        ('made', 'Provenance', True)]
     return rendered(
-        'collisions', arm=bundle.arm.name, bags=bags, results=results, per_hour=allowed,
+        'collisions', arm=bundle.arm.name, where='bags', picture=arm_figure(
+            bundle.arm, np.median(np.vstack([bag.recording.q for bag in data]), axis=0)),
+        sections=[(anchor, title) for anchor, title, there in sections if there], bags=bags, results=results, per_hour=allowed,
         best=best_of(results), roc=roc_figure(curves) if curves else None, pictures=pictures,
-        made=made, notes=event_notes(results), names=EVENT_NAMES, figures=EVENT_FIGURES,
-        tables=[(bag, *event_rows(results, place)) for place, bag in enumerate(bags)])
+        made=made, notes=event_notes(results), names=EVENT_NAMES,
+        tables=[(bag, *event_table(results, place)) for place, bag in enumerate(bags)])
