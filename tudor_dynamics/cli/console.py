@@ -207,7 +207,7 @@ def new_table(title: str, names: Sequence[str] = (), figures: Sequence[str] = ()
 
 
 def print_table(table: Table, spare: str = '') -> None:
-    """Print a table as wide as the terminal, or as its figures need; spare: a column to give up."""
+    """Print a table as wide as the terminal or its figures; spare: a column that it can give up."""
     # no markup: units in brackets, and names that come from bags, stand as they are
     console = Console(markup=False, highlight=False, emoji=False)
     if _arrange(table, console.width) > console.width:

@@ -498,7 +498,7 @@ EVENT_FIGURES = ('began\n[s]', UTC, 'ratio', 'force\n[N]', 'place\n[mm]')
 def event_table(
     results: Sequence[MethodResult], place: int,
 ) -> tuple[str, list[str], list[list[str]]]:
-    """Give when a bag begins, the figures that are known of its events, and their rows of texts."""
+    """Give when a bag begins, the names of known figures of its events, and rows of texts."""
     found = sorted(((item.method, seen, item.watched[place].truth) for item in results
                     for seen in item.watched[place].sightings), key=lambda row: row[1].time)
     first = found[0][1].event.stamp - round(1e9 * found[0][1].time) if found else 0

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -180,6 +180,7 @@ class Use:
     level: Grade | None  # may it be used; None where that cannot be said
     why: str  # figures that it is from
     channels: Mapping[str, Grade | None] = field(default_factory=dict)  # the same of each channel
+    noticed: Mapping[str, str] = field(default_factory=dict)  # smallest touch, by channel
 
     def __str__(self) -> str:
         """Write it on one line."""
@@ -190,7 +191,8 @@ class Use:
         """Give it as plain values."""
         words = {name: None if level is None else level.value
                  for name, level in {'': self.level, **self.channels}.items()}
-        return {'use': self.name, 'verdict': words.pop(''), 'why': self.why, 'channels': words}
+        return {'use': self.name, 'verdict': words.pop(''), 'why': self.why, 'channels': words,
+                **({'noticed': dict(self.noticed)} if self.noticed else {})}
 
 
 def short(value: float) -> str:
@@ -198,7 +200,13 @@ def short(value: float) -> str:
     return f'{float(f"{value:.2g}"):g}'
 
 
-Said = tuple[Grade | None, str, Mapping[str, Grade | None]]
+class Said(NamedTuple):
+    """What is said of a use, in the order of `Use`."""
+
+    level: Grade | None
+    why: str
+    channels: Mapping[str, Grade | None] = {}
+    noticed: Mapping[str, str] = {}
 
 
 def uses_of(
@@ -207,7 +215,7 @@ def uses_of(
 ) -> list[Use]:
     """Judge a model by each of its uses; doubt: why newtons and kilograms cannot be relied on."""
     own = item.output, item.kind
-    said: dict[str, Said] = {'prediction': (
+    said = {'prediction': Said(
         item.verdict.level, '; '.join(item.verdict.reasons), item.verdict.channels)}
     if item.output == 'effort':
         said['feed-forward'] = _feedforward(item)
@@ -217,15 +225,15 @@ def uses_of(
             said[f'collision detection ({method})'] = (
                 _collisions(arm, item.output, learned, tip)
                 if item.validation.score.relative_error < 1
-                else (Grade.DO_NOT_USE, 'the prediction error is as large as the signal', {}))
+                else Said(Grade.DO_NOT_USE, 'the prediction error is as large as the signal'))
     for (method, kind), why in missing.items():
         if (SOURCE[method], kind) == own:
-            said[f'collision detection ({method})'] = None, f'no thresholds: {why}', {}
+            said[f'collision detection ({method})'] = Said(None, f'no thresholds: {why}')
     payload = _payload(item, tip)
     if payload is not None:
         said['payload'] = payload
     return [Use(item.output, item.kind, name, *(
-        (None, doubt, {}) if doubt and name != 'prediction' else verdict))
+        Said(None, doubt) if doubt and name != 'prediction' else verdict))
         for name, verdict in said.items()]
 
 
@@ -251,7 +259,8 @@ def _feedforward(item: FittedOutput) -> Said:
     joints = 'all joints' if len(fed) == len(left) else ', '.join(fed) or 'no joint'
     level = Grade.DO_NOT_USE if not fed else (
         Grade.GOOD if _worst(levels.values()) is Grade.GOOD else Grade.USABLE)
-    return level, f'use it at {joints}; share of effort left to the controller: {each}', levels
+    return Said(level, f'use it at {joints}; share of effort left to the controller: {each}',
+                levels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,7 +337,7 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
     torques = 1.0 / np.max(np.abs(seen) / levels, axis=1)
     units, doubt = output_units(arm, output), learned.doubt(per_hour)
     grades: dict[str, Grade | None] = {}
-    each = []
+    noticed = {}
     for i, name in enumerate(learned.channels):
         force, grades[name] = math.nan, None
         if tip is not None and np.isfinite(tip.torque[i]):
@@ -342,21 +351,22 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
                 grades[name] = _grade(force, settings.TIP_FORCE)
             along = output == 'effort' and arm.is_prismatic(name)
             tipped = '' if math.isnan(force) else f' ({short(force)} N at the tip)'
-            each.append(f'{name} {short(torques[i] / abs(tip.torque[i]))} '
-                        f'{"N" if along else "N m"}{tipped}')
+            noticed[name] = (f'{short(torques[i] / abs(tip.torque[i]))} '
+                             f'{"N" if along else "N m"}{tipped}')
         else:
-            each.append(f'{name} {short(torques[i])} {units[name]}')
+            noticed[name] = f'{short(torques[i])} {units[name]}'
     wide = '' if doubt < settings.WIDE else (
         f'; from hours of motion they would be {doubt:.1f} times lower')
     # a new block is the largest of n + 1 with a chance of one in as many, whatever the law
     sure = 3600.0 / BLOCK / (learned.seconds / BLOCK + 1.0)
-    level = _worst(grades.values())
+    level, each = _worst(grades.values()), ', '.join(map(' '.join, noticed.items()))
     unknown = '' if level is not None else (
         'forces in N need effort.torque_constant, sensors[].gain or masses in the description; ')
-    return level, (
+    return Said(level, (
         f'{unknown}detected within {1e3 * settings.NOTICED:.0f} ms at {per_hour:g} false alarm '
-        f'per hour: {", ".join(each)}; thresholds are from {learned.seconds:.0f} s without '
-        f'contact (which alone ensures at most {short(sure)} false alarms per hour){wide}'), grades
+        f'per hour: {each}; thresholds are from {learned.seconds:.0f} s without '
+        f'contact (which alone ensures at most {short(sure)} false alarms per hour){wide}'),
+        grades, noticed)
 
 
 def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
@@ -381,11 +391,12 @@ def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
     column = np.sqrt(np.mean(tip.mass ** 2, axis=0))
     kilograms = np.where(column > 0.0, error / np.maximum(column, 1e-300), np.nan)
     if not np.isfinite(kilograms).any():
-        return None, ('masses in kg need effort.torque_constant, sensors[].gain or masses in '
-                      'the description, or a fit of two payloads (tudor fit --payload-of)'), {}
+        return Said(None, 'masses in kg need effort.torque_constant, sensors[].gain or masses in '
+                    'the description, or a fit of two payloads (tudor fit --payload-of)')
     best = int(np.nanargmin(kilograms))
     share = float(error[best] / max(span[best], 1e-300))
-    return _grade(share, settings.WEIGHT_SHARE), (
+    return Said(
+        _grade(share, settings.WEIGHT_SHARE),
         f'uncertain by {short(kilograms[best])} kg (two standard deviations of '
         f'{model.channels[best]}, averaged over {settings.MEAN:g} s), {100.0 * share:.0f} % of '
-        "how much the arm's weight varies between poses"), {}
+        "how much the arm's weight varies between poses")

@@ -38,7 +38,7 @@ from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, RUN_IN
 from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, STARTS
 from tudor_dynamics.identification.fit import FitResult, FittedOutput, headline
 from tudor_dynamics.identification.next_steps import (
-    assess, Assessment, changes, Comparison, ErrorChange)
+    assess, Assessment, changes, Comparison, ErrorChange, noticed)
 from tudor_dynamics.identification.ringdowns import (
     find_ringdowns, LEAST_SECONDS, mode_map, Ringdown, Ringing)
 from tudor_dynamics.identification.validation import (
@@ -238,6 +238,7 @@ def render(
         usable_fit=USABLE_FIT, good_condition=GOOD_CONDITION, steps=assessment.steps,
         made=made or {}, last=last,
         judged_by=[bag.bag for bag in result.judged or result.learned],
+        noticed=() if last is None else noticed(last.facts, assessment.uses),
         changes=() if last is None else changes(last.facts, {
             output['key']: {item.kind: item.validation for item in output['fitted']}
             for output in outputs}))
@@ -444,13 +445,13 @@ def collision_page(
     pictures = [(f'{item.method}: {item.watched[bag].bag}', event_figure(item, bag))
                 for bag in range(min(len(bags), MOST)) for item in results]
     sections = [
-        ('methods', 'Figures', True), ('roc', 'What other thresholds would have found', curves),
-        ('events', 'Events', True), ('ratios', 'Ratio to the threshold, pushes and events', True),
-        ('made', 'Provenance', True)]
+        ('methods', 'Figures'), *[('roc', 'What other thresholds would have found')] * bool(curves),
+        ('events', 'Events'), ('ratios', 'Ratio to the threshold, pushes and events'),
+        ('made', 'Provenance')]
     return rendered(
         'collisions', arm=bundle.arm.name, where='bags', picture=arm_figure(
             bundle.arm, np.median(np.vstack([bag.recording.q for bag in data]), axis=0)),
-        sections=[(anchor, title) for anchor, title, there in sections if there], bags=bags, results=results, per_hour=allowed,
-        best=best_of(results), roc=roc_figure(curves) if curves else None, pictures=pictures,
+        sections=sections, bags=bags, results=results, per_hour=allowed, best=best_of(results),
+        roc=roc_figure(curves) if curves else None, pictures=pictures,
         made=made, notes=event_notes(results), names=EVENT_NAMES,
         tables=[(bag, *event_table(results, place)) for place, bag in enumerate(bags)])
