@@ -355,6 +355,20 @@ def test_comparison_with_the_last_fit(result: FitResult) -> None:
     assert 'last fit' not in Page(render(result)).text
 
 
+@pytest.mark.parametrize(('fit', 'shown'), [(88.57, '88.6'), (84.98, '84.9'), (84.93, '84.9')])
+def test_a_fit_has_one_value(result: FitResult, fit: float, shown: str) -> None:
+    """Verdict, table and printed result round alike, and none of them over a bound."""
+    def changed(item: FittedOutput) -> FittedOutput:
+        score = replace(item.validation.score, fit=fit)
+        return replace(item, validation=replace(item.validation, score=score))
+    other = replace(result, fitted=tuple(map(changed, result.fitted)))
+    text = render(other)
+    assert set(re.findall(r'fit ([\d.]+) %', text)) == {shown}
+    table = text.partition('<section id="figures"')[2].partition('</section>')[0]
+    assert table.count(f'<td class="n">{shown}</td>') >= len(other.fitted)
+    assert repr(other.fitted[0].validation).count(f'fit {shown} %') == 1
+
+
 def test_the_last_fit_is_compared_by_what_it_notices(result: FitResult) -> None:
     """The smallest touch of each channel then and now; nothing is said of bundles by hand."""
     def use(**noticed: str) -> Use:

@@ -42,7 +42,7 @@ from tudor_dynamics.identification.next_steps import (
 from tudor_dynamics.identification.ringdowns import (
     find_ringdowns, LEAST_SECONDS, mode_map, Ringdown, Ringing)
 from tudor_dynamics.identification.validation import (
-    GOOD_FIT, Grade, LARGEST_CONDITION, USABLE_FIT, Validation)
+    GOOD_FIT, Grade, LARGEST_CONDITION, shown_fit, USABLE_FIT, Validation)
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import KINDS, ModelBundle
@@ -253,7 +253,8 @@ def rendered(template: str, **values: Any) -> str:
         loader=jinja2.FileSystemLoader(folder), autoescape=True,
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {'encoded': encoded, 'number': number, 'unit': pretty_unit,
-                            'in_words': in_words, 'kind': lambda kind: KINDS[kind].label}
+                            'in_words': in_words, 'shown_fit': shown_fit,
+                            'kind': lambda kind: KINDS[kind].label}
     # only these two scripts run, whatever stands in names
     scripts = [get_plotlyjs().strip(), (folder / 'report.js').read_text().strip()]
     allowed = [f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
@@ -445,7 +446,8 @@ def collision_page(
     pictures = [(f'{item.method}: {item.watched[bag].bag}', event_figure(item, bag))
                 for bag in range(min(len(bags), MOST)) for item in results]
     sections = [
-        ('methods', 'Figures'), *[('roc', 'What other thresholds would have found')] * bool(curves),
+        ('methods', 'Figures'),
+        *[('roc', 'What other thresholds would have found')] * bool(curves),
         ('events', 'Events'), ('ratios', 'Ratio to the threshold, pushes and events'),
         ('made', 'Provenance')]
     return rendered(
