@@ -34,7 +34,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, FittedOutput
 from tudor_dynamics.identification.loads import figures
-from tudor_dynamics.identification.next_steps import assess, noticed
+from tudor_dynamics.identification.next_steps import assess
 from tudor_dynamics.identification.ringdowns import Ringing
 from tudor_dynamics.identification.uses import Use
 from tudor_dynamics.identification.validation import Grade, Verdict
@@ -383,8 +383,8 @@ def test_the_last_fit_is_compared_by_what_it_notices(result: FitResult) -> None:
                 'gone effort, analytical 7 N m not known'):
         assert row in text
     for broken in ({}, {'uses': 1}, {'uses': {'effort': {'analytical': [{}]}}}):
-        assert [row[1:] for row in noticed(broken, now.uses)] == [
-            ('axis1', 'not known', '2.5 N m'), ('axis2', 'not known', '4 N m (9 N at the tip)')]
+        text = Page(render(result, now, last=LastFit('old', broken))).text
+        assert 'axis1 effort, analytical not known 2.5 N m' in text
 
 
 def said(item: FittedOutput, level: Grade) -> FittedOutput:

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 import math
 import os
@@ -290,19 +289,6 @@ def spread(validation: Validation) -> dict[str, float]:
     errors = blocks.std(axis=0, ddof=1) / math.sqrt(len(blocks)) / np.maximum(
         blocks.mean(axis=0), 1e-300)
     return dict(zip(validation.channels, errors.tolist(), strict=True))
-
-
-def noticed(facts: Mapping[str, Any], uses: Sequence[Use]) -> list[tuple[Use, str, str, str]]:
-    """List the smallest touch that each channel notices: use, channel, then, now."""
-    then: dict[tuple[str, ...], str] = {}
-    with suppress(AttributeError, KeyError, TypeError):  # of a bundle made by hand
-        then = {(output, kind, use['use'], name): f'{text}'
-                for output, kinds in facts['uses'].items() for kind, known in kinds.items()
-                for use in known for name, text in use.get('noticed', {}).items()}
-    return [(use, name, then.get((use.output, use.kind, use.name, name), 'not known'),
-             use.noticed.get(name, 'not known')) for use in uses
-            for name in dict.fromkeys([*use.noticed, *(
-                key[3] for key in then if key[:3] == (use.output, use.kind, use.name))])]
 
 
 def changes(

@@ -18,8 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -200,13 +201,7 @@ def short(value: float) -> str:
     return f'{float(f"{value:.2g}"):g}'
 
 
-class Said(NamedTuple):
-    """What is said of a use, in the order of `Use`."""
-
-    level: Grade | None
-    why: str
-    channels: Mapping[str, Grade | None] = {}
-    noticed: Mapping[str, str] = {}
+Said = tuple[Grade | None, str, Mapping[str, Grade | None]]
 
 
 def uses_of(
@@ -214,27 +209,23 @@ def uses_of(
     missing: Mapping[tuple[str, str], str], doubt: str = '',
 ) -> list[Use]:
     """Judge a model by each of its uses; doubt: why newtons and kilograms cannot be relied on."""
-    own = item.output, item.kind
-    said = {'prediction': Said(
-        item.verdict.level, '; '.join(item.verdict.reasons), item.verdict.channels)}
+    use, own, tip = partial(Use, item.output, item.kind), (item.output, item.kind), _tip(item, arm)
+    verdict, detection = item.verdict, 'collision detection ({})'
+    found = [use('prediction', verdict.level, '; '.join(verdict.reasons), verdict.channels)]
     if item.output == 'effort':
-        said['feed-forward'] = _feedforward(item)
-    tip = _tip(item, arm)
+        found.append(use('feed-forward', *_feedforward(item)))
     for (method, kind), learned in thresholds.items():
         if (SOURCE[method], kind) == own:
-            said[f'collision detection ({method})'] = (
+            found.append(use(detection.format(method), *(
                 _collisions(arm, item.output, learned, tip)
-                if item.validation.score.relative_error < 1
-                else Said(Grade.DO_NOT_USE, 'the prediction error is as large as the signal'))
-    for (method, kind), why in missing.items():
-        if (SOURCE[method], kind) == own:
-            said[f'collision detection ({method})'] = Said(None, f'no thresholds: {why}')
+                if item.validation.score.relative_error < 1 else
+                (Grade.DO_NOT_USE, 'the prediction error is as large as the signal', {}, {}))))
+    found += [use(detection.format(method), None, f'no thresholds: {why}')
+              for (method, kind), why in missing.items() if (SOURCE[method], kind) == own]
     payload = _payload(item, tip)
     if payload is not None:
-        said['payload'] = payload
-    return [Use(item.output, item.kind, name, *(
-        Said(None, doubt) if doubt and name != 'prediction' else verdict))
-        for name, verdict in said.items()]
+        found.append(use('payload', *payload))
+    return [found[0], *(use(one.name, None, doubt) if doubt else one for one in found[1:])]
 
 
 def _grade(value: float, bounds: tuple[float, float]) -> Grade:
@@ -259,8 +250,7 @@ def _feedforward(item: FittedOutput) -> Said:
     joints = 'all joints' if len(fed) == len(left) else ', '.join(fed) or 'no joint'
     level = Grade.DO_NOT_USE if not fed else (
         Grade.GOOD if _worst(levels.values()) is Grade.GOOD else Grade.USABLE)
-    return Said(level, f'use it at {joints}; share of effort left to the controller: {each}',
-                levels)
+    return level, f'use it at {joints}; share of effort left to the controller: {each}', levels
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +309,8 @@ def _gain(arm: Arm, gauge: GaugeSpec) -> float:
     return STRAIN_SCALE[gauge.unit] * known.surface_y / known.EIz
 
 
-def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | None) -> Said:
+def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | None) -> tuple[
+        Grade | None, str, Mapping[str, Grade | None], Mapping[str, str]]:
     """Say which torque, and which force at the tip, is noticed within `settings.NOTICED`."""
     # it is a step, on the arm in motion or at rest, whichever hides more. The force acts along the
     # way that a joint moves the tip, in the median over the poses
@@ -362,11 +353,11 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
     level, each = _worst(grades.values()), ', '.join(map(' '.join, noticed.items()))
     unknown = '' if level is not None else (
         'forces in N need effort.torque_constant, sensors[].gain or masses in the description; ')
-    return Said(level, (
+    return level, (
         f'{unknown}detected within {1e3 * settings.NOTICED:.0f} ms at {per_hour:g} false alarm '
         f'per hour: {each}; thresholds are from {learned.seconds:.0f} s without '
-        f'contact (which alone ensures at most {short(sure)} false alarms per hour){wide}'),
-        grades, noticed)
+        f'contact (which alone ensures at most {short(sure)} false alarms per hour){wide}'
+    ), grades, noticed
 
 
 def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
@@ -391,12 +382,11 @@ def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
     column = np.sqrt(np.mean(tip.mass ** 2, axis=0))
     kilograms = np.where(column > 0.0, error / np.maximum(column, 1e-300), np.nan)
     if not np.isfinite(kilograms).any():
-        return Said(None, 'masses in kg need effort.torque_constant, sensors[].gain or masses in '
-                    'the description, or a fit of two payloads (tudor fit --payload-of)')
+        return None, ('masses in kg need effort.torque_constant, sensors[].gain or masses in '
+                      'the description, or a fit of two payloads (tudor fit --payload-of)'), {}
     best = int(np.nanargmin(kilograms))
     share = float(error[best] / max(span[best], 1e-300))
-    return Said(
-        _grade(share, settings.WEIGHT_SHARE),
+    return _grade(share, settings.WEIGHT_SHARE), (
         f'uncertain by {short(kilograms[best])} kg (two standard deviations of '
         f'{model.channels[best]}, averaged over {settings.MEAN:g} s), {100.0 * share:.0f} % of '
-        "how much the arm's weight varies between poses")
+        "how much the arm's weight varies between poses"), {}

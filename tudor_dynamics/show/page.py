@@ -38,7 +38,7 @@ from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, RUN_IN
 from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, STARTS
 from tudor_dynamics.identification.fit import FitResult, FittedOutput, headline
 from tudor_dynamics.identification.next_steps import (
-    assess, Assessment, changes, Comparison, ErrorChange, noticed)
+    assess, Assessment, changes, Comparison, ErrorChange)
 from tudor_dynamics.identification.ringdowns import (
     find_ringdowns, LEAST_SECONDS, mode_map, Ringdown, Ringing)
 from tudor_dynamics.identification.validation import (
@@ -70,22 +70,6 @@ class LastFit:
 
     path: str  # of its bundle
     facts: Mapping[str, Any]  # of its bundle
-
-    @property
-    def bags(self) -> list[str]:
-        """Bags that it was fitted to."""
-        return [str(bag.get('bag')) for bag in self.facts.get('training', ())]
-
-    @property
-    def judged(self) -> list[str]:
-        """Bags that it was judged by."""
-        return [str(bag.get('bag')) for bag in self.facts.get('test', ())] or self.bags
-
-    @property
-    def made(self) -> str:
-        """When and by what it was made; empty of bundles that do not say so."""
-        made = self.facts.get('made', {})
-        return ', '.join(str(made[key]) for key in ('date', 'version') if key in made)
 
 
 @dataclass(frozen=True)
@@ -189,7 +173,7 @@ def render(
     result: FitResult, assessment: Assessment | None = None, planned: Comparison | None = None,
     made: Mapping[str, str] | None = None, last: LastFit | None = None,  # made: provenance
 ) -> str:
-    """Render the report of a fit: sections with their templates, and what all of them show."""
+    """Render the report of a fit: what all of its sections show."""
     assessment = assess(result) if assessment is None else assessment
     outputs = [_output(result, assessment, output) for output in
                dict.fromkeys(item.output for item in result.fitted)]
@@ -201,25 +185,10 @@ def render(
     axes = joint_axes(result)
     pairs = joint_pairs(axes)
     live = () if result.causal is None else result.causal.fitted
-    sections = [
-        ('verdict', 'Verdict', True), ('next', 'What to do next', True),
-        ('figures', 'Figures', True), ('last', 'Compared with the last fit', last is not None),
-        ('doctor', 'Doctor', True),
-        *((output['key'], f'{output["title"]} over time', True) for output in outputs),
-        ('thresholds', 'Collision thresholds', any(output['limits'] for output in outputs)),
-        ('coefficients', 'Coefficients', any(output['groups'] for output in outputs)),
-        ('before', 'Before and after', before is not None),
-        ('planned', 'What was planned', planned is not None),
-        ('elastic', 'Elastic arm', elastic is not None),
-        ('choices', 'What was chosen', bool(result.choices)),
-        ('coverage', 'Coverage', True), ('bags', 'Bags and warnings', True),
-        ('settings', 'Settings and provenance', True), ('reading', 'How to read this', True)]
     return rendered(
         'page', arm=result.arm.name, joints=result.arm.active_joints,
-        sections=[(anchor, title) for anchor, title, there in sections if there],
         overall=overall((result.causal or result).fitted, assessment.detects),
         picture=arm_figure(result.arm, np.array([np.median(axis.training) for axis in axes])),
-        where='training bags',
         ringing=_ringing(result),
         analytical=any(item.kind == 'analytical' for item in result.fitted),
         judged=[*((item, 'beside the robot') for item in live),
@@ -238,7 +207,6 @@ def render(
         usable_fit=USABLE_FIT, good_condition=GOOD_CONDITION, steps=assessment.steps,
         made=made or {}, last=last,
         judged_by=[bag.bag for bag in result.judged or result.learned],
-        noticed=() if last is None else noticed(last.facts, assessment.uses),
         changes=() if last is None else changes(last.facts, {
             output['key']: {item.kind: item.validation for item in output['fitted']}
             for output in outputs}))
@@ -445,15 +413,10 @@ def collision_page(
     curves = {item.method: item.roc for item in results if item.roc.pushes}
     pictures = [(f'{item.method}: {item.watched[bag].bag}', event_figure(item, bag))
                 for bag in range(min(len(bags), MOST)) for item in results]
-    sections = [
-        ('methods', 'Figures'),
-        *[('roc', 'What other thresholds would have found')] * bool(curves),
-        ('events', 'Events'), ('ratios', 'Ratio to the threshold, pushes and events'),
-        ('made', 'Provenance')]
     return rendered(
-        'collisions', arm=bundle.arm.name, where='bags', picture=arm_figure(
+        'collisions', arm=bundle.arm.name, picture=arm_figure(
             bundle.arm, np.median(np.vstack([bag.recording.q for bag in data]), axis=0)),
-        sections=sections, bags=bags, results=results, per_hour=allowed, best=best_of(results),
-        roc=roc_figure(curves) if curves else None, pictures=pictures,
-        made=made, notes=event_notes(results), names=EVENT_NAMES,
+        bags=bags, results=results, per_hour=allowed, best=best_of(results), pictures=pictures,
+        roc=roc_figure(curves) if curves else None, made=made, notes=event_notes(results),
+        names=EVENT_NAMES,
         tables=[(bag, *event_table(results, place)) for place, bag in enumerate(bags)])
