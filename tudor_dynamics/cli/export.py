@@ -41,7 +41,7 @@ examples:
   tudor export MODEL --to yaml --out drives.yaml
   tudor export MODEL --to csv --out parameters.csv
   tudor export MODEL --to arm --out identified.yaml    of an elastic model
-  tudor export MODEL --to plotjuggler --out layout.xml    topics of its monitor; or foxglove, .json
+  tudor export MODEL --to plotjuggler --out layout.xml    topics of its monitor
 
 Masses, centres, inertias, rotor inertias and friction are those that explain the recordings the
 model was fitted to, among all that can exist; what the recordings do not show comes from the
