@@ -215,8 +215,8 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
 
 # -- Recordings of the simulated arm: stimuli, pushes, and the bags that they become
 
-@dataclass(frozen=True)
-class StimulusSpec:
+@dataclass(frozen=True, repr=False)
+class StimulusSpec(Shown):
     """
     One recording.
 

@@ -233,7 +233,7 @@ class LoopRecord(Shown):
                      for item in fields(cls)))
 
 
-class ClosedLoop:
+class ClosedLoop(Shown):
     """
     An arm under control, with the state of all its parts.
 

@@ -30,7 +30,7 @@ from tudor_dynamics.mechanics.integrator import Joints, PlantTables, report, ste
 from tudor_dynamics.mechanics.matrices import (
     add_stretch, mass_matrix, stiffness_matrix, stretch_energy)
 from tudor_dynamics.mechanics.mechanism import Mechanism
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 DrivenBy = Literal['torque', 'motion', 'hold']
@@ -63,7 +63,7 @@ class Energy(NamedTuple):
         return self.kinetic + self.elastic + self.gravity
 
 
-class Plant:
+class Plant(Shown):
     """
     A mechanism with its state and its integrator.
 
