@@ -237,7 +237,8 @@ def test_when_a_fit_goes_bag_by_bag() -> None:
     assert streams(2, FitSettings(), asked=True)
     for bags, settings, word in ((FROM, FitSettings(kinds=('analytical', 'elm')), 'elm'),
                                  (5, FitSettings(kinds=('analytical', 'elm')),
-                                  'no elm model can be; leave such models out, or leave out stream='),
+                                  'no elm model can be; leave such models out, or leave '
+                                  'out stream='),
                                  (FROM, FitSettings(estimator='huber'), 'Huber'),
                                  (1, FitSettings(), 'two bags or more')):
         with pytest.raises(UsageError, match=word):
