@@ -76,7 +76,8 @@ CONTENT = {
                         'link named'),
     'collision_record': ('std_msgs/String', 'JSON of the last event, latched: its channel and '
                          'its last second; measured, expected, thresholds, ratios of all; motion; '
-                         'state; parameters; digest of the model; versions'),
+                         'sensors; load; offsets of stamps; state; parameters; digest of the '
+                         'model; versions'),
     'payload': ('geometry_msgs/InertiaStamped', 'mass of the load [kg] and its place, in the '
                 'frame of the last link; latched'),
     'wanted_trajectory': (MOTION, 'wanted motion; velocities and accelerations may be empty; '

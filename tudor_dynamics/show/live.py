@@ -142,10 +142,10 @@ class LiveView:
         found = {key: re.fullmatch(r'state: (\S+) (.+) \[(.*)\]', key) for key in values}
         self.states = {(match[1], match[2]): (match[3], values[key])
                        for key, match in found.items() if match} or self.states
-        for time in filter(None, values.get('events in it', '').split(', ')):
-            for line in self.events:
-                if line.startswith(time):
-                    self.events[line] = shlex.join(['tudor', 'why', values.get('last bag', '')])
+        times = tuple(filter(None, values.get('events in it', '').split(', ')))
+        for line in self.events:
+            if line.startswith(times):
+                self.events[line] = shlex.join(['tudor', 'why', values.get('last bag', '')])
 
     def event(self, onset: int, method: str, link: str, ratios: dict[str, float], why: str = '',
               ) -> str:
@@ -153,6 +153,7 @@ class LiveView:
         channel = max(ratios, key=lambda name: ratios[name])
         line = printable(f'{time_of_day(onset)}  {link} by {method}: {channel} '
                          f'{ratios[channel]:.2f} times its threshold')
+        why = why or self.events.get(line, '')  # a record may come again
         self.events = dict([*self.events.items(), (line, why)][-KEPT:])
         return line
 
@@ -197,7 +198,8 @@ class LiveView:
                         if item.method == method and item not in hidden)
         if hidden:
             yield Text(f'{len(hidden)} channels with smaller ratios have no room')
-        yield from filter(None, [Text(self.load)])
+        if self.load:
+            yield Text(self.load)
 
     def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """Draw it with the newest events, and how to explain the last of them."""
