@@ -535,7 +535,8 @@ def load_text(mass: float, std: float | None, source: str) -> str:
         return f'load {mass:.3f} +- {std:.3f} kg, estimated'
     if source == 'topic':
         return f'load {mass:.3f} kg (topic payload)'
-    return f'load {mass:g} kg assumed ({source} payload)' if mass else 'no load assumed'
+    where = 'of the model' if source == 'model' else 'parameter payload'
+    return f'load {mass:g} kg assumed ({where})' if mass else 'no load assumed'
 
 
 def carried_load(source: str, bundle: ModelBundle, payload: float) -> CarriedLoad | None:

@@ -192,7 +192,7 @@ class LiveView:
                        '0     1     2 state')
         for method in methods:
             yield Text.assemble(
-                f'{method:<9}', history(dict(self.peaks.get(method, {})), self.stamp),
+                (f'{method:<9}', 'bold'), history(dict(self.peaks.get(method, {})), self.stamp),
                 f'  largest of each second, {HISTORY} s' * wide)
             yield from (item.line(names, units, wide=wide) for item in channels
                         if item.method == method and item not in hidden)
