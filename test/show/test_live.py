@@ -115,10 +115,12 @@ def test_stamps_that_go_back() -> None:
 def test_history() -> None:
     """The largest ratio of each second counts; seconds without samples stay blank."""
     view = LiveView('arm')
-    for stamp, ratio in ((1.0, 0.1), (1.5, 2.0), (1.9, 0.1), (4.0, 0.999), (5.0, 0.0)):
+    for stamp, ratio in ((0.0, np.nan), (1.0, 0.1), (1.5, 2.0), (1.9, 0.1), (4.0, 0.999),
+                         (5.0, 0.0)):
         view.take(round(stamp * SECOND), 'strain', 'ratio', ('hub',), np.array([ratio]))
     text = history(view.peaks['strain'], 5 * SECOND).plain
-    assert len(text) == HISTORY and text[-5:] == f'{ABOVE}  \u2587\u2581' and not text[:-5].strip()
+    assert len(text) == HISTORY and text[-6:] == f'{ABOVE}{ABOVE}  \u2587\u2581' and not text[
+        :-6].strip()
 
 
 def test_a_long_time() -> None:

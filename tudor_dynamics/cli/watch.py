@@ -44,7 +44,7 @@ examples:
 
 With a bag, the messages pass a monitor at the speed at which they were recorded; without, the
 topics of a monitor that runs are shown (ROS 2 is needed). Where no terminal watches, a bag passes
-at once, and each event is a line. --web serves the same view to browsers of this machine.
+at once, and each event is a line. --web serves view and all events to browsers of this machine.
 """
 LAST_PORT = 65535
 

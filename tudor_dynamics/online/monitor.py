@@ -228,9 +228,8 @@ class Watch:
         self.methods = served if settings.methods else (
             tuple(name for name in served if name in thresholds) or served)
         self.outputs = tuple(dict.fromkeys(SOURCE[name] for name in self.methods))
-        self._topics = {output: bundle.arm.topics[output] for output in self.outputs}
-        self.gathering = {output: Gathering(bundle.arm.channels[output], topics)
-                          for output, topics in self._topics.items()}
+        self.gathering = {output: Gathering(bundle.arm.channels[output], bundle.arm.topics[output])
+                          for output in self.outputs}
         self.stamp = 0  # of the newest motion [ns]
         # by output and topic: stamps of that motion and of the newest message [ns], its readings
         self._heard: dict[tuple[str, str], tuple[int, int, FloatArray]] = {}
@@ -341,8 +340,8 @@ class Watch:
         """Say whether the readings of each channel are ok, stuck for a time [s], or silent."""
         stuck = {name for health in self._health.values() for name in health.dead(seconds)}
         found: dict[str, str] = {}
-        for output, topics in self._topics.items():
-            for topic, names in topics.items():
+        for output in self.outputs:
+            for topic, names in self.bundle.arm.topics[output].items():
                 at, _, values = self._heard.get((output, topic), (0, 0, [math.nan] * len(names)))
                 late = abs(self.stamp - at) > COVERAGE_TIME * 1e9
                 found |= {name: 'silent' if late or not math.isfinite(value) else
@@ -373,18 +372,15 @@ class Watch:
         settle = self.bundle.preprocessing.settle
         return settle if self.observer is None else max(settle, self.observer.settle)
 
-    def add_motion(self, motion: Motion, predicted: dict[str, FloatArray] | None) -> Found:
-        """Take a motion and its predictions, None while the filters settle, into account."""
+    def add_motion(
+        self, motion: Motion, predicted: Mapping[str, FloatArray | None] | None,
+        outputs: Sequence[str] = (),
+    ) -> Found:
+        """Take a motion and predictions, None while filters settle; all outputs by default."""
         found, self.stamp = Found(), motion.stamp
-        for output, pairing in self.pairing.items():
+        for output in outputs or self.outputs:
             values = None if predicted is None else predicted.get(output)
-            self._judge(output, pairing.add_motion(motion, values), found)
-        return found
-
-    def add_output(self, output: str, motion: Motion, predicted: FloatArray | None) -> Found:
-        """Take a motion and one output's prediction, None while filters settle, into account."""
-        found, self.stamp = Found(), motion.stamp
-        self._judge(output, self.pairing[output].add_motion(motion, predicted), found)
+            self._judge(output, self.pairing[output].add_motion(motion, values), found)
         return found
 
     def gather(
