@@ -76,7 +76,8 @@ CONTENT = {
                         'link named'),
     'collision_record': ('std_msgs/String', 'JSON of the last event, latched: its channel and '
                          'its last second; measured, expected, thresholds, ratios of all; motion; '
-                         'state; parameters; digest of the model; versions'),
+                         'sensors; load; offsets of stamps; state; parameters; digest of the '
+                         'model; versions'),
     'payload': ('geometry_msgs/InertiaStamped', 'mass of the load [kg] and its place, in the '
                 'frame of the last link; latched'),
     'wanted_trajectory': (MOTION, 'wanted motion; velocities and accelerations may be empty; '
@@ -117,8 +118,7 @@ TOPICS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     'collision_detector': (('joint_motion', *PREDICTED, *MEASURED[1:]), JUDGED),
     'monitor': (MEASURED, ('joint_motion', *PREDICTED, *JUDGED)),
     'monitors': ((), ()),
-    'watch': ((*(topic for topic in JUDGED if topic.endswith('ratios')), 'collision', 'contact',
-               'collision_record', 'payload', '/diagnostics'), ()),
+    'watch': ((*JUDGED[:9], 'collision', 'contact', 'collision_record', '/diagnostics'), ()),
     'payload_estimator': (MEASURED, ('payload',)),
     'feedforward': (('wanted_trajectory', 'wanted_states'),
                     ('trajectory_with_effort', 'states_with_effort')),
@@ -157,12 +157,12 @@ SERVICES = {
     'trajectory_relay': ('~/reset',), 'arm_simulator': ('~/reset',),
 }
 
-LOADS = ('payload source', 'payload std [kg]', 'payload told by', 'collisions that were loads',
-         'loads announced')
 KEYLESS = {
-    'DynamicsPredictorNode': LOADS[:1], 'FeedforwardNode': LOADS[:1],
-    'DetectNode': ('contact', 'contact link', 'contact force [N]', 'contact place [m]',
-                   'last collision [ns]', 'last link', *LOADS),
+    'ModelNode': ('load', 'payload [kg]', 'payload source', 'payload std [kg]',
+                  'payload estimated from', 'collisions that were loads', 'loads announced'),
+    'DetectNode': ('judged [%]', 'state: CHANNEL', 'contact', 'contact link', 'contact force [N]',
+                   'contact place [m]', 'last collision [ns]', 'last link'),
+    'MonitorNode': ('last bag', 'events in it'),
     'OscillationDamperNode': ('payload in use [kg]', 'scheduled gains in use', 'first mode [Hz]',
                               'damping ratio by schedule'),
 }
@@ -174,15 +174,20 @@ MEANING = {
     'level': 'free, contact or collision', 'methods': 'those with thresholds',
     'not judged [%]': 'see [what is not judged](../nodes.md#what-is-not-judged)',
     'not judged: CAUSE': 'the same by cause',
+    'judged [%]': 'of all samples since the model came into use',
+    'state: CHANNEL': 'for method, channel and unit, such as `state: strain link2_hub [um/m]`: '
+    'ok, stuck (for `stuck_time`), silent (no reading for 1 s), or not judged for 1 s',
+    'last bag': 'path of the newest bag of events', 'events in it': 'their times, as in the log',
     'thresholds widened: METHOD': 'factor and channel, see '
     '[thresholds](../../explanation/thresholds.md#motion-outside-the-training-distribution)',
     'contact': 'what estimates it, or why nothing does', 'contact link': 'link that is touched',
     'contact force [N]': 'its size; `contact force deviation [N]` its standard deviation',
     'contact place [m]': 'along the link; `contact place deviation [m]` its standard deviation',
     'last collision [ns]': 'stamp', 'last link': 'its link',
-    'payload source': 'parameter, estimate or topic',
+    'load': 'mass with standard deviation or source, in words',
+    'payload source': 'parameter, estimate, topic, or the model itself',
     'payload std [kg]': 'standard deviation of the estimate',
-    'payload told by': 'output that gives the estimate, and whether with bent links',
+    'payload estimated from': 'output that gives the estimate, and whether with bent links',
     'collisions that were loads': 'events that turned out to be a load',
     'loads announced': 'by gripper or service',
     'CPU [%]': 'of the process since the last diagnosis, of one core', 'arms': 'those given',

@@ -16,10 +16,14 @@
 
 from __future__ import annotations
 
+from html import unescape
 import json
 import os
 from pathlib import Path
+import re
+import shlex
 import sys
+from typing import Any
 
 import pytest
 from tudor_dynamics.arm.description import load_arm
@@ -32,6 +36,7 @@ from tudor_dynamics.identification.causes import explain
 from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.online.detector import time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
+from tudor_dynamics.show.live import LiveView
 
 
 def test_a_bag(
@@ -49,6 +54,15 @@ def test_a_bag(
     assert [line[:27] for line in lines] == [time_of_day(onset) for onset in onsets]
     assert last == f'{len(found)} events'
     picture = (tmp_path / 'view.svg').read_text()
+    lines = drawn_lines(picture)
+    assert max(map(len, lines)) <= 80 and 'no load assumed' in lines
+    assert lines[1].startswith('free') and re.fullmatch(r'free +9\d % judged', lines[1])
+    rows = [line.split() for line in lines if line.startswith('  ') and line.endswith(' ok')]
+    assert [(row[0], row[3]) for row in rows] == [
+        ('link2_hub', 'um/m'), ('link3_hub', 'um/m'), *[('joint2', 'A'), ('joint3', 'A')] * 2]
+    assert all(abs(float(row[1])) < float(row[2]) for row in rows)
+    why = next(line for line in lines if line.startswith('  tudor why '))
+    assert lines[lines.index(why) - 1].startswith(time_of_day(onsets[-1]))
     assert picture.startswith('<svg') and 'threshold' in picture and time_of_day(
         onsets[-1])[11:23] in picture
     assert 'url(' not in picture.replace('url(#', ''), 'it loads something from elsewhere'
@@ -56,6 +70,39 @@ def test_a_bag(
     assert capsys.readouterr().out.splitlines()[1:] == ['1 event']
     assert main([*command, '--json']) == 0
     assert [item['onset'] for item in json.loads(capsys.readouterr().out)['events']] == onsets
+
+
+def drawn_lines(picture: str) -> list[str]:
+    """Give the lines of a picture of a terminal, from the third on: those of the view."""
+    texts = re.findall(r'<text [^>]*x="([\d.]+)" y="([\d.]+)" [^>]*>(.*?)</text>', picture)
+    rows: dict[float, str] = {}
+    for x, y, text in sorted(texts, key=lambda item: (float(item[1]), float(item[0]))):
+        rows[float(y)] = rows.get(float(y), '').ljust(round(float(x) / 12.2)) + unescape(text)
+    return [line.replace('\xa0', ' ').rstrip() for line in rows.values()
+            if not line.startswith(' ' * 20 + 'tudor watch')]
+
+
+def test_each_event_has_its_command(
+    root: Path, model: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """It runs as it stands, and explains that event, at the rate of false alarms asked for."""
+    commands: list[str] = []
+    taken = LiveView.event
+
+    def event(*given: Any) -> str:
+        commands.append(given[-1])
+        return taken(*given)
+    monkeypatch.setattr(LiveView, 'event', event)
+    assert main(['watch', str(root / 'bags/two_blade_pushes'), '--model', str(model),
+                 '--false-alarms', '1000']) == 0
+    *lines, _ = capsys.readouterr().out.splitlines()
+    assert len(commands) == len(lines) > 3
+    for line, command in zip(lines[:1] + lines[-1:], commands[:1] + commands[-1:], strict=True):
+        words = shlex.split(command)
+        assert words[:2] == ['tudor', 'why'] and '--payload' not in words
+        assert main([*words[1:], '--json']) in (0, 1)
+        (cause,) = json.loads(capsys.readouterr().out)
+        assert line.startswith(cause['time_of_day'])
 
 
 def test_a_gauge_that_stands_still(root: Path, model: Path, tmp_path: Path) -> None:
@@ -69,6 +116,9 @@ def test_a_gauge_that_stands_still(root: Path, model: Path, tmp_path: Path) -> N
     picture = (tmp_path / 'view.svg').read_text().replace('&#160;', ' ')
     assert f'{arm.gauge_names[1]}: the reading has not changed' in picture
     assert f'{arm.gauge_names[0]}: the reading' not in picture
+    states = [line.split()[-1] for line in drawn_lines((tmp_path / 'view.svg').read_text())
+              if line.startswith('  ') and '\u2502' in line]
+    assert states == ['ok', 'stuck', *['ok'] * 4]
 
 
 @pytest.mark.parametrize('options, said', [

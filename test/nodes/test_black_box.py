@@ -190,7 +190,14 @@ def whole_of(record: dict[str, Any]) -> None:
         record[name][record['channel']] for name in (
             'measured', 'expected', 'threshold', 'ratio'))], rel=1e-5)
     assert -1.0 <= last[0][0] < -0.9 and last[0][-1] < 1.0 <= last[-1][-1]
-    assert {'level', 'dropped', 'message', 'age [ms]', 'methods'} <= record['state'].keys()
+    assert {'level', 'dropped', 'message', 'methods'} <= record['state'].keys()
+    assert record['state'][f'state: {record["method"]} {record["channel"]} [um/m]'] == 'ok'
+    assert record['sensors'] == dict.fromkeys(
+        ('link2_hub', 'link3_hub', 'joint2', 'joint3'), 'ok')
+    assert record['load'] == {'mass': 0.0, 'std': None, 'source': 'parameter'}
+    # whichever of a sample's messages was taken first
+    assert {topic: value == pytest.approx(0.0, abs=0.011) for topic, value in record[
+        'apart'].items()} == {'motor_currents': True, 'link_strains': True}
     assert record['settings']['rearm'] == 0.3
 
 

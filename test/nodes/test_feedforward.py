@@ -108,7 +108,7 @@ def test_trajectories_states_and_a_load_that_comes(world: World, model: Path) ->
             true_outputs(two_gauge_arm(), motion, 0.3)['effort'][0], rel=1e-6)
     assert (states[0].header.stamp.sec, states[0].header.stamp.nanosec) == (5, 7)
     told = values_of(world.status('feedforward', lambda s: s.level == b'\0'))
-    assert told['payload [kg]'] == '0.3000' and told['unit'] == 'N m, N m'
+    assert told['payload [kg]'] == '0.3' and told['unit'] == 'N m, N m'
 
 
 def test_what_cannot_be_used_is_said_and_a_stop_goes_through(world: World, model: Path) -> None:

@@ -52,6 +52,9 @@ def test_payload_changes_while_running(world: World, all_payloads: Path) -> None
         expected = true_outputs(two_gauge_arm(), motion, payload)['effort']
         assert np.allclose(node.predictor.models['effort'].predict(motion), expected, rtol=1e-6)
     assert dict(node.status()[2])['payload [kg]'] == '0.3'
+    assert node.status()[2]['load'] == 'load 0.3 kg assumed (parameter payload)'
+    assert node.set_parameters([Parameter('payload', value=0.0)])[0].successful
+    assert node.status()[2]['load'] == 'no load assumed'
     monitor = world.add(MonitorNode, model=str(all_payloads), methods=['effort'])
     assert monitor.set_parameters([Parameter('payload', value=0.2)])[0].successful
     assert np.allclose(monitor.monitor.predictor.models['effort'].predict(motion),
@@ -69,6 +72,7 @@ def test_a_model_of_one_payload_takes_its_own(world: World, tmp_path: Path) -> N
         node = world.add(factory, model=str(tmp_path / 'model'), payload=0.2, **more)
         assert not node.fault
         assert dict(node.status()[2])['payload [kg]'] == '0.2'
+        assert node.status()[2]['load'] == 'load 0.2 kg assumed (of the model)'
         result = node.set_parameters([Parameter('payload', value=0.4)])[0]
         assert not result.successful and '0.2 kg; give that' in result.reason
         assert '--payload-of' in result.reason

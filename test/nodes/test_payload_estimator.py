@@ -38,7 +38,8 @@ from threshold_making import plain_thresholds
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.cli.main import build_parser
+from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.cli.main import build_parser, main
 from tudor_dynamics.cli.why import causes
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.identification.causes import explain, replay
@@ -57,6 +58,7 @@ from tudor_dynamics.online.black_box import (
 from tudor_dynamics.online.coverage import CoverageLevel, CoverageReport
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.online.threshold_learning import thresholds_to_dict
+from tudor_dynamics.show.live import LiveView, picture_of
 
 RATE, SECONDS, PICKED_UP, LOAD = 100.0, 8.0, 4.0, 0.3
 
@@ -140,6 +142,22 @@ def test_over_topics(world: World, bundle: Path, seen: Recording) -> None:
     assert world.spin(lambda: abs(predictor.port.load.mass - told[-1].inertia.m) < 1e-12)
     status = values_of(world.status('payload_estimator'))
     assert status['payload estimated from'] == 'strain' and float(status['payload std [kg]']) > 0.0
+    assert status['load'] == f'load {mass:.3f} +- {std:.3f} kg, estimated'
+    assert predictor.status()[2]['load'] == f'load {told[-1].inertia.m:.3f} kg (topic payload)'
+
+
+def test_a_bag_that_is_watched_says_the_load(
+    bundle: Path, seen: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The same line as the diagnostics of a node, with mass and deviation of the last sample."""
+    views: list[LiveView] = []
+    monkeypatch.setattr('tudor_dynamics.cli.watch.picture_of',
+                        lambda view: views.append(view) or picture_of(view))
+    write_bag(tmp_path / 'bag', seen, arm=two_gauge_arm())
+    assert main(['watch', str(tmp_path / 'bag'), '--model', str(bundle), '--picture',
+                 str(tmp_path / 'view.svg')]) == 0
+    mass, std = offline(bundle, seen)[-1]
+    assert views[0].load == f'load {mass:.3f} +- {std:.3f} kg, estimated'
 
 
 def test_expected(world: World, bundle: Path) -> None:

@@ -24,13 +24,17 @@ import numpy as np
 import pytest
 from ros_world import feed, Hand, joint_message, JOINTS, series, values_of, World
 from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.nodes.arm_simulator import ArmSimulatorNode
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
+from tudor_dynamics.online.black_box import messages_of, replayed
+from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 import yaml
 
 TOPICS = ('joint_states', 'motor_currents', 'elbow_current', 'link_strains', 'link3_strains')
@@ -92,6 +96,29 @@ def test_same_numbers(chain: str, world: World, several: Path, recording) -> Non
             assert stamp.tolist() == saved[f'{output}_analytical_stamp'][:count].tolist()
             wanted = saved[f'{output}_analytical_residual'][:count]
             assert np.abs(values - wanted).max() < 1e-9
+
+
+def test_a_silent_topic_names_its_own_channels(several: Path) -> None:
+    """Of those on other topics it is said that they are read, and that no ratio comes."""
+    bundle = load_bundle(several / 'model')
+    monitor = Monitor(bundle, MonitorSettings(methods=('strain', 'effort')))
+    messages = messages_of(open_bag(several / 'bag'), bundle.arm)[:5 * 600]
+    watch = monitor.watch
+    assert set(watch.sensors(1.0).values()) == {'silent'}
+    judged = set(bundle.facts.get('thresholds', {}))
+    for topic, dead in (('', []), ('link3_strains', ['link3_hub'])):
+        begin = watch.stamp
+        for _ in replayed([item for item in messages if item.topic != topic and (
+                begin == 0 or item.stamp > begin)][:5 * 300], bundle.arm, monitor):
+            pass
+        assert watch.stamp > begin + 2.5e9
+        assert watch.sensors(1.0) == {
+            name: 'silent' if name in dead else 'ok'
+            for name in ('link2_hub', 'link3_hub', 'joint2', 'joint3')}
+        assert {key.split()[2]: value for key, value in watch.figures(1.0).items()
+                if key.startswith('state: strain')} == {
+            name: 'silent' if name in dead else 'ok' if 'strain' in judged and not dead else
+            'not judged' for name in ('link2_hub', 'link3_hub')}
 
 
 def test_a_topic_of_both_outputs_counts_once(

@@ -20,19 +20,20 @@ import argparse
 from contextlib import suppress
 from importlib.util import find_spec
 import os
+import shlex
 import sys
 import time
 
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.console import print_json, say, write
 from tudor_dynamics.errors import ModelError, UsageError
-from tudor_dynamics.load.live import carried_load, PayloadStage
+from tudor_dynamics.load.live import carried_load, load_facts, load_text
 from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.online.black_box import messages_of, replayed
-from tudor_dynamics.online.detector import Rates
+from tudor_dynamics.online.detector import Rates, time_of_day
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.online.settings import STUCK_TIME
-from tudor_dynamics.show.live import DRAWN, LiveView, picture_of, shown
+from tudor_dynamics.show.live import DRAWN, LiveView, PARTS, picture_of, shown
 
 EXAMPLES = """\
 examples:
@@ -43,7 +44,7 @@ examples:
 
 With a bag, the messages pass a monitor at the speed at which they were recorded; without, the
 topics of a monitor that runs are shown (ROS 2 is needed). Where no terminal watches, a bag passes
-at once, and each event is a line. --web serves the same view to browsers of this machine.
+at once, and each event is a line. --web serves view and all events to browsers of this machine.
 """
 LAST_PORT = 65535
 
@@ -105,26 +106,41 @@ def _bag(args: argparse.Namespace) -> int:
     speed = args.speed if terminal or args.web else 0.0
     view, events = LiveView(f'{bundle.arm.spec.name}: {args.bag}'), []
     begun, drawn = time.monotonic(), 0.0
+    why = ['tudor', 'why', args.bag, '--model', args.model]
+    for name, value, usual in (('payload', args.payload, 0.0),
+                               ('false-alarms', args.false_alarms, 1.0)):
+        why += [f'--{name}', f'{value:g}'] if value != usual else []
+
+    def look() -> None:
+        """Take level, load and state into the view, once for each time that it is drawn."""
+        watch = monitor.watch
+        view.level = watch.level.name.lower()
+        view.diagnosed(watch.figures(STUCK_TIME) | {
+            'load': load_text(**load_facts(load, bundle, args.payload))})
+        view.warning = watch.stuck(STUCK_TIME) or watch.outside_training
     with shown(view, args.web, terminal=terminal) as draw:
         for message, found in replayed(messages, bundle.arm, monitor):
             for event in found.events:
-                line = view.event(event.onset, event.method, event.link, event.ratios)
+                line = view.event(event.onset, event.method, event.link, event.ratios, shlex.join(
+                    [*why, '--at', time_of_day(event.onset)[11:23]]))
                 events.append({'onset': event.onset, 'method': event.method, 'link': event.link,
                                'ratio': event.ratios})
                 if not terminal and not args.json:
                     say(line)
             for method, excess in found.excesses:
-                view.ratios(excess.residual.motion.stamp, method,
-                            monitor.watch.stages[method].thresholds.channels, excess.collision)
+                channels = monitor.watch.stages[method].thresholds.channels
+                for part, values in zip(PARTS, (
+                        excess.collision, excess.residual.value, excess.threshold), strict=True):
+                    view.take(excess.residual.motion.stamp, method, part, channels, values)
             now = time.monotonic()
             if now > drawn + DRAWN:
                 drawn = now
-                _look(view, monitor)
+                look()
                 draw()
             if speed:
                 due = begun + (message.time - messages[0].time) * 1e-9 / speed
                 time.sleep(max(0.0, due - now))
-        _look(view, monitor)
+        look()
         draw()
     if args.picture:
         write(args.picture, '--picture', picture_of(view).encode())
@@ -133,15 +149,3 @@ def _bag(args: argparse.Namespace) -> int:
     elif not terminal:
         say(f'{len(events)} event{"s" * (len(events) != 1)}')
     return 0
-
-
-def _look(view: LiveView, monitor: Monitor) -> None:
-    """Take level, load and state into the view, once for each time that it is drawn."""
-    watch = monitor.watch
-    view.level = watch.level.name.lower()
-    if isinstance(monitor.payload, PayloadStage):
-        view.load = f'load {monitor.payload.mass:.3f} +- {monitor.payload.std:.3f} kg'
-    count = sum(counter.total() for counter in watch.counts.values())
-    judged = sum(counter['judged'] for counter in watch.counts.values())
-    view.state = f'{100.0 * judged / max(count, 1):.0f} % judged'
-    view.warning = watch.stuck(STUCK_TIME) or watch.outside_training

@@ -28,7 +28,7 @@ from tudor_dynamics.identification.causes import Cause, explain
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.online.black_box import records_of
-from tudor_dynamics.online.detector import time_of_day
+from tudor_dynamics.online.detector import Rates, time_of_day
 from tudor_dynamics.online.monitor import MonitorSettings
 
 EXAMPLES = """\
@@ -53,6 +53,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='explain the events whose date or time, in UTC, has this in it')
     parser.add_argument('--payload', type=float, metavar='KG',
                         help='mass at the tip (that which the bag names, or 0)')
+    parser.add_argument('--false-alarms', type=float, default=1.0, metavar='N',
+                        help='false alarms per hour of a bag without events (1)')
     parser.add_argument('--json', action='store_true', help='print the causes as JSON')
 
 
@@ -82,7 +84,8 @@ def causes(args: argparse.Namespace) -> list[Cause]:
         raise UsageError('no event names its model', place=args.bag, remedy='give --model MODEL')
     try:
         settings = MonitorSettings.of({**params, 'estimate_contact': True}) if params else (
-            MonitorSettings(methods=(), contact=True))
+            MonitorSettings(methods=(), contact=True, rates=Rates(
+                args.false_alarms, 60.0 * args.false_alarms)))
         payload = float(params.get('payload', 0.0) if args.payload is None else args.payload)
     except (KeyError, TypeError, ValueError) as err:
         raise UsageError(f'its monitor settings cannot be read ({err})', place=args.bag,

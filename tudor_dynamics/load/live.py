@@ -519,6 +519,26 @@ class PayloadStage(CarriedLoad):
         return LoadFound(stamp, self.mass, change) if change else None
 
 
+def load_facts(load: CarriedLoad | None, bundle: ModelBundle, payload: float) -> dict[str, Any]:
+    """Give mass and deviation, None where nobody estimates it [kg], and source of a load."""
+    if load is not None:
+        std = load.std if isinstance(load, PayloadStage) else None
+        return {'mass': load.mass, 'std': std, 'source': 'topic' if std is None else 'estimate'}
+    known = bundle.payload_range is None and bundle.payload is not None
+    return {'mass': bundle.mass_at(payload), 'std': None,
+            'source': 'model' if known else 'parameter'}
+
+
+def load_text(mass: float, std: float | None, source: str) -> str:
+    """Say what `load_facts` gives."""
+    if std is not None:
+        return f'load {mass:.3f} +- {std:.3f} kg, estimated'
+    if source == 'topic':
+        return f'load {mass:.3f} kg (topic payload)'
+    where = 'of the model' if source == 'model' else 'parameter payload'
+    return f'load {mass:g} kg assumed ({where})' if mass else 'no load assumed'
+
+
 def carried_load(source: str, bundle: ModelBundle, payload: float) -> CarriedLoad | None:
     """Give what follows the load, by where it is known from; None for ``parameter``."""
     if source == 'parameter':

@@ -74,7 +74,7 @@ class CollisionDetectorNode(DetectNode):
             predicted = self._predictions[output].pop(motion.stamp, None)
             if predicted is not None or not motion.settled(self.watch.bundle.preprocessing.settle):
                 # predictions come only once the filters have settled
-                self.report(self.watch.add_output(output, motion, predicted))
+                self.report(self.watch.add_motion(motion, {output: predicted}, (output,)))
                 continue
             waiting[motion.stamp] = motion
             if len(waiting) > WAITING:
@@ -109,7 +109,7 @@ class CollisionDetectorNode(DetectNode):
             if first == stamp:
                 break
             self._lack_prediction(self.watch, output)
-        self.report(self.watch.add_output(output, motion, values))
+        self.report(self.watch.add_motion(motion, {output: values}, (output,)))
 
     def counters(self) -> list[Counter[str]]:
         return [*super().counters(), self._motion_drops]

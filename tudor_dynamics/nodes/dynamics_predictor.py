@@ -21,14 +21,14 @@ from typing import Any
 
 from sensor_msgs.msg import JointState
 
-from tudor_dynamics.load.live import carried_load, CarriedLoad
+from tudor_dynamics.load.live import CarriedLoad
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import Figure
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublisher, MotionDecoder, MotionReader, NamedReader,
     PointSample)
-from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
+from tudor_dynamics.nodes.common.model_node import ModelNode
 from tudor_dynamics.online.monitor import FIELD, MonitorSettings, warm_up
 from tudor_dynamics.online.streams import Gathering, Predictor
 
@@ -36,32 +36,26 @@ from tudor_dynamics.online.streams import Gathering, Predictor
 class DynamicsPredictorNode(ModelNode):
     """Predictor node; ``**kwargs`` go to rclpy's Node."""
 
-    FIGURES: tuple[Figure, ...] = (
-        Figure('kind', lambda node: node.value('kind')),
-        Figure('', lambda port: port.values(), 'port'))
+    FIGURES: tuple[Figure, ...] = (Figure('kind', lambda node: node.value('kind')),)
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('dynamics_predictor', **kwargs)
         self.predictor: Predictor | None = None
         self._reader: MotionReader | None = None
         self._gauges: list[Any] = []
-        self.port = PayloadPort(self, str(self.value('payload_source')))
         self._predicted = {output: ListenedPublisher(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
         self.start()
         self._subscription = self.hear(JOINT_MOTION, self._on_motion, MotionDecoder(self.drops))
 
     def prepare(
-        self, bundle: ModelBundle, whole: ModelBundle,
-    ) -> tuple[Predictor, CarriedLoad | None]:
+        self, bundle: ModelBundle, whole: ModelBundle, load: CarriedLoad | None,
+    ) -> Predictor:
         warm_up(bundle, MonitorSettings(kind=self.value('kind')))
-        return (Predictor(bundle, self.value('kind')),
-                carried_load(self.port.source, whole, self.payload))
+        return Predictor(bundle, self.value('kind'))
 
-    def use(self, bundle: ModelBundle, prepared: tuple[Predictor, CarriedLoad | None]) -> None:
-        self.bundle = bundle
-        self.predictor, load = prepared
-        self.port.use(load)
+    def use(self, bundle: ModelBundle, prepared: Predictor) -> None:
+        self.bundle, self.predictor = bundle, prepared
         if self._reader is None:
             self._reader = MotionReader(bundle.arm.active_joints, self.drops)
         if self.predictor.observing and not self._gauges:

@@ -26,14 +26,14 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.load.live import carried_load, CarriedLoad
+from tudor_dynamics.load.live import CarriedLoad
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import Figure, OK, strong, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     STATES_WITH_EFFORT, TRAJECTORY_WITH_EFFORT, WANTED_STATES, WANTED_TRAJECTORY)
 from tudor_dynamics.nodes.common.messages import (
     floats, joint_state, JointSample, NamedReader, time_message, trajectory_of)
-from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
+from tudor_dynamics.nodes.common.model_node import ModelNode
 from tudor_dynamics.nodes.settings import DEPTH
 from tudor_dynamics.online.feedforward import Feedforward
 
@@ -45,15 +45,12 @@ class FeedforwardNode(ModelNode):
     FIGURES: tuple[Figure, ...] = (
         Figure('kind', lambda node: node.ahead and node.value('kind')),
         Figure('unit', lambda ahead: ', '.join(ahead.units), 'ahead'),
-        Figure('positions', lambda node: node.ahead and node.value('positions')),
-        Figure('payload [kg]', lambda ahead: f'{ahead.payload:g}', 'ahead'),
-        Figure('', lambda port: port.values(), 'port'))
+        Figure('positions', lambda node: node.ahead and node.value('positions')))
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('feedforward', **kwargs)
         self.ahead: Feedforward | None = None
         self._refused = ''
-        self.port = PayloadPort(self, str(self.value('payload_source')))
         self._trajectories = self.publish_on(JointTrajectory, TRAJECTORY_WITH_EFFORT)
         self._states = self.publish_on(JointState, STATES_WITH_EFFORT)
         self.start()
@@ -67,8 +64,8 @@ class FeedforwardNode(ModelNode):
         return loaded
 
     def prepare(
-        self, bundle: ModelBundle, whole: ModelBundle,
-    ) -> tuple[Feedforward, CarriedLoad | None]:
+        self, bundle: ModelBundle, whole: ModelBundle, load: CarriedLoad | None,
+    ) -> Feedforward:
         """Build the feed-forward, and let it work once."""
         ahead = Feedforward(
             whole, kind=self.value('kind'), unit=self.value('unit'),
@@ -77,12 +74,10 @@ class FeedforwardNode(ModelNode):
             payload=None if whole.payload_range is None else self.payload)
         rest = np.zeros((2, len(ahead.joints)))
         ahead.along(Trajectory(ahead.joints, np.array([0.0, 1.0]), rest, rest))
-        return ahead, carried_load(self.port.source, whole, self.payload)
+        return ahead
 
-    def use(self, bundle: ModelBundle, prepared: tuple[Feedforward, CarriedLoad | None]) -> None:
-        self.bundle = bundle
-        self.ahead, load = prepared
-        self.port.use(load)
+    def use(self, bundle: ModelBundle, prepared: Feedforward) -> None:
+        self.bundle, self.ahead = bundle, prepared
         self._reader = NamedReader(self.ahead.joints, self.drops)
 
     def _along(self, read: Callable[[], Trajectory]) -> Trajectory | None:

@@ -35,6 +35,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.nodes.common.base import Figure
 from tudor_dynamics.nodes.common.detection import DetectNode
 from tudor_dynamics.nodes.common.interfaces import JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
@@ -57,6 +58,7 @@ class BlackBox:
         self._due = 0
         self._writer: Thread | None = None
         self._closing = False  # no sample waits any more
+        self.last: dict[str, str] = {}  # what the diagnostics say of the last bag
 
     def keeping(self, kind: Any, topic: str, take: Callable[[bytes], Any]) -> Any:
         """Keep the messages of a topic before something takes them."""
@@ -101,6 +103,8 @@ class BlackBox:
             path = write_events(
                 folder.expanduser().absolute() / self._node.get_namespace().strip('/'),
                 self._paced(messages), records, states)
+            self.last = {'last bag': str(path), 'events in it': ', '.join(
+                record['time'] for record in records)}
             command = shlex.join(['tudor', 'why', str(path)])
             self._node.get_logger().info(f'to see why: {command} (the last 30 s)')
         except BagError as err:
@@ -126,6 +130,7 @@ class MonitorNode(DetectNode):
     """Monitor node; ``**kwargs`` go to rclpy's Node."""
 
     CHAIN = Monitor
+    FIGURES: tuple[Figure, ...] = (Figure('', lambda box: box.last, '_box'),)
 
     def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
         self._box = BlackBox(self)  # hears what the base subscribes to

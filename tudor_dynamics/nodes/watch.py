@@ -23,19 +23,18 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import InertiaStamped
 import numpy as np
 from std_msgs.msg import Bool, String
 
 from tudor_dynamics.errors import forget_output
-from tudor_dynamics.nodes.common.base import ERROR, latched, NAMES, OK, STALE, TudorNode
+from tudor_dynamics.nodes.common.base import ERROR, latched, OK, STALE, TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
-    COLLISION, COLLISION_RECORD, CONTACT, DIAGNOSTICS, PAYLOAD_TOPIC, RATIOS)
+    COLLISION, COLLISION_RECORD, CONTACT, DIAGNOSTICS, RATIOS, RESIDUALS, THRESHOLDS)
 from tudor_dynamics.nodes.common.messages import JointSample
 from tudor_dynamics.nodes.settings import UNHEARD
 from tudor_dynamics.online.detector import Level
 from tudor_dynamics.online.monitor import FIELD
-from tudor_dynamics.show.live import DRAWN, LiveView, shown, UNKNOWN
+from tudor_dynamics.show.live import DRAWN, LiveView, PARTS, RATIO, shown, UNKNOWN
 
 
 class WatchNode(TudorNode):
@@ -48,12 +47,12 @@ class WatchNode(TudorNode):
         self.meter.begin()  # what comes from a monitor
         self._advice = ('nothing comes from a monitor; to start one: ros2 run tudor_dynamics '
                         f'monitor --ros-args -r __ns:={self.get_namespace()} -p model:=MODEL')
-        for method, topic in RATIOS.items():
-            self.hear(topic, partial(self._on_ratios, method))
+        for part, topics in zip(PARTS, (RATIOS, RESIDUALS, THRESHOLDS), strict=True):
+            for method, topic in topics.items():
+                self.hear(topic, partial(self._on_values, part, method))
         for level, topic in ((Level.CONTACT, CONTACT), (Level.COLLISION, COLLISION)):
             self.subscribe(Bool, topic, partial(self._on_level, level), qos=latched())
         self.subscribe(String, COLLISION_RECORD, self._on_event, qos=latched())
-        self.subscribe(InertiaStamped, PAYLOAD_TOPIC, self._on_load, qos=latched())
         self.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 10)
         self._open = ExitStack()
         self._draw = self._open.enter_context(
@@ -65,6 +64,8 @@ class WatchNode(TudorNode):
         silence = self.steady() - (self.meter.last_arrival or 0.0)
         if silence > UNHEARD:
             self.view.level, self.view.state = UNKNOWN, f'silent for {silence:.0f} s'
+            self.view.states = {}
+            self.view.values = {}  # peaks are of the past, and stay
             if self.view.warning != self._advice:
                 self.view.warning = self._advice
                 self._print(self._advice)
@@ -86,11 +87,11 @@ class WatchNode(TudorNode):
             forget_output()
             self.exit_code = 0
 
-    def _on_ratios(self, method: str, message: JointSample) -> None:
-        begun = self._heard()
+    def _on_values(self, part: str, method: str, message: JointSample) -> None:
+        begun = self._heard() if part == RATIO else self.meter.begin()
         values = np.asarray(getattr(message, FIELD[method]), dtype=float)
         if len(values) and len(values) == len(message.name):
-            self.view.ratios(message.stamp, method, message.name, values)
+            self.view.take(message.stamp, method, part, message.name, values)
         self.meter.end(begun)
 
     def _on_level(self, level: Level, message: Bool) -> None:
@@ -106,15 +107,12 @@ class WatchNode(TudorNode):
         except (AttributeError, KeyError, TypeError, ValueError):
             self.drops['unknown_record'] += 1
 
-    def _on_load(self, message: InertiaStamped) -> None:
-        self.view.load = f'load {message.inertia.m:.3f} kg'
-
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             name, _, namespace = status.name.partition(': ')
             if name in ('monitor', 'collision_detector') and namespace == self.get_namespace():
                 self._heard()
-                self.view.state = f'{name}: {NAMES[status.level]}'
+                self.view.diagnosed({item.key: item.value for item in status.values})
                 self.view.warning = '' if status.level == OK else status.message
                 self.view.level = UNKNOWN if status.level in (ERROR, STALE) else self.view.level
 

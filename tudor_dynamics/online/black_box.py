@@ -36,7 +36,6 @@ from tudor_dynamics.errors import BagError
 from tudor_dynamics.online.detector import CollisionEvent, Excess, time_of_day
 from tudor_dynamics.online.monitor import FIELD, Found, Monitor
 from tudor_dynamics.online.settings import BAGS, RECORD_ROWS, RECORD_TIME, RING_BYTES, RING_TIME
-from tudor_dynamics.online.streams import Gathering
 from tudor_dynamics.typing import FloatArray
 
 Message = tuple[int, str, str, bytes]
@@ -196,8 +195,6 @@ def replayed(
     messages: Iterable[Heard], arm: Arm, monitor: Monitor,
 ) -> Iterator[tuple[Heard, Found]]:
     """Let a monitor take messages as the node does: joint states first, then what they carry."""
-    gathering = {output: Gathering(arm.channels[output], arm.topics[output])
-                 for output in monitor.watch.outputs}
     for message in messages:
         fields = message.fields
         if ASKED in fields and np.isfinite(fields[ASKED]).all():
@@ -206,7 +203,8 @@ def replayed(
             if 'q' not in fields:
                 continue
             yield message, monitor.add_joints(message.stamp, fields['q'], fields.get('dq'))
-        for output, stage in gathering.items():
+        for output in monitor.watch.outputs:
             if output in fields:
-                for stamp, whole in stage.add(message.topic, message.stamp, fields[output]):
+                for stamp, whole in monitor.watch.gather(
+                        output, message.topic, message.stamp, fields[output]):
                     yield message, monitor.add_measured(output, stamp, whole)

@@ -296,6 +296,11 @@ class Coverage:
         stream.stamp = stamp
         return worse
 
+    def apart(self) -> dict[str, float]:
+        """Give by how much the newest stamp of each topic is later than that of the motion [s]."""
+        return {stream.topic: (stream.stamp - one.streams[0].stamp) * 1e-9
+                for one in self._outputs for stream in one.streams[1:] if stream.count}
+
     def look(self, now: float) -> CoverageReport:
         """Look at the counts, unless the last look was just before; ``now`` is steady [s]."""
         if now - self._looked >= COVERAGE_PERIOD:

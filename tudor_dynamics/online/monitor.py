@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 from typing import Any
 
 import numpy as np
@@ -31,16 +32,18 @@ from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.flexible_tool import RingObserver
+from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.contact import AnyEstimator, contact_estimator, ContactEstimate
-from tudor_dynamics.online.coverage import SensorHealth
+from tudor_dynamics.online.coverage import OF_MOTIONS, SensorHealth
 from tudor_dynamics.online.detector import (
     channel_links, CollisionDetector, CollisionEvent, DetectorSettings, Excess, ExcessStage, Level,
     Rates)
 from tudor_dynamics.online.memory import Memory
 from tudor_dynamics.online.settings import (
-    LAGS, MOMENTUM_LAGS, MOMENTUM_STEP, OBSERVER_GAIN, STEP, WIDENING_WARNING, WINDOW)
+    COVERAGE_TIME, LAGS, MOMENTUM_LAGS, MOMENTUM_STEP, OBSERVER_GAIN, STEP, WIDENING_WARNING,
+    WINDOW)
 from tudor_dynamics.online.streams import (
-    Motion, PairedSample, Pairing, Predictor, Residual, ResidualStage, StateFilter)
+    Gathering, Motion, PairedSample, Pairing, Predictor, Residual, ResidualStage, StateFilter)
 from tudor_dynamics.online.threshold_learning import stored_thresholds
 from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.typing import FloatArray, Shown
@@ -225,6 +228,12 @@ class Watch:
         self.methods = served if settings.methods else (
             tuple(name for name in served if name in thresholds) or served)
         self.outputs = tuple(dict.fromkeys(SOURCE[name] for name in self.methods))
+        self.gathering = {output: Gathering(bundle.arm.channels[output], bundle.arm.topics[output])
+                          for output in self.outputs}
+        self.stamp = 0  # of the newest motion [ns]
+        # by output and topic: stamps of that motion and of the newest message [ns], its readings
+        self._heard: dict[tuple[str, str], tuple[int, int, FloatArray]] = {}
+        self._judged: dict[str, int] = {}  # stamp of the newest sample of each method [ns]
         self.pairing = {output: Pairing() for output in self.outputs}
         self.counts: dict[str, Counter[str]] = {output: Counter() for output in self.outputs}
         self._health = {output: SensorHealth(bundle.arm.channels[output])
@@ -327,25 +336,59 @@ class Watch:
         return '' if not dead else (f'{", ".join(dead)}: the reading has not changed for '
                                     f'{seconds:g} s of motion; check the sensor and its driver')
 
+    def sensors(self, seconds: float) -> dict[str, str]:
+        """Say whether the readings of each channel are ok, stuck for a time [s], or silent."""
+        stuck = {name for health in self._health.values() for name in health.dead(seconds)}
+        found: dict[str, str] = {}
+        for output in self.outputs:
+            for topic, names in self.bundle.arm.topics[output].items():
+                at, _, values = self._heard.get((output, topic), (0, 0, [math.nan] * len(names)))
+                late = abs(self.stamp - at) > COVERAGE_TIME * 1e9
+                found |= {name: 'silent' if late or not math.isfinite(value) else
+                          'stuck' if name in stuck else 'ok'
+                          for name, value in zip(names, values, strict=True)}
+        return found
+
+    def figures(self, seconds: float) -> dict[str, str]:
+        """Give the share that was judged, and the state of each channel by method; see above."""
+        counts = sum(self.counts.values(), Counter[str]())
+        count = counts.total() + sum(
+            pairing.drops[cause] for pairing in self.pairing.values() for cause in OF_MOTIONS)
+        found = {'judged [%]': f'{100.0 * counts["judged"] / max(count, 1):.0f}'}
+        sensors, arm = self.sensors(seconds), self.bundle.arm
+        for method in self.methods:
+            newest = max([self.stamp, *(stamp for (output, _), (_, stamp, _) in self._heard.items()
+                                        if output == SOURCE[method])])
+            judged = newest - self._judged.get(method, 0) <= COVERAGE_TIME * 1e9
+            units = output_units(arm, SOURCE[method])
+            found |= {f'state: {method} {name} [{units[name]}]':
+                      'not judged' if sensors[name] == 'ok' and not judged else sensors[name]
+                      for name in arm.channels[SOURCE[method]]}
+        return found
+
     @property
     def settle(self) -> float:
         """Time after a beginning for which nothing is judged [s]."""
         settle = self.bundle.preprocessing.settle
         return settle if self.observer is None else max(settle, self.observer.settle)
 
-    def add_motion(self, motion: Motion, predicted: dict[str, FloatArray] | None) -> Found:
-        """Take a motion and its predictions, None while the filters settle, into account."""
-        found = Found()
-        for output, pairing in self.pairing.items():
+    def add_motion(
+        self, motion: Motion, predicted: Mapping[str, FloatArray | None] | None,
+        outputs: Sequence[str] = (),
+    ) -> Found:
+        """Take a motion and predictions, None while filters settle; all outputs by default."""
+        found, self.stamp = Found(), motion.stamp
+        for output in outputs or self.outputs:
             values = None if predicted is None else predicted.get(output)
-            self._judge(output, pairing.add_motion(motion, values), found)
+            self._judge(output, self.pairing[output].add_motion(motion, values), found)
         return found
 
-    def add_output(self, output: str, motion: Motion, predicted: FloatArray | None) -> Found:
-        """Take a motion and one output's prediction, None while filters settle, into account."""
-        found = Found()
-        self._judge(output, self.pairing[output].add_motion(motion, predicted), found)
-        return found
+    def gather(
+        self, output: str, topic: str, stamp: int, values: FloatArray,
+    ) -> list[tuple[int, FloatArray]]:
+        """Take what a topic has of an output; gives what is whole with it, for `add_measured`."""
+        self._heard[output, topic] = self.stamp, stamp, values
+        return self.gathering[output].add(topic, stamp, values)
 
     def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
         """Take a measurement into account: stamp [ns], values (channels,) [its unit]."""
@@ -387,6 +430,7 @@ class Watch:
                 excess = stage.step(residual, self._restart[method])
                 self._restart[method] = False
                 found.excesses.append((method, excess))
+                self._judged[method] = residual.motion.stamp
                 event = self.detector.step(method, excess)
                 if event is not None and self.payload is not None and self.payload.expecting:
                     self.detector.reset()

@@ -32,7 +32,7 @@ from std_msgs.msg import Bool, Header, String
 from tudor_dynamics.arm.kinematics import base_frame
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.files import provenance
-from tudor_dynamics.load.live import carried_load
+from tudor_dynamics.load.live import CarriedLoad
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
@@ -41,7 +41,7 @@ from tudor_dynamics.nodes.common.interfaces import (
 from tudor_dynamics.nodes.common.messages import (
     force_marker, JointSample, JointStateEncoder, ListenedPublisher, NamedReader, set_vector,
     time_message, wrench_stamped)
-from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
+from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode
 from tudor_dynamics.online.black_box import record_of
 from tudor_dynamics.online.contact import contact_text, ContactEstimate, ContactRecord
 from tudor_dynamics.online.coverage import ALSO, Coverage, CoverageLevel, MEANING
@@ -49,7 +49,7 @@ from tudor_dynamics.online.detector import CollisionEvent, Excess, Level
 from tudor_dynamics.online.monitor import (
     FIELD, Found, METHODS, Monitor, MonitorSettings, SOURCE, warm_up, Watch)
 from tudor_dynamics.online.settings import RECORD_SAMPLES
-from tudor_dynamics.online.streams import Gathering, Residual
+from tudor_dynamics.online.streams import Residual
 from tudor_dynamics.online.threshold_learning import (
     Calibration, stored_thresholds, thresholds_to_dict)
 from visualization_msgs.msg import Marker
@@ -163,13 +163,13 @@ class DetectNode(ModelNode):
         Figure('not judged: CAUSE', lambda node: node.watch and {
             cause: f'{100.0 * share:.1f}'
             for cause, share in sorted(node.coverage.verdict.causes.items())}),
+        Figure('', lambda node: node.watch and node.watch.figures(node.value('stuck_time'))),
         Figure('rings', lambda watch: watch.ringing, 'watch'),
         Figure('thresholds widened: METHOD', lambda watch: {
             method: f'{factor:.2f} ({channel})'
             for method, (factor, channel) in watch.widened.items()}, 'watch'),
         Figure('', lambda node: node.watch and node.contact_output.values(node.watch)),
-        Figure('', lambda node: node.watch and node.collision_output.last),
-        Figure('', lambda port: port.values(), 'port'))
+        Figure('', lambda node: node.watch and node.collision_output.last))
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -186,8 +186,6 @@ class DetectNode(ModelNode):
         self.contact_output = ContactOutput(self)
         self.serve(RESET, self._reset)
         self.serve(CALIBRATE, self._calibrate)
-        self.port = PayloadPort(self, str(self.value('payload_source'))
-                                if 'payload_source' in self.params else 'estimate')
         self.gripper = Gripper(self, self.port.announce, lambda: (
             () if self.bundle is None else tuple(self.bundle.arm.full_model.names)))
 
@@ -195,10 +193,9 @@ class DetectNode(ModelNode):
         """Give the settings that the parameters stand for."""
         return MonitorSettings.of({name: self.value(name) for name in self.params})
 
-    def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Any:
+    def prepare(self, bundle: ModelBundle, whole: ModelBundle, load: CarriedLoad | None) -> Any:
         warm_up(bundle, self.settings())
-        return self.CHAIN(bundle, self.settings(), payload=carried_load(
-            self.port.source, whole, self.payload))
+        return self.CHAIN(bundle, self.settings(), payload=load)
 
     def adopt(
         self, bundle: ModelBundle, chain: Monitor | Watch, motion: str,
@@ -206,15 +203,12 @@ class DetectNode(ModelNode):
     ) -> None:
         """Put another model into use."""
         watch = chain.watch if isinstance(chain, Monitor) else chain
-        self.port.use(watch.payload)
         self.bundle, self.watch, self._chain = bundle, watch, chain
         names = bundle.arm.channels
-        topics = {output: of for output, of in bundle.arm.topics.items()
-                  if output in watch.outputs}
+        topics = {output: bundle.arm.topics[output] for output in watch.outputs}
         self._sensor_drops: dict[str, Counter[str]] = {output: Counter() for output in topics}
         self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
                          for output, of in topics.items() for topic, channels in of.items()}
-        self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
         self._past = {method: deque[Excess](maxlen=RECORD_SAMPLES) for method in watch.methods}
         for method in watch.methods:
             for publishers in (self._residuals, self._thresholds, self._ratios):
@@ -226,7 +220,7 @@ class DetectNode(ModelNode):
             self.coverage.add(
                 output, motion, predictions.get(output), tuple(of),
                 [*drops, watch.counts[output]],
-                [self._sensor_drops[output], *self.gathering[output].drops,
+                [self._sensor_drops[output], *watch.gathering[output].drops,
                  watch.pairing[output].drops], watch.settle)
         self._calibration, self._learned = None, {}
         unserved = [m for m in self.value('methods') if m not in watch.methods]
@@ -268,12 +262,14 @@ class DetectNode(ModelNode):
 
     def measured(self, topic: str, message: JointSample) -> None:
         """Hand readings of each output to the detector and report what it found."""
-        for output in () if self.watch is None else self.watch.outputs:
+        if self.watch is None:
+            return
+        for output in self.watch.outputs:
             reader = self._readers.get((output, topic))
             values = None if reader is None else reader.read(message, FIELD[output])
             if values is None:
                 continue
-            for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
+            for stamp, whole in self.watch.gather(output, topic, message.stamp, values):
                 self.report(self._chain.add_measured(output, stamp, whole))
 
     def report(self, found: Found) -> None:
@@ -296,8 +292,9 @@ class DetectNode(ModelNode):
                 'digest': self.bundle.digest if self.bundle else '', 'made': self._made,
                 'settings': {**{name: self.value(name) for name in self.params},
                              'model': str(Path(self.source).absolute())},  # readers are elsewhere
-                'state': {**values, **others, 'message': message,
-                          'age [ms]': f'{(self.ros_time() - event.stamp) * 1e-6:.1f}'}}
+                'sensors': self.watch.sensors(self.value('stuck_time')) if self.watch else {},
+                'load': self.load_facts(), 'apart': self.coverage.apart(),
+                'state': {**values, **others, 'message': message}}
             self.collision_output.event(event, record)
             self.keep(record, lambda: {'thresholds': self._learned, **{
                 name: one.before(event.stamp) for name, one in self._chain.memories.items()}})
@@ -369,7 +366,7 @@ class DetectNode(ModelNode):
             return [self.drops]
         return [self.drops, *self._sensor_drops.values(),
                 *(pairing.drops for pairing in self.watch.pairing.values()),
-                *(drops for item in self.gathering.values() for drops in item.drops)]
+                *(drops for item in self.watch.gathering.values() for drops in item.drops)]
 
     def about(self) -> dict[str, str]:
         methods = self.watch.methods if self.watch is not None else ()

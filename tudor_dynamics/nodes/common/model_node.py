@@ -29,7 +29,8 @@ from std_msgs.msg import Bool
 
 from tudor_dynamics.arm.description import Arm, array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
-from tudor_dynamics.load.live import CarriedLoad, PayloadStage
+from tudor_dynamics.load.live import (
+    carried_load, CarriedLoad, load_facts, load_text, PayloadStage)
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import EXPECT_PAYLOAD, GRIPPERS, PAYLOAD_TOPIC, RELOAD
@@ -144,16 +145,15 @@ class PayloadPort:
 
     def values(self) -> dict[str, str]:
         """Give what diagnostics say of the load."""
-        load = self.load
-        if load is None:
-            return {}
-        found = {'payload [kg]': f'{load.mass:.4f}', 'payload source': self.source}
+        load, facts = self.load, self._node.load_facts()
+        found = {'load': load_text(**facts), 'payload [kg]': f'{facts["mass"]:.4g}',
+                 'payload source': facts['source']} if facts else {}
         if isinstance(load, PayloadStage):
             found['payload std [kg]'] = f'{load.std:.4f}'
             found['payload estimated from'] = load.output + (', bent links' if load.bent else '')
-        found['collisions that were loads'] = str(self._taken_back)
-        found['loads announced'] = str(self._announced)
-        return found
+        return found if load is None else found | {
+            'collisions that were loads': str(self._taken_back),
+            'loads announced': str(self._announced)}
 
 
 class ModelNode(TudorNode):
@@ -163,7 +163,7 @@ class ModelNode(TudorNode):
     FIGURES: tuple[Figure, ...] = (
         Figure('model', lambda node: 'none' if node.bundle is None else node.source),
         Figure('arm', lambda bundle: f'{bundle.arm.name} {bundle.arm.digest[:12]}', 'bundle'),
-        Figure('payload [kg]', lambda node: node.payload_known()))
+        Figure('', lambda port: port.values(), 'port'))
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -171,6 +171,8 @@ class ModelNode(TudorNode):
         self.source = str(self.value('model'))
         self._whole: ModelBundle | None = None  # as it was read, perhaps of all payloads
         self._payload = self.payload
+        self.port = PayloadPort(self, str(self.value('payload_source'))
+                                if 'payload_source' in self.params else 'estimate')
         self._reload_fault = ''
         self._ready: Callable[[], None] | None = None
         self._loader: Thread | None = None
@@ -202,9 +204,9 @@ class ModelNode(TudorNode):
         refuse_interfaces(loaded.arm, f'node {self.get_name()}', arrays=True)
         return loaded.beside_robot()
 
-    def _prepared(self, whole: ModelBundle) -> tuple[ModelBundle, Any]:
-        bundle = whole.at(self.payload)
-        return bundle, self.prepare(bundle, whole)
+    def _prepared(self, whole: ModelBundle) -> tuple[ModelBundle, Any, CarriedLoad | None]:
+        bundle, load = whole.at(self.payload), carried_load(self.port.source, whole, self.payload)
+        return bundle, self.prepare(bundle, whole, load), load
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse a payload that the model knows nothing of."""
@@ -216,11 +218,12 @@ class ModelNode(TudorNode):
             self._payload = self.payload
             self._adopt(*self._prepared(self._whole))
 
-    def _adopt(self, bundle: ModelBundle, prepared: Any) -> None:
+    def _adopt(self, bundle: ModelBundle, prepared: Any, load: CarriedLoad | None) -> None:
+        self.port.use(load)
         self.use(bundle, prepared)
         self.robot = bundle.arm.name
 
-    def prepare(self, bundle: ModelBundle, whole: ModelBundle) -> Any:
+    def prepare(self, bundle: ModelBundle, whole: ModelBundle, load: CarriedLoad | None) -> Any:
         """Build what works with a model, at its payload or as read; in a thread when reloading."""
         raise NotImplementedError
 
@@ -235,12 +238,12 @@ class ModelNode(TudorNode):
 
         def load() -> Callable[[], None]:
             whole = self._load()
-            bundle, prepared = self._prepared(whole)
+            prepared = self._prepared(whole)
 
             def take() -> None:
                 self.fault = self._reload_fault = ''
                 self._whole = whole
-                self._adopt(bundle, prepared)
+                self._adopt(*prepared)
                 self.get_logger().info(f'model {self.source} is now in use')
             return take
 
@@ -286,12 +289,9 @@ class ModelNode(TudorNode):
         arm = 'none' if self.bundle is None else self.bundle.arm.name
         return {**super().about(), 'arm': arm}
 
-    def payload_known(self) -> str | None:
-        """Give the mass that the model has in it [kg], or that was chosen of all it knows."""
-        if self._whole is None:
-            return None
-        known = self._whole.payload if self._whole.payload_range is None else self.payload
-        return None if known is None else f'{known:g}'
+    def load_facts(self) -> dict[str, Any]:
+        """Give mass, deviation and source of the load; nothing without a model."""
+        return {} if self._whole is None else load_facts(self.port.load, self._whole, self.payload)
 
     def verdict(self) -> tuple[bytes, str]:
         """Say where the model does not fit the load, and why another one was refused."""
