@@ -76,9 +76,9 @@ def given(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def faults(text: str, words: list[str]) -> Iterator[str]:
-    """Name lines that are too long or end in blanks, and words that are not whole."""
+    """Name lines that are too long, unless it is one path, or end in blanks, and broken words."""
     for line in text.splitlines():
-        if len(line) > 80:
+        if len(line) > 80 and len(line.split()) > 1:
             yield f'{len(line)} columns: {line}'
         if line != line.rstrip():
             yield f'blanks at the end: {line!r}'
@@ -110,4 +110,4 @@ def test_eighty_columns(
 def test_faults_are_seen() -> None:
     """A word that is cut, a line that is too long, a blank at the end."""
     assert list(faults('a word\n  that\n', ['a', 'word', 'that'])) == []
-    assert len(list(faults('a wo\n  rd \n' + 90 * '-', ['a', 'word']))) == 3
+    assert len(list(faults('a wo\n  rd \n' + 45 * '- ' + '-', ['a', 'word']))) == 3

@@ -99,7 +99,11 @@ def test_uses(assessment: Assessment) -> None:
     assert left.level is Grade.GOOD
     assert 'use it at all joints; share of effort left to the controller: j1' in left.why
     plain = assessment.as_dict()
-    assert plain['uses']['effort']['analytical'][0]['use'] == 'prediction'
+    first, _, detection, *_ = plain['uses']['effort']['analytical']
+    assert first['use'] == 'prediction' and 'noticed' not in first
+    assert list(detection['noticed']) == ['j1', 'j2']
+    assert all(f'{name} {touch}' in said.why and touch.endswith(' N at the tip)')
+               for name, touch in detection['noticed'].items())
 
 
 def test_a_joint_that_keeps_most_of_its_effort_is_not_fed(result: FitResult) -> None:
