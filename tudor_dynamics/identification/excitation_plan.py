@@ -354,8 +354,8 @@ class _Head(BaseModel):
     model_config = ConfigDict(extra='ignore', frozen=True)
     format: str  # noqa: A003
     version: int
-    noise: dict[str, dict[str, Annotated[float, Field(ge=1e-12, le=1e12)]]] = Field(min_length=1)
     # standard deviation by output and channel, in its unit
+    noise: dict[str, dict[str, Annotated[float, Field(ge=1e-12, le=1e12)]]] = Field(min_length=1)
     noise_of: str  # `samples`, or `residuals` of a model
     noise_stated: bool  # whether anybody stated it
 
