@@ -62,7 +62,7 @@ def test_each_table_is_whole_and_on_a_page() -> None:
 def test_a_change_of_the_code_makes_figures_old(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Commits to the code count, others do not; an unknown commit has no age."""
+    """Commits that change what code computes count, others do not; some have no age."""
     module = load('figure_data', 'docs/_extensions')
     monkeypatch.setattr(module, 'ROOT', tmp_path)
 
@@ -83,6 +83,15 @@ def test_a_change_of_the_code_makes_figures_old(
     commit('code', 'three')
     assert figures.changes() == 1
     assert module.Figures('python x', '0' * 7, '', ['code'], ['a'], [['1']]).changes() is None
+    module.blob.cache_clear()
+    text = 'from x import y\n\n\ndef f(a: int) -> int:\n    """Give."""\n    return a + 1\n'
+    figures = replace(figures, commit=commit('code.py', text), paths=['code.py'])
+    commit('code.py', text.replace('Give', 'Make').replace('x import', 'z import'))
+    assert figures.changes() == 0  # it computes the same
+    commit('code.py', text.replace('+ 1', '+ 2'))
+    assert figures.changes() == 2
+    commit('code.py', text)
+    assert figures.changes() == 0
 
 
 def test_figures_are_read_from_what_a_bench_prints() -> None:
