@@ -164,3 +164,18 @@ def test_every_command_and_error_has_its_place() -> None:
     assert '`--collisions`' in text
     assert all(line.count(' | ') >= 1 for line in text.splitlines() if line.startswith('| '))
     assert '`BagError`' in module.error_page() and '`UsageError`' in module.error_page()
+
+
+def test_each_message_is_on_its_page() -> None:
+    """Errors, diagnostics and findings of all parts, with names in place of code."""
+    module = load('code_pages', 'docs/_extensions')
+    text = "{arm.source}: of {len(x)} {' or '.join(kinds)} {a if b|c} {3} %"
+    assert module.in_capitals(text) == 'ARM: of NUMBER KINDS (a if b / c) 3 %'
+    page = module.message_page()
+    rows = [line for line in page.splitlines()
+            if line.startswith('| ') and line != '| kind | text |']
+    found = {(message.kind, module._plain(module.in_capitals(message.text)))
+             for message in module.messages() if message.kind in module.KINDS}
+    assert {tuple(row[2:-2].split(' | ', 1)) for row in rows} == found
+    assert not [row for row in rows if re.search(r'[{}]', row.replace('{mass: 0}', ''))]
+    assert re.findall(r'^## (.*)', page, re.MULTILINE) == list(module.ROOMS.values())
