@@ -157,7 +157,7 @@ SERVICES = {
     'trajectory_relay': ('~/reset',), 'arm_simulator': ('~/reset',),
 }
 
-LOADS = ('payload source', 'payload std [kg]', 'payload told by', 'collisions that were loads',
+LOADS = ('payload source', 'payload std [kg]', 'payload estimated from', 'collisions that were loads',
          'loads announced')
 KEYLESS = {
     'DynamicsPredictorNode': LOADS[:1], 'FeedforwardNode': LOADS[:1],
@@ -182,7 +182,7 @@ MEANING = {
     'last collision [ns]': 'stamp', 'last link': 'its link',
     'payload source': 'parameter, estimate or topic',
     'payload std [kg]': 'standard deviation of the estimate',
-    'payload told by': 'output that gives the estimate, and whether with bent links',
+    'payload estimated from': 'output that gives the estimate, and whether with bent links',
     'collisions that were loads': 'events that turned out to be a load',
     'loads announced': 'by gripper or service',
     'CPU [%]': 'of the process since the last diagnosis, of one core', 'arms': 'those given',
