@@ -157,8 +157,8 @@ SERVICES = {
     'trajectory_relay': ('~/reset',), 'arm_simulator': ('~/reset',),
 }
 
-LOADS = ('payload source', 'payload std [kg]', 'payload estimated from', 'collisions that were loads',
-         'loads announced')
+LOADS = ('payload source', 'payload std [kg]', 'payload estimated from',
+         'collisions that were loads', 'loads announced')
 KEYLESS = {
     'DynamicsPredictorNode': LOADS[:1], 'FeedforwardNode': LOADS[:1],
     'DetectNode': ('contact', 'contact link', 'contact force [N]', 'contact place [m]',

@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import ast
 import inspect
+import json
 from pathlib import Path
 import re
 import sys
@@ -39,6 +40,7 @@ from tudor_dynamics.online.threshold_learning import ThresholdsPart
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / 'tools'))
 
+from json_keys import FILE as JSON_KEYS, MEANING  # noqa: E402, I100
 from messages import messages  # noqa: E402, I100
 import nodes_reference  # noqa: E402, I100
 
@@ -246,6 +248,23 @@ def message_page() -> str:
     return '\n'.join(lines) + '\n'
 
 
+def json_page() -> str:
+    """Write the page of the keys that commands print with ``--json``, and of their files."""
+    lines = ['# Keys of JSON', '',
+             'What commands print with `--json`, as runs on the recordings in `bags/` gave it. '
+             '`[]` is an item of a list. Words in capitals stand for a name: OUTPUT is effort, '
+             'strain or momentum, KIND a kind of model, CHANNEL a joint or gauge, PART training '
+             'or validation. Values that are not finite are null. Keys do not change without a '
+             'line in the change log. `tudor doctor --json` has `made` (versions) and `checks[]`.']
+    for title, keys in json.loads(JSON_KEYS.read_text(encoding='utf-8')).items():
+        lines += ['', f'## {title}', '', '| key | meaning | type | example |', '|---|---|---|---|']
+        for path, (kind, example) in keys.items():
+            meaning = MEANING[path.rpartition('.')[2].removesuffix('[]')]
+            shown = f'`{_cell(example)}`' if example else ''
+            lines.append(f'| `{path}` | {_cell(meaning)} | {kind} | {shown} |')
+    return '\n'.join(lines) + '\n'
+
+
 def _plain(text: str) -> str:
     """Give a message as it may stand in a cell: no mark in it is markup."""
     return re.sub(r'([*_<>~$\[\]])', r'\\\1', _cell(text))
@@ -259,7 +278,7 @@ def write(folder: Path) -> None:
             page.unlink()
     (folder / 'nodes').mkdir(exist_ok=True)
     pages = {'commands': commands(), 'errors': error_page(), 'formats': formats(),
-             'messages': message_page(),
+             'messages': message_page(), 'json': json_page(),
              **{f'nodes/{name}': SLASH.sub(r'\1<wbr>', nodes_reference.page(name))
                 for name in NODES}}
     for name, text in pages.items():
