@@ -136,6 +136,16 @@ def test_no_figures_are_written_by_hand() -> None:
     assert not [file.stem for file in DATA if not read(file.stem).measured]
 
 
+def test_the_answer_for_40_ms_is_measured() -> None:
+    """What the how-to promises of a slow loop is what the bench found over all loads."""
+    figures = load('figure_data', 'docs/_extensions').read('damping_at_delay')
+    [row] = [row for row in figures.rows if row[0] == '40 ms']
+    ratios = [float(number) for number in re.findall(r'0\.\d+', ' '.join(row[1:]))]
+    page = ' '.join((ROOT / 'docs/howto/damp.md').read_text(encoding='utf-8').split())
+    said = re.search(r'damping ratios of (\S+) to (\S+)\]\(\S+\) are left at 40 ms', page)
+    assert said is not None and (float(said[1]), float(said[2])) == (min(ratios), max(ratios))
+
+
 def test_each_key_of_a_file_is_explained() -> None:
     """The page of formats has a meaning for every key, and names what folders hold."""
     text = load('code_pages', 'docs/_extensions').formats()
