@@ -266,8 +266,12 @@ def json_page() -> str:
 
 
 def _plain(text: str) -> str:
-    """Give a message as it may stand in a cell: no mark in it is markup."""
-    return re.sub(r'([*_<>~$\[\]])', r'\\\1', _cell(text))
+    """Give a message as it may stand in a cell: no mark in it is markup, but for code."""
+    parts = _cell(text).split('`')
+    closed = len(parts) % 2 == 1  # of an odd number of marks, none is one of code
+    return ('`' if closed else '\\`').join(
+        part if closed and place % 2 else re.sub(r'([*_<>~$\[\]])', r'\\\1', part)
+        for place, part in enumerate(parts))
 
 
 def write(folder: Path) -> None:
