@@ -168,7 +168,8 @@ def test_stamps_of_two_topics_apart(
     watched.feed(0, 400, shift)
     level, message, _ = watched.told()
     assert level == wanted
-    assert f'stamps of link_strains are {abs(offset)} ms {side} than those of joint_states' in message
+    assert (f'stamps of link_strains are {abs(offset)} ms {side} than those of joint_states'
+            in message)
 
 
 def test_positions_with_repeated_stamps(watched: Watched) -> None:
