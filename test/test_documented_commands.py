@@ -89,10 +89,17 @@ def blocks() -> list[tuple[str, str, str]]:
             for info, text in fenced(page.read_text(encoding='utf-8'))]
 
 
+def is_output(page: str, info: str) -> bool:
+    """Say whether a block is what commands of a tutorial print."""
+    return page.startswith('docs/tutorials/') and info.split()[:1] == ['text']
+
+
 def shell(*, run: bool) -> list[tuple[str, str]]:
-    """Give the blocks of shell that are run here, or those that are not."""
+    """Give the blocks of shell that are run here, or those that are not, and what output names."""
+    named = [(page, '\n'.join(re.findall(r'^ *(?:tudor|ros2) (?:.*\\\n)*.*$', text, re.MULTILINE)))
+             for page, info, text in blocks() if is_output(page, info)]
     return [(page, text) for page, info, text in blocks()
-            if info.split()[:1] == ['sh'] and (info == 'sh') == run]
+            if info.split()[:1] == ['sh'] and (info == 'sh') == run] + ([] if run else named)
 
 
 def commands(text: str) -> list[list[str]]:
@@ -155,7 +162,7 @@ def test_blocks_say_what_they_are() -> None:
         words = info.split()
         if words[:1] == ['sh']:
             assert len(words) == 1 or (len(words) == 2 and words[1] in REASONS), (page, info)
-        else:
+        elif not is_output(page, info):
             assert not re.search(r'^\s*(tudor|ros2|make) ', text, re.MULTILINE), (page, text)
     for page in PAGES:  # nor outside of one, where indented text is a block too
         outside = FENCE.sub('', page.read_text(encoding='utf-8'))
