@@ -1,8 +1,8 @@
-# make venv | demo | test | bench | papers | docs | lint | clean: each does its own set-up.
+# make venv | demo | test | bench | papers | docs | links | lint | clean: each does its own set-up.
 SHELL := /bin/bash
 .SHELLFLAGS := -eo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test bench papers docs lint clean
+.PHONY: help venv demo test bench papers docs links lint clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -39,6 +39,7 @@ help:
 	@echo 'make bench  measure speed and memory'
 	@echo 'make papers the experiments of two papers, into papers_out (PAPERS_ARGS="table1 --quick")'
 	@echo 'make docs   guides and reference as one site, in build/docs'
+	@echo 'make links  open each external link of the site'
 	@echo 'make lint   style gates alone'
 	@echo 'make clean  remove all that the others made'
 
@@ -46,7 +47,7 @@ venv: $(STAMP)
 
 # An older pip would run setup.py develop, which puts `tudor` where colcon wants it, not into bin.
 # The stamp is written last, so that an interrupted installation is taken up again. An environment
-# whose interpreter has gone is made anew.
+# whose interpreter has gone is made again.
 $(STAMP): setup.cfg setup.py package.xml tools/find_python
 	@python=$$(tools/find_python) || exit 1; $(ROS) \
 	if ! $(BIN)/python -c 'import pip' >/dev/null 2>&1; then \
@@ -85,6 +86,10 @@ docs: venv
 	  || $(BIN)/python -m pip install --quiet --use-pep517 --editable '.[docs]'
 	@$(ROS) $(BIN)/python -m sphinx -W --keep-going -j auto -b html docs build/docs
 	@echo "open in a browser: file://$(abspath build/docs)/index.html"
+
+# Needs a network, and the servers of others: not in CI.
+links: docs
+	@$(ROS) $(BIN)/python -m sphinx -q -b linkcheck docs build/links
 
 lint: venv
 	@$(ROS) $(BIN)/python -m pytest -q -m linter

@@ -154,7 +154,7 @@ def moves(arm: Arm, payloads: list[float], jobs: int) -> int:
 def ratios(arm: Arm, payloads: list[float]) -> None:
     """Print which damping ratios `tudor tune` reaches at a delay, with room for twice of it."""
     rows = []
-    for delay in (0.005, 0.01, 0.02, 0.03):
+    for delay in (0.005, 0.01, 0.02, 0.03, 0.04):
         reached = design(TunedArm(arm, None), Wish(0.95, delay, tuple(payloads))).column('reached')
         rows.append((f'{1e3 * delay:g} ms', *(f'{of.min():.2f} to {of.max():.2f}'
                                               for of in reached)))

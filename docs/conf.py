@@ -41,7 +41,7 @@ html_copy_source = False
 html_split_index = True  # on one page it is as long as four hundred screens of a phone
 html_static_path = ['_static']
 html_css_files = ['site.css']
-html_js_files = ['full_size.js', 'break_names.js']
+html_js_files = ['full_size.js', 'break_names.js', 'wide_tables.js']
 html_favicon = '_static/favicon.svg'
 html_search_scorer = str(Path(__file__).parent / '_extensions' / 'search_order.js')
 

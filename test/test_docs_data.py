@@ -62,7 +62,7 @@ def test_each_table_is_whole_and_on_a_page() -> None:
 def test_a_change_of_the_code_makes_figures_old(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Commits to the code count, others do not; an unknown commit has no age."""
+    """Commits that change what code computes count, others do not; some have no age."""
     module = load('figure_data', 'docs/_extensions')
     monkeypatch.setattr(module, 'ROOT', tmp_path)
 
@@ -83,6 +83,15 @@ def test_a_change_of_the_code_makes_figures_old(
     commit('code', 'three')
     assert figures.changes() == 1
     assert module.Figures('python x', '0' * 7, '', ['code'], ['a'], [['1']]).changes() is None
+    module.blob.cache_clear()
+    text = 'from x import y\n\n\ndef f(a: int) -> int:\n    """Give."""\n    return a + 1\n'
+    figures = replace(figures, commit=commit('code.py', text), paths=['code.py'])
+    commit('code.py', text.replace('Give', 'Make').replace('x import', 'z import'))
+    assert figures.changes() == 0  # it computes the same
+    commit('code.py', text.replace('+ 1', '+ 2'))
+    assert figures.changes() == 2
+    commit('code.py', text)
+    assert figures.changes() == 0
 
 
 def test_figures_are_read_from_what_a_bench_prints() -> None:
@@ -127,6 +136,16 @@ def test_no_figures_are_written_by_hand() -> None:
     assert not [file.stem for file in DATA if not read(file.stem).measured]
 
 
+def test_the_answer_for_40_ms_is_measured() -> None:
+    """What the how-to promises of a slow loop is what the bench found over all loads."""
+    figures = load('figure_data', 'docs/_extensions').read('damping_at_delay')
+    [row] = [row for row in figures.rows if row[0] == '40 ms']
+    ratios = [float(number) for number in re.findall(r'0\.\d+', ' '.join(row[1:]))]
+    page = ' '.join((ROOT / 'docs/howto/damp.md').read_text(encoding='utf-8').split())
+    said = re.search(r'damping ratios of (\S+) to (\S+)\]\(\S+\) are left at 40 ms', page)
+    assert said is not None and (float(said[1]), float(said[2])) == (min(ratios), max(ratios))
+
+
 def test_each_key_of_a_file_is_explained() -> None:
     """The page of formats has a meaning for every key, and names what folders hold."""
     text = load('code_pages', 'docs/_extensions').formats()
@@ -155,3 +174,18 @@ def test_every_command_and_error_has_its_place() -> None:
     assert '`--collisions`' in text
     assert all(line.count(' | ') >= 1 for line in text.splitlines() if line.startswith('| '))
     assert '`BagError`' in module.error_page() and '`UsageError`' in module.error_page()
+
+
+def test_each_message_is_on_its_page() -> None:
+    """Errors, diagnostics and findings of all parts, with names in place of code."""
+    module = load('code_pages', 'docs/_extensions')
+    text = "{arm.source}: of {len(x)} {' or '.join(kinds)} {a if b|c} {3} %"
+    assert module.in_capitals(text) == 'ARM: of NUMBER KINDS (a if b / c) 3 %'
+    page = module.message_page()
+    rows = [line for line in page.splitlines()
+            if line.startswith('| ') and line != '| kind | text |']
+    found = {(message.kind, module._plain(module.in_capitals(message.text)))
+             for message in module.messages() if message.kind in module.KINDS}
+    assert {tuple(row[2:-2].split(' | ', 1)) for row in rows} == found
+    assert not [row for row in rows if re.search(r'[{}]', row.replace('{mass: 0}', ''))]
+    assert re.findall(r'^## (.*)', page, re.MULTILINE) == list(module.ROOMS.values())

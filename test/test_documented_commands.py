@@ -30,6 +30,7 @@ from __future__ import annotations
 from argparse import _SubParsersAction, ArgumentParser
 import ast
 from collections import Counter
+from importlib import import_module
 import json
 import os
 from pathlib import Path
@@ -57,7 +58,9 @@ PAGES = sorted([ROOT / 'README.md', ROOT / 'bags' / 'README.md', ROOT / 'example
                 *(page for page in (ROOT / 'docs').rglob('*.md')
                   if 'generated' not in page.parts)])
 REASONS = ('long', 'own', 'ros')
-FENCE = re.compile(r'^(?:<!-- (\w+) -->\n)?```([^\n]*)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+FENCE = re.compile(r'^(?: *<!-- (?P<why>\w+) -->\n)?(?P<indent> *)```(?P<info>[^\n]*)\n'
+                   r'(?P<text>.*?)^(?P=indent)```$', re.MULTILINE | re.DOTALL)
+"""A block, in the steps of a list too, where it is indented."""
 BLOCK = re.compile(r'^ *(```|~~~).*?^ *\1 *$', re.MULTILINE | re.DOTALL)
 STANDS_FOR = re.compile(r'[A-Z]+(\.\w+)?')
 """A word of a command in the text that stands for a value of the reader."""
@@ -67,21 +70,36 @@ KEYS = (ArmSpec, FleetPlan)
 """What YAML on a page describes, if not parameters of nodes."""
 MOVEIT = 'moveit_simple_controller_manager'
 """What YAML is for MoveIt; ``test_ros2_control`` compares it with the relay."""
+TRIALS = ('joint_test', 'damper_sign_test')
+"""Programs for ROS that are no nodes: they have a parser of their own."""
 OF_OTHERS = ('friction_model_controller', 'unit03_mult_lin_reg', 'out/figures.json',
              'docs/figures/NAME.json')
 """Names between backticks that belong to other software, or to the reader."""
 
 
+def fenced(text: str) -> list[tuple[str, str]]:
+    """Give info string and text of every fenced block of a page."""
+    return [(f'{match["info"]} {match["why"] or ""}'.strip(), textwrap.dedent(match['text']))
+            for match in FENCE.finditer(text)]
+
+
 def blocks() -> list[tuple[str, str, str]]:
-    """Give page, info string and text of every fenced block."""
-    return [(str(page.relative_to(ROOT)), f'{match[2]} {match[1] or ""}'.strip(), match[3])
-            for page in PAGES for match in FENCE.finditer(page.read_text(encoding='utf-8'))]
+    """Give page, info string and text of every fenced block of all pages."""
+    return [(str(page.relative_to(ROOT)), info, text) for page in PAGES
+            for info, text in fenced(page.read_text(encoding='utf-8'))]
+
+
+def is_output(page: str, info: str) -> bool:
+    """Say whether a block is what commands of a tutorial print."""
+    return page.startswith('docs/tutorials/') and info.split()[:1] == ['text']
 
 
 def shell(*, run: bool) -> list[tuple[str, str]]:
-    """Give the blocks of shell that are run here, or those that are not."""
+    """Give the blocks of shell that are run here, or those that are not, and what output names."""
+    named = [(page, '\n'.join(re.findall(r'^ *(?:tudor|ros2) (?:.*\\\n)*.*$', text, re.MULTILINE)))
+             for page, info, text in blocks() if is_output(page, info)]
     return [(page, text) for page, info, text in blocks()
-            if info.split()[:1] == ['sh'] and (info == 'sh') == run]
+            if info.split()[:1] == ['sh'] and (info == 'sh') == run] + ([] if run else named)
 
 
 def commands(text: str) -> list[list[str]]:
@@ -144,54 +162,69 @@ def test_blocks_say_what_they_are() -> None:
         words = info.split()
         if words[:1] == ['sh']:
             assert len(words) == 1 or (len(words) == 2 and words[1] in REASONS), (page, info)
-        else:
+        elif not is_output(page, info):
             assert not re.search(r'^\s*(tudor|ros2|make) ', text, re.MULTILINE), (page, text)
-    for page in PAGES:  # nor in an indented block
-        found = re.search(r'^ {4,}(tudor|ros2) .*', page.read_text(encoding='utf-8'), re.MULTILINE)
+    for page in PAGES:  # nor outside of one, where indented text is a block too
         outside = FENCE.sub('', page.read_text(encoding='utf-8'))
-        assert not re.search(r'^ {4,}(tudor|ros2) ', outside, re.MULTILINE), (page, found)
+        assert not (found := re.search(r'^ {4,}(tudor|ros2) .*', outside, re.M)), (page, found)
 
 
 def test_blocks_of_code_and_data_parse() -> None:
     """Python compiles and uses names of the library; YAML has keys of the arm or of parameters."""
     seen: Counter[str] = Counter()
-    for page in PAGES:
-        text = page.read_text(encoding='utf-8')
-        for match in re.finditer(r'^( *)```(python|yaml)\n(.*?)^\1```$', text, re.M | re.S):
-            block = textwrap.dedent(match[3])
-            if match[2] == 'python':
-                names = {node.attr for node in ast.walk(ast.parse(block))
-                         if isinstance(node, ast.Attribute)
-                         and isinstance(node.value, ast.Name) and node.value.id == 'td'}
-                assert names and names <= set(tudor_dynamics.__all__), (page, names)
-            else:
-                content = yaml.safe_load(block)
-                assert any(set(content) <= set(known.model_fields) for known in KEYS) or all(
-                    'ros__parameters' in item or key == MOVEIT
-                    for key, item in content.items()), (page, content)
-            seen[match[2]] += 1
-    assert min(seen.values()) > 2
+    for page, kind, block in blocks():
+        if kind == 'python':
+            names = {node.attr for node in ast.walk(ast.parse(block))
+                     if isinstance(node, ast.Attribute)
+                     and isinstance(node.value, ast.Name) and node.value.id == 'td'}
+            assert names and names <= set(tudor_dynamics.__all__), (page, names)
+        elif kind == 'yaml':
+            content = yaml.safe_load(block)
+            assert any(set(content) <= set(known.model_fields) for known in KEYS) or all(
+                'ros__parameters' in item or key == MOVEIT
+                for key, item in content.items()), (page, content)
+        seen[kind] += 1
+    assert min(seen[kind] for kind in ('python', 'yaml')) > 2
+
+
+def parsed(text: str) -> int:
+    """Let parsers take the commands of ``tudor`` and of the papers in a block; count them."""
+    count = 0
+    for words in commands(text):
+        if words[:3] == ['python', '-m', 'papers']:
+            papers_parser().parse_args(words[3:])
+        elif words[0] == 'tudor':
+            assert words[1] in SUBCOMMANDS, words
+            build_parser(words[1]).parse_args(words[1:])
+        else:
+            continue
+        count += 1
+    return count
 
 
 @pytest.mark.parametrize('run', [True, False])
 def test_options_are_known(run: bool, capsys: pytest.CaptureFixture[str]) -> None:
     """Every command of ``tudor`` and of the papers is one that its parser takes."""
-    parsed = 0
+    count = 0
     for page, text in shell(run=run):
-        for words in commands(text):
-            papers = words[:3] == ['python', '-m', 'papers']
-            if words[0] != 'tudor' and not papers:
-                continue
-            assert papers or words[1] in SUBCOMMANDS, (page, words)
-            try:
-                if papers:
-                    papers_parser().parse_args(words[3:])
-                else:
-                    build_parser(words[1]).parse_args(words[1:])
-            except SystemExit:
-                pytest.fail(f'{page}: {words}: {capsys.readouterr().err}')
-            parsed += 1
-    assert parsed > 3
+        try:
+            count += parsed(text)
+        except SystemExit:
+            pytest.fail(f'{page}: {text}: {capsys.readouterr().err}')
+    assert count > (3 if run else 50)
+
+
+@pytest.mark.parametrize('indent', ['', '   '])
+def test_a_wrong_option_is_found(indent: str) -> None:
+    """In a block of its own and in one of a step: a wrong option ends it, a right one is read."""
+    block = '```sh own\ntudor fit run1 --arm arm.yaml --out model --WRONG\n```'
+    page = f'1. Fit:\n\n{textwrap.indent(block, indent)}\n\n2. Next.\n'
+    [(_, right)] = fenced(page.replace(' --WRONG', ''))
+    assert parsed(right) == 1
+    [(info, wrong)] = fenced(page.replace('WRONG', 'no-such-option'))
+    assert info == 'sh own'
+    with pytest.raises(SystemExit):
+        parsed(wrong)
 
 
 @pytest.mark.usefixtures('any_value')
@@ -220,7 +253,9 @@ def test_nodes_and_parameters_are_known() -> None:
             if words[1:3] != ['run', 'tudor_dynamics']:
                 continue
             words = words[3:]
-            assert words[0] in (*NODES, 'tudor', 'NAME', 'NODE'), (page, words)
+            assert words[0] in (*NODES, *TRIALS, 'tudor', 'NAME', 'NODE'), (page, words)
+        if words[0] in TRIALS:
+            import_module(f'tudor_dynamics.nodes.{words[0]}').main.args[0].parse_args(words[1:])
         if words[0] in NODES:
             known = {'use_sim_time', *(param.name for param in NODES[words[0]])}
             assert {word.partition(':=')[0] for flag, word in zip(words, words[1:], strict=False)

@@ -15,7 +15,7 @@
 """
 Say how old the figures of the documents are, or measure some again.
 
-    python tools/figures.py             every file of docs/figures: commit, date, changes since
+    python tools/figures.py             every file of docs/figures: commit, date, old or not
     python tools/figures.py NAME ...    run their commands, and write what they print
     python tools/figures.py --work DIR NAME ...     the same; what a command leaves there is kept
 
@@ -130,8 +130,8 @@ def main() -> None:
     for file in [] if by_command else sorted(FOLDER.glob('*.json')):
         figures = read(file.stem)
         changes = figures.changes()
-        print(f'{file.stem:24s} {figures.date} {figures.commit:8s} '
-              f'{"?" if changes is None else changes:>4} changes  '
+        age = '?' if changes is None else f'old: {changes:3d}' if changes else ''
+        print(f'{file.stem:24s} {figures.date} {figures.commit:8s} {age:10s}'
               f'{"" if figures.measured else "copied":8s}{figures.command}')
 
 

@@ -183,7 +183,7 @@ def check_budget(what: str, steps: float, each: float = 8.0,
 
 
 class TudorWarning(UserWarning):
-    """Something odd in data or a model that the user should know of."""
+    """Something in data or a model that the user should know of."""
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import ast
 import inspect
+import json
 from pathlib import Path
 import re
 import sys
@@ -39,6 +40,8 @@ from tudor_dynamics.online.threshold_learning import ThresholdsPart
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / 'tools'))
 
+from json_keys import FILE as JSON_KEYS, MEANING  # noqa: E402, I100
+from messages import messages  # noqa: E402, I100
 import nodes_reference  # noqa: E402, I100
 
 SLASH = re.compile(r'(?<!`)\b(\w+_msgs/)(?=\w+(?:/\w+)*\b(?!`))')
@@ -181,7 +184,8 @@ def error_page() -> str:
     lines = ['# Errors', '',
              'Every error that the package raises on purpose has the text `place: cause; remedy`, '
              'on one line. Programs read its attributes `place`, `cause` and `remedy`, never the '
-             'text. Commands print it and end with exit code 2.', '',
+             'text. Commands print it and end with exit code 2. All texts: '
+             '[messages](messages.md).', '',
              '| class | also a | what it is |', '|---|---|---|']
     for kind in kinds:
         bases = ', '.join(f'`{base.__name__}`' for base in kind.__bases__
@@ -189,6 +193,87 @@ def error_page() -> str:
         text = (kind.__doc__ or '').strip().split('\n\n')[0]
         lines.append(f'| `{kind.__name__}` | {bases} | {_cell(text)} |')
     return '\n'.join(lines) + '\n'
+
+
+KINDS = ('error', 'warning', 'log', 'diagnostic', 'finding')
+"""Kinds of messages that people look up; of others, help and reports, commands have pages."""
+ROOMS = {'arm': 'Arm description', 'bags': 'Bags', 'cli': 'Commands', 'control': 'Damper, '
+         'references and other control', 'fleet': 'Fleet', 'identification': 'Fit and doctor',
+         'library': 'Library and files', 'load': 'Load', 'mechanics': 'Simulation',
+         'models': 'Models', 'nodes': 'Nodes', 'online': 'Monitor', 'show': 'Reports and pictures',
+         'signals': 'Filters and shaping'}
+"""Parts of the code, as the page of messages calls them."""
+NO_NAME = re.compile(r"'[^']*'|!r|\[[^][]*\]")
+WORDS = ('self', 'args', 'join', 'str', 'format', 'map', 'repr', 'or', 'and', 'for', 'in', 'if',
+         'else', 'not', 'sorted', 'set', 'x', 'rstrip', 'lower', 'partition', 'replace', 'strip')
+
+
+def placeholder(text: str) -> str:
+    """Give a name in capitals for an expression, as ARM for ``arm.source``; numbers stay."""
+    if re.fullmatch(r'[-\d.]+', text):
+        return text
+    if text.startswith('len('):
+        return 'NUMBER'
+    names = [word for word in re.findall(r'[^\W\d]\w*', NO_NAME.sub(' ', text))
+             if word not in WORDS] or ['text']
+    if names[-1] in ('name', 'source', 'path') and len(names) > 1:
+        names.pop()
+    return names[-1].strip('_').upper()
+
+
+def in_capitals(text: str) -> str:
+    """Give a message as people may look for it: what differs is a NAME, choices have a slash."""
+    def inner(match: re.Match[str]) -> str:
+        first, bar, second = match[1].partition('|')
+        return (f'({first.strip()} / {second.strip()})' if first and second else first or second
+                ) if bar else placeholder(match[1])
+    while (shorter := re.sub(r'\{([^{}]*)\}', inner, text)) != text:
+        text = shorter
+    return text
+
+
+def message_page() -> str:
+    """Write the page of the texts of errors, diagnostics and findings, by part of the code."""
+    rooms: dict[str, dict[tuple[str, str], None]] = {room: {} for room in ROOMS}
+    for message in messages():
+        if message.kind in KINDS:
+            room, inside, _ = message.place.partition('/')
+            rooms[room if inside else 'library'][message.kind, in_capitals(message.text)] = None
+    lines = ['# Messages', '',
+             'Texts of errors, diagnostics and findings, written from the code: look for the '
+             'words of a message that you see. A word in capitals stands for what the message '
+             'names there, a slash for a choice. What follows the semicolon is what to do. '
+             'Classes of errors: [errors](errors.md).']
+    for room, found in rooms.items():
+        lines += ['', f'## {ROOMS[room]}', '', '| kind | text |', '|---|---|',
+                  *(f'| {kind} | {_plain(text)} |' for kind, text in found)]
+    return '\n'.join(lines) + '\n'
+
+
+def json_page() -> str:
+    """Write the page of the keys that commands print with ``--json``, and of their files."""
+    lines = ['# Keys of JSON', '',
+             'What commands print with `--json`, as runs on the recordings in `bags/` gave it. '
+             '`[]` is an item of a list. Words in capitals stand for a name: OUTPUT is effort, '
+             'strain or momentum, KIND a kind of model, CHANNEL a joint or gauge, PART training '
+             'or validation. Values that are not finite are null. Keys do not change without a '
+             'line in the change log. `tudor doctor --json` has `made` (versions) and `checks[]`.']
+    for title, keys in json.loads(JSON_KEYS.read_text(encoding='utf-8')).items():
+        lines += ['', f'## {title}', '', '| key | meaning | type | example |', '|---|---|---|---|']
+        for path, (kind, example) in keys.items():
+            meaning = MEANING[path.rpartition('.')[2].removesuffix('[]')]
+            shown = f'`{_cell(example)}`' if example else ''
+            lines.append(f'| `{path}` | {_cell(meaning)} | {kind} | {shown} |')
+    return '\n'.join(lines) + '\n'
+
+
+def _plain(text: str) -> str:
+    """Give a message as it may stand in a cell: no mark in it is markup, but for code."""
+    parts = _cell(text).split('`')
+    closed = len(parts) % 2 == 1  # of an odd number of marks, none is one of code
+    return ('`' if closed else '\\`').join(
+        part if closed and place % 2 else re.sub(r'([*_<>~$\[\]])', r'\\\1', part)
+        for place, part in enumerate(parts))
 
 
 def write(folder: Path) -> None:
@@ -199,6 +284,7 @@ def write(folder: Path) -> None:
             page.unlink()
     (folder / 'nodes').mkdir(exist_ok=True)
     pages = {'commands': commands(), 'errors': error_page(), 'formats': formats(),
+             'messages': message_page(), 'json': json_page(),
              **{f'nodes/{name}': SLASH.sub(r'\1<wbr>', nodes_reference.page(name))
                 for name in NODES}}
     for name, text in pages.items():

@@ -16,14 +16,17 @@
 Figures that benches measured, as data: ``docs/figures/NAME.json``.
 
 A page shows the table with the directive ``figures`` (MyST: three backticks, ``{figures} NAME``).
-Below it stand the command, the commit that the figures are of, and how many commits have changed
-the files in ``paths`` since. The build says which figures are older than their code; this is no
-warning, so that it does not fail.
+Below it stand the command, the commit that the figures are of, and, where the code in ``paths``
+computes otherwise since, that they are old and by how many commits. Comments, texts, types and
+imports are no such code. The build ends with how many are old; this is no warning, so
+that it does not fail. ``python tools/figures.py`` lists them.
 """
 
 from __future__ import annotations
 
+import ast
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 import json
 from pathlib import Path
 import re
@@ -43,6 +46,60 @@ UNIT = re.compile(r'(?<=\d) (?=(?:%|[µmk]?s|min|h|k?Hz|[µmc]?m|m?N|k?g|deg|rad
 """Blank between a number and its unit or its bound, which stay in one line."""
 
 
+class _Computing(ast.NodeTransformer):
+    """Leave of a module what figures may depend on."""
+
+    def visit_Import(self, node: ast.Import) -> None:  # noqa: N802
+        """Leave out where names are from: modules move."""
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> None:  # noqa: N802
+        """Leave it out as well."""
+
+    def visit_arg(self, node: ast.arg) -> ast.arg:
+        """Leave out the type of an argument."""
+        return ast.arg(node.arg)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:  # noqa: N802
+        """Leave out the type of what it gives."""
+        node.returns = None
+        return self.generic_visit(node)
+
+    def visit_Raise(self, node: ast.Raise) -> ast.Pass:  # noqa: N802
+        """Keep that an error ends it, not which."""
+        return ast.Pass()
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.Constant:  # noqa: N802
+        """Leave out texts for people."""
+        return ast.Constant('')
+
+    def visit_Constant(self, node: ast.Constant) -> ast.Constant:  # noqa: N802
+        """Leave them out where they are plain, too."""
+        return ast.Constant('') if isinstance(node.value, str) and ' ' in node.value else node
+
+    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:  # noqa: N802
+        """Leave out docstrings."""
+        return None if isinstance(node.value, ast.Constant) else self.generic_visit(node)
+
+
+@lru_cache(maxsize=None)
+def computing(text: str) -> str:
+    """Give what a module computes: two texts with the same give the same figures."""
+    return ast.dump(_Computing().visit(ast.parse(text)))
+
+
+def git(*words: str, given: str = '') -> str | None:
+    """Give what git says; None where it does not know."""
+    done = subprocess.run(['git', *words], cwd=ROOT, input=given, capture_output=True, text=True,
+                          check=False)
+    return done.stdout if done.returncode == 0 else None
+
+
+@lru_cache(maxsize=None)
+def blob(name: str) -> str | None:
+    """Give a version of a file; None where it is absent."""
+    return git('cat-file', 'blob', name) if name.strip('0') else None
+
+
 @dataclass(frozen=True)
 class Figures:
     """A table that a command measured."""
@@ -56,11 +113,20 @@ class Figures:
     measured: bool = False  # written by `tools/figures.py`; otherwise by hand
 
     def changes(self) -> int | None:
-        """Count the commits since that changed the code; None where git does not know."""
-        done = subprocess.run(
-            ['git', 'rev-list', '--count', f'{self.commit}..', '--', *self.paths], cwd=ROOT,
-            capture_output=True, text=True, check=False)
-        return int(done.stdout) if done.returncode == 0 else None
+        """Count the commits since to code that computes otherwise; None where git cannot say."""
+        raw = git('diff', '--raw', '--no-renames', '--no-abbrev', self.commit, 'HEAD', '--',
+                  *self.paths)
+        if raw is None:
+            return None
+        changed = []
+        for line in raw.splitlines():
+            (_, _, old, new, _), file = line.split('\t')[0].split(), line.split('\t')[1]
+            texts = blob(old), blob(new)
+            if None in texts or not file.endswith('.py') or (
+                    computing(str(texts[0])) != computing(str(texts[1]))):
+                changed.append(file)
+        since = git('rev-list', '--count', f'{self.commit}..', '--', *changed) if changed else None
+        return int(since or 0)
 
     def table(self) -> list[str]:
         """Give the lines of a Markdown table."""
@@ -94,10 +160,9 @@ class FiguresDirective(Directive):
         figures = read(name)
         changes = figures.changes()
         age = ('' if changes == 0 else ', age unknown' if changes is None else
-               f'; {changes} commit{"s" * (changes > 1)} to its code since')
-        if changes:
-            LOGGER.info('old: figures %s are of %s, %d commits to their code since; %s',
-                        name, figures.commit, changes, figures.command)
+               f'; old: {changes} commit{"s" * (changes > 1)} to its code since')
+        environment.figures_changes = {**getattr(environment, 'figures_changes', {}),
+                                       name: changes}
         lines = [*(UNIT.sub('\u00a0', line) for line in figures.table()), '',
                  f'*{figures.date}, {figures.commit}: `{figures.command}`*{age}', '']
         parent = nodes.container(classes=['figures'])
@@ -105,7 +170,23 @@ class FiguresDirective(Directive):
         return [parent]
 
 
-def setup(app: Any) -> dict[str, bool]:
-    """Add the directive."""
+def merge(app: Any, env: Any, docnames: list[str], other: Any) -> None:
+    """Add what another process has read."""
+    env.figures_changes = {**getattr(env, 'figures_changes', {}),
+                           **getattr(other, 'figures_changes', {})}
+
+
+def summary(app: Any, exception: Exception | None) -> None:
+    """Say how many figures are old, in one line."""
+    ages = getattr(app.env, 'figures_changes', {})
+    if exception is None:
+        LOGGER.info('figures: %d of %d are old; `python tools/figures.py` lists them',
+                    sum(bool(count) for count in ages.values()), len(ages))
+
+
+def setup(app: Any) -> dict[str, Any]:
+    """Add the directive, and the line that ends the build."""
     app.add_directive('figures', FiguresDirective)
-    return {'parallel_read_safe': True}
+    app.connect('env-merge-info', merge)
+    app.connect('build-finished', summary)
+    return {'parallel_read_safe': True, 'env_version': 1}

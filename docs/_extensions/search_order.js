@@ -1,5 +1,5 @@
 // Order of what the search finds: pages whose title has words of the question come first, then
-// how-to and tutorials; modules of the library come last. Pages of questions are only signposts:
+// how-to and tutorials; modules of the library and the texts of messages come last. Pages of questions are only signposts:
 // their headings come first, the pages later.
 const asked = new URLSearchParams(location.search).get("q") || "";
 const stems = (text) => {
@@ -9,7 +9,8 @@ const stems = (text) => {
     .map((word) => stemmer.stemWord(word)));
 };
 const KINDS = [["howto/questions", -10], ["howto/", 6], ["tutorials/", 4], ["explanation/", 3],
-               ["reference/generated/tudor_dynamics", -30], ["architecture", -10]];
+               ["reference/generated/tudor_dynamics", -30], ["architecture", -10],
+               ["reference/generated/messages", -30]];
 
 var Scorer = {
   score: ([docname, title, anchor, descr, score]) => {
@@ -31,15 +32,19 @@ var Scorer = {
 // A question in words that no page has together still has answers: pages with some of its words,
 // and the rarer these are the more they count. Words that are on no page count nothing. Headings
 // of guides that have most of the question in them are answers, too, and those of the pages of
-// questions with less of it. Numbers, which are no terms of the index, count where headings have them.
+// questions with less of it. First are those that have its very words, as "do not use", of which
+// the index has only the last. Numbers, which are no terms of the index, count where headings have them.
 const ENOUGH = 5, LEAST = 0.3, WEIGHT = 8, LEFT_OUT = 30, HEADING = 80;
-const MOST = 0.6, MOST_OF_QUESTIONS = 0.45;
+const SAID = 1.5, MOST = 0.6, MOST_OF_QUESTIONS = 0.45;
 const BRITISH = {licens: "licenc", center: "centr", behavior: "behaviour"};  // stems
 {
   const strict = Search.performTermsSearch;
   const pages = (word) => new Set(
     [Search._index.terms, Search._index.titleterms].flatMap((terms) => Object.entries(terms))
       .filter(([term]) => term.includes(word)).flatMap(([, files]) => files)).size;
+  const spoken = (text) => text.toLowerCase().replace(/[^a-z0-9]+/g, " ").trim();
+  const phrase = spoken((asked.match(/"([^"]+)"/) || ["", asked])[1]);
+  const says = (title) => phrase.includes(" ") && ` ${spoken(title)} `.includes(` ${phrase} `);
   const headings = (rare, most) => {
     const known = Object.entries(Search._index.alltitles).map(
       ([title, places]) => [title, places, stems(title)]);
@@ -47,8 +52,9 @@ const BRITISH = {licens: "licenc", center: "centr", behavior: "behaviour"};  // 
     for (const number of asked.match(/\d+/g) || [])
       if (known.some(([, , words]) => words.has(number))) wanted.set(number, Math.log(most));
     const all = [...wanted.values()].reduce((sum, value) => sum + value, 0);
-    return wanted.size < 2 ? [] : known.flatMap(([title, places, words]) => {
-      const share = [...wanted].reduce((sum, [word, value]) => sum + words.has(word) * value, 0) / all;
+    return known.flatMap(([title, places, words]) => {
+      const share = says(title) ? SAID : wanted.size < 2 ? 0 : [...wanted].reduce(
+        (sum, [word, value]) => sum + words.has(word) * value, 0) / all;
       const {docnames, filenames, titles} = Search._index;
       return places
         .filter(([file, id]) => id && /^(howto|tutorials)/.test(docnames[file]) && share >= (

@@ -79,7 +79,7 @@ def test_honest_encoders_are_believed(size: float, dt: float, frequency: float) 
     (lambda q, t: np.array([1.5, q[1]]), 'does not move', False),
     (lambda q, t: q + [0.04 * (t > 0.7), 0.0], 'jumped by 0.04 rad', False),
     (lambda q, t: [1.5, 0.1] + (q - [1.5, 0.1])[::-1], 'follow commands to the other', True)])
-def test_what_lies_is_told(
+def test_each_fault_is_named(
     reading: Callable[[np.ndarray, float], np.ndarray], text: str, astray: bool,
 ) -> None:
     """Each with its joint, before it has gone far."""
@@ -92,7 +92,7 @@ def test_what_lies_is_told(
     (lambda q, t: [3.0 - q[0], q[1]], 'encoder counts backwards'),
     (lambda q, t: [0.75 + 0.5 * q[0], q[1]], 'moves 0.5 times as far'),
     (lambda q, t: q + [0.1 * t, 0.0], 'encoder drifts')])
-def test_own_speeds_of_the_driver_tell_encoders_from_drives(
+def test_own_speeds_of_the_driver_separate_encoders_from_drives(
     reading: Callable[[np.ndarray, float], np.ndarray], text: str,
 ) -> None:
     """Where they go with the commands, the positions are what is wrong."""

@@ -155,8 +155,8 @@ def test_strains_that_are_no_numbers(watched: Watched, every: int, wanted: bytes
 
 
 @pytest.mark.parametrize(('offset', 'wanted', 'side'), [
-    (300, WARN, 'ahead of'), (-300, WARN, 'behind'), (10_000, ERROR, 'ahead of'),
-    (-10_000, ERROR, 'behind')])
+    (300, WARN, 'earlier'), (-300, WARN, 'later'), (10_000, ERROR, 'earlier'),
+    (-10_000, ERROR, 'later')])
 def test_stamps_of_two_topics_apart(
     watched: Watched, offset: int, wanted: bytes, side: str,
 ) -> None:
@@ -168,7 +168,8 @@ def test_stamps_of_two_topics_apart(
     watched.feed(0, 400, shift)
     level, message, _ = watched.told()
     assert level == wanted
-    assert f'stamps of link_strains are {abs(offset)} ms {side} those of joint_states' in message
+    assert (f'stamps of link_strains are {abs(offset)} ms {side} than those of joint_states'
+            in message)
 
 
 def test_positions_with_repeated_stamps(watched: Watched) -> None:

@@ -173,9 +173,9 @@ def test_stamps_apart(offset: float) -> None:
     """Told with sign and size, from 20 ms."""
     robot = Robot()
     seen = robot.live(3.0, judged=50, offset=offset)
-    side = 'behind' if offset > 0 else 'ahead of'
+    side = 'later' if offset > 0 else 'earlier'
     assert seen[-1] is CoverageLevel.PARTIAL
-    assert f'strains are {abs(offset) * 1e3:.0f} ms {side}' in robot.verdict.text
+    assert f'strains are {abs(offset) * 1e3:.0f} ms {side} than' in robot.verdict.text
     assert set(Robot().live(3.0, judged=50, offset=0.4 * offset / 10)) == {CoverageLevel.ENOUGH}
 
 

@@ -43,10 +43,10 @@ from tudor_dynamics.typing import FloatArray
 # Over the last part of the past every instant is tried: before it the load was what it had been,
 # after it another one. The best of them leaves the smallest residual in least squares (the
 # generalised likelihood ratio of Willsky and Jones, IEEE TAC 21(1), 1976). It is a load where that
-# explains nearly all of what came, since a mass in the hand has one number for all channels, poses
-# and accelerations; a touch elsewhere, or in another direction, has other levers and does not turn
-# with the arm. A force that is held downwards at the tip has its levers, but no inertia: links
-# ring with a load as they do with its mass, and with that force as they do without.
+# explains nearly all of the change, since a mass in the hand has one number for all channels,
+# poses and accelerations; a touch elsewhere, or in another direction, has other levers and does
+# not turn with the arm. A force that is held downwards at the tip has its levers, but no inertia:
+# links ring with a load as they do with its mass, and with that force as they do without.
 
 SCALARS = 7
 """Sums before those by channel: squares of residuals, their products with what a kilogram adds,
@@ -196,7 +196,7 @@ def observe_load(x: FloatArray, p: FloatArray, left: FloatArray, added: FloatArr
 
 
 class LoadObserver:
-    """The load that an arm carries [kg], and whether what came suddenly is one."""
+    """The load that an arm carries [kg], and whether a sudden change is one."""
 
     REMEMBERED = ('_x', '_p', '_seconds', '_announcing', '_odd', '_waited', '_recent',
                   '_announced', '_kept')

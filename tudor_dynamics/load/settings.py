@@ -93,7 +93,7 @@ PRESSED = 0.9  # measured: with 1.3 three of 100 pushes are taken for loads in p
 LIGHTEST, HEAVIEST = 0.12, 1.5  # measured on other seeds than those of the tables
 # What has stayed for so long [s] is a load from so little on, and be it as its weight alone.
 LASTING, LIGHTER = 3.0, 0.02  # test/load/test_change.py
-# What a moment that stays explains at least of what came, if something touches the arm.
+# What a moment that stays explains at least of a change, if something touches the arm.
 ODD = 60.0  # measured on other seeds than those of the tables
 # Part of a load that has just come by which it may be wrong, in addition to its own noise.
 UNSURE = 0.05
@@ -101,7 +101,7 @@ UNSURE = 0.05
 LARGEST_STEP = 0.1
 
 # -- Noise of what shows a load (live.py)
-# Upper bound of the part of what came that a load leaves: by links that bend, by rigid ones.
+# Upper bound of the part of a change that a load leaves: by links that bend, by rigid ones.
 BENT_EXPLAINED, RIGID_EXPLAINED = 0.15, 0.4  # measured, docs/explanation/load.md
 # Time for which the error of a rigid model depends on itself [s].
 DEPENDENT = 0.3

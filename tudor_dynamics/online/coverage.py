@@ -248,9 +248,9 @@ class OutputCoverage:
                                         for i in (0, place)))
             if abs(offset) > limit:
                 one, other = self.streams[place].topic, self.streams[0].topic
-                side = 'behind' if offset > 0.0 else 'ahead of'
-                return (f'stamps of {one} are {1e3 * abs(offset):.0f} ms {side} those of {other} '
-                        f'(limit {1e3 * limit:.0f} ms): synchronise the clocks')
+                side = 'later' if offset > 0.0 else 'earlier'
+                return (f'stamps of {one} are {1e3 * abs(offset):.0f} ms {side} than those of '
+                        f'{other} (limit {1e3 * limit:.0f} ms): synchronise the clocks')
         return ''
 
     def _period(self, place: int, new: _Counts, old: _Counts) -> float:
@@ -291,7 +291,7 @@ class Coverage:
         if stream is None:
             return False
         before = self.verdict.level
-        worse = self.look(now).level > before  # before it counts: what came is worked off
+        worse = self.look(now).level > before  # before it counts: messages are worked off
         stream.count += 1
         stream.stamp = stamp
         return worse

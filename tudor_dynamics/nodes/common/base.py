@@ -437,7 +437,7 @@ class TudorNode(Node):
         return level, message, values
 
     def _unusable(self) -> str:
-        """Say why much of what came since the last diagnosis could not be used; empty if not."""
+        """Say why many messages since the last diagnosis could not be used; empty if not."""
         now: Counter[str] = Counter({'used': self.meter.count})
         for item in self.counters():
             now.update({cause: count for cause, count in item.items() if cause in UNUSABLE})

@@ -106,7 +106,7 @@ class FollowServer:
         return CancelResponse.ACCEPT
 
     def end(self, text: str, code: int | None = None) -> None:
-        """End the active goal, if there is one, with what came of it."""
+        """End the active goal, if there is one, with its result."""
         goal, self._goal = self._goal, None
         if goal is not None and self._server is not None:
             self._server.notify_execute(goal, partial(self._finish, text, code=code))
