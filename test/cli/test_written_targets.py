@@ -48,7 +48,7 @@ COMMANDS = {
     'init': 'init {bag} --overwrite --out {pipe}.yaml',
     'record': 'record --arm config/tudor.yaml --seconds 3 --out {pipe}',
     'simulate': f'simulate {LINK} --torque 0 --seconds 0.01 --out {{pipe}}',
-    'simulate --animate': f'simulate {LINK} --torque 0 --seconds 0.1 --animate {{pipe}}.gif',
+    'simulate --picture': f'simulate {LINK} --torque 0 --seconds 0.1 --picture {{pipe}}.gif',
     'simulate --pictures': f'simulate {LINK} --pictures --out {{folder}}',
     'watch --picture': 'watch {bag} --model {model} --picture {pipe}.svg',
     'tune': 'tune config/tudor.yaml --payloads 0 --out {pipe}.yaml',

@@ -114,7 +114,7 @@ def limit_axes(axes: Any, position: FloatArray) -> None:
 MAX_FRAMES = 600
 
 
-def check_target(path: Path) -> None:
+def check_animation(path: Path) -> None:
     """Say before a run whether its animation can be written."""
     if path.suffix.lower() not in ('.gif', '.mp4'):
         raise SimulationError(f'{path}: expected a file name that ends with .gif or .mp4')
@@ -424,7 +424,7 @@ class SimulatedRun(Shown):
     def animate(self, path: str | Path) -> None:
         """Draw the run in real time to ``.gif``, or with ffmpeg ``.mp4``, at up to 25 frames/s."""
         path, run = Path(path), self.run
-        check_target(path)
+        check_animation(path)
         rate = min(25.0, MAX_FRAMES / max(float(run.t[-1] - run.t[0]), 1e-6))
         frames = np.unique(np.searchsorted(run.t, np.arange(run.t[0], run.t[-1], 1.0 / rate)))
         figure = Figure(figsize=(5.2, 4.8))
@@ -445,7 +445,7 @@ class SimulatedRun(Shown):
         with whole(path) as scratch:
             FuncAnimation(figure, draw, frames=frames).save(scratch, writer=writer, dpi=80)
 
-    def save(self, folder: str | Path, *, bag: bool = True) -> None:
+    def save(self, folder: str | Path, *, bag: bool = True, overwrite: bool = False) -> None:
         """Write ``run.npz`` into a folder, and ``bag/`` as the real arm would record it."""
         path, arm, mechanism = Path(folder), self.arm, self.mechanism
         path.mkdir(parents=True, exist_ok=True)
@@ -454,7 +454,7 @@ class SimulatedRun(Shown):
             gauges=np.array(arm.gauge_names, dtype=str), beams=np.array(list(mechanism.beams)),
             tip=np.array(mechanism.tip), sensors=np.array(InertialSensors(mechanism).names))
         if bag:
-            write_bag(path / 'bag', run_series(self.run, arm, mechanism))
+            write_bag(path / 'bag', run_series(self.run, arm, mechanism), overwrite=overwrite)
 
 
 def simulate(
