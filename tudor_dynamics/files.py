@@ -151,8 +151,8 @@ def _put(new: Path, path: Path, replace: bool) -> None:
     shutil.rmtree(aside, ignore_errors=True)
 
 
-SIGNATURE = 'drawn by tudor_dynamics'
-"""What pages and pictures hold, so that the next one may take their place."""
+SIGNATURE = 'made by tudor_dynamics'
+"""What pages, pictures and bug reports hold, so that the next one may take their place."""
 MAX_DRAWN = 1 << 26
 
 

@@ -211,7 +211,7 @@ def test_a_mechanism_that_moves_nothing_is_refused(description, tmp_path, capsys
     (['--torque', '1', '--dt', '0.05'], 'too large'),
     (['--torque', '1', '--dt', '0'], '--dt must be above 0'),
     (['--torque', '1', '--hold', 'knee'], 'knee'), (['--modes', '0'], '--modes'),
-    (['--torque', '1', '--picture', 'x.avi'], 'expected a file name'),
+    (['--torque', '1', '--picture', 'x.avi'], 'file that ends in .gif or .mp4'),
     (['--torque', '1', '--pictures', '--signals', 'q:knee'], 'no such signal'),
     (['--torque', 'missing.csv'], 'missing.csv'), (['--force', '2*t'], 'x=EXPRESSION'),
     (['--force', 'w=2'], 'x=EXPRESSION'), (['--force', 'x=1/t'], 'not finite at t = 0')])

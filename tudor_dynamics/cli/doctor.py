@@ -36,7 +36,7 @@ from typing import Any, TextIO
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.cli.console import print_json, say, say_verdict, steps, write
 from tudor_dynamics.compiled import DIRECTORY
-from tudor_dynamics.files import installed, provenance, read_bounded
+from tudor_dynamics.files import check_target, installed, provenance, read_bounded, SIGNATURE
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.online.settings import BAGS, RING_BYTES
@@ -218,7 +218,7 @@ def report(arguments: Sequence[str], output: str = '', ended: str = '') -> str:
              and os.access(path, os.R_OK) and path.stat().st_size < LONGEST]
     raised = traceback.format_exc() if sys.exc_info()[0] else ''
     return '\n'.join((
-        *(f'{name}: {value}' for name, value in provenance().items()),
+        f'bug report, {SIGNATURE}', *(f'{name}: {value}' for name, value in provenance().items()),
         *(f'{check.name}: {check.found}' for check in checks()), f'folder: {Path.cwd()}',
         f'call: {shlex.join(("tudor", *arguments))}', *filter(None, (ended, output, raised)),
         *(f'{path}:\n{read_bounded(path, LONGEST).decode(errors="replace")}' for path in files),
@@ -235,6 +235,7 @@ def _summary(word: str) -> str:
 
 def recorded(path: Path, arguments: Sequence[str], run: Callable[[], int]) -> int:
     """Run a command, and write what a bug report needs about it, however it ends."""
+    check_target(path, overwrite=None, name='debug')
     said, begun, code = io.StringIO(), time.monotonic(), None
     streams = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (_Copied(stream, said) for stream in streams)  # type: ignore

@@ -85,7 +85,7 @@ RENAMED = {('tudor fit', '--force'): '--exit-zero',
            ('tudor simulate', '--animate'): '--picture'}
 """Options that have another name since 1.0, by command."""
 MEANT = {'--force': ('--overwrite',), '--plot': ('--picture', '--report'), '--roc': ('--report',),
-         '--animate': ('--picture',), '--save': ('--out',)}
+         '--animate': ('--picture',), '--save': ('--out',), '--kind': ('--for',)}
 """Options that other commands had or have, and those in whose place they are looked for."""
 
 

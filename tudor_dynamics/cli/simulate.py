@@ -127,7 +127,7 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
         msg = 'nothing says where results go: give --out DIR (or --json for figures alone)'
         raise UsageError(msg)
     if args.picture is not None:
-        check_animation(check_target(args.picture, overwrite=args.overwrite, name='picture'))
+        check_animation(Path(args.picture), overwrite=args.overwrite, name='picture')
 
 
 def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tuple[str, ...],
