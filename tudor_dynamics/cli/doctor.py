@@ -77,7 +77,6 @@ class Check:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor doctor``."""
-    parser.add_argument('--json', action='store_true', help='print what was found as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

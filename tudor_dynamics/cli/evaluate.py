@@ -233,7 +233,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='write a page: figures, findings, a load that is found; with '
                              '--collisions: ratios, pushes, events and the ROC')
     add_overwrite(parser, '--save', '--report')
-    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     group = parser.add_argument_group('collisions')
     group.add_argument('--collisions', action='store_true',
                        help='judge the collision detector instead of the predictions')

@@ -133,7 +133,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='end the search after this time, with the best so far')
     search.add_argument('--seed', type=int, default=0, metavar='N',
                         help='of where the search begins (default: 0)')
-    parser.add_argument('--json', action='store_true', help='print plan.json')
 
 
 def _check(args: argparse.Namespace) -> None:

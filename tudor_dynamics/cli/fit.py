@@ -93,7 +93,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'replaces)')
     parser.add_argument('--exit-zero', action='store_true',
                         help='exit with 0 even if no model is good enough')
-    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     many = parser.add_argument_group('many bags')
     many.add_argument('--stream', action='store_true',
                       help='go through the bags one by one and keep the sums of each in '

@@ -63,7 +63,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'the first date of an arm, ten seconds for each other one')
     parser.add_argument('--strict', action='store_true',
                         help='refuse bags that cannot be used, in place of leaving them out')
-    parser.add_argument('--json', action='store_true', help='print what DIR/fleet.json has')
     add_running(parser)
 
 

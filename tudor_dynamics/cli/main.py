@@ -16,8 +16,9 @@
 Entry point of ``tudor``: parse, run the subcommand, turn errors into exit codes.
 
 A subcommand is a module or package of this one with ``EXAMPLES``, ``configure(parser)`` and
-``run(args) -> int``; with ``DETAILS``, what ``-v`` prints, where there is more to say. It is
-imported only when it is called, so that ``tudor --help`` answers at once.
+``run(args) -> int``; with ``DETAILS``, what ``-v`` prints, where there is more to say; with
+``print_json`` of ``console``, where it has ``--json``. It is imported only when it is called, so
+that ``tudor --help`` answers at once.
 """
 
 from __future__ import annotations
@@ -113,10 +114,10 @@ class Parser(argparse.ArgumentParser):
             name = word.partition('=')[0]
             if name.startswith('--') and len(name) > 2 and self.prog != 'tudor' and not any(
                     option.startswith(name) for option in self._option_string_actions):
-                other = [new for new in MEANT.get(name, ()) if new in self._option_string_actions]
-                self.error(f'there is no option {name}' + (
-                    f'; did you mean {other[0]}?' if other else
-                    meant(name, self._option_string_actions)))
+                known = self._option_string_actions
+                self.error(f'there is no option {name}' + next((
+                    f'; did you mean {new}?' for new in MEANT.get(name, ()) if new in known),
+                    meant(name, known)))
         return super().parse_known_args(words, namespace)
 
     def error(self, message: str) -> NoReturn:
@@ -165,6 +166,8 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             module = _subcommand(name)
             sub.epilog = module.EXAMPLES
             module.configure(sub)
+            if hasattr(module, 'print_json'):
+                sub.add_argument('--json', action='store_true', help='print one JSON object')
             loud = sub.add_mutually_exclusive_group()
             if hasattr(module, 'DETAILS'):
                 loud.add_argument('-v', '--verbose', action='store_true', help=module.DETAILS)

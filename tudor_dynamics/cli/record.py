@@ -82,7 +82,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=0, metavar='N',
                         help='of motions, noise and pushes (default: 0)')
     add_running(parser)
-    parser.add_argument('--json', action='store_true', help='print what was done as JSON')
 
 
 def _check(args: argparse.Namespace) -> None:

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import re
+import shutil
 import warnings
 
 import numpy as np
@@ -88,7 +90,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--modes', metavar='N', type=int, help='list N frequencies')
     parser.add_argument('--free', metavar='JOINT', nargs='+', default=[],
                         help='joints that move freely in --modes; held by default')
-    parser.add_argument('--json', action='store_true', help='print figures as JSON')
 
 
 def print_modes(plant: Plant, count: int, free: list[str], *, as_json: bool) -> None:
@@ -181,7 +182,7 @@ def run(args: argparse.Namespace) -> int:
     runs = _runs(args) or not (args.pictures or args.modes is not None)
     folder = Path(args.out) if args.out is not None else None
     pictures = {} if folder is None or not args.pictures else {
-        '': folder / 'initial.png', **{name: folder / f'{_file_name(name)}.png'
+        '': folder / 'initial.png', **{name: folder / (re.sub(r'[^\w-]', '_', name) + '.png')
                                        for name in signals if runs}}
     if folder is not None:
         if runs:
@@ -202,7 +203,8 @@ def run(args: argparse.Namespace) -> int:
     result = SimulatedRun(arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
     with bar(None, 'writing'):
         if folder is not None:
-            result.save(folder, overwrite=args.overwrite)
+            shutil.rmtree(folder / 'bag', ignore_errors=True)  # there by --overwrite alone
+            result.save(folder)
         for name, path in pictures.items():
             result.plot(name, path, title=result.curves(name).title)
         if args.picture is not None:
@@ -210,10 +212,6 @@ def run(args: argparse.Namespace) -> int:
     _report(args, result.run, mechanism, arm)
     _warn_of(float(result.run.rotation.max()), arm)
     return 0
-
-
-def _file_name(signal: str) -> str:
-    return ''.join(c if c.isalnum() or c in '-_' else '_' for c in signal)
 
 
 def _report(args: argparse.Namespace, result: PlantRecord, mechanism: Mechanism, arm: Arm) -> None:

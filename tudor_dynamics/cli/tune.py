@@ -65,7 +65,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_out(parser, 'FILE.yaml', 'schedule to write')
     parser.add_argument('--picture', metavar='FILE',
                         help='picture of it (.png, .svg or .pdf; beside the schedule)')
-    parser.add_argument('--json', action='store_true', help='print figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

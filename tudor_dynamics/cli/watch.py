@@ -64,7 +64,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--web', type=int, metavar='PORT', help='serve a page on 127.0.0.1')
     parser.add_argument('--namespace', default='', metavar='NS',
                         help='that of the monitor, for live topics')
-    parser.add_argument('--json', action='store_true', help='print the events as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

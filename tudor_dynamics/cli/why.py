@@ -56,7 +56,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='explain the events whose date or time, in UTC, has this in it')
     parser.add_argument('--payload', type=float, metavar='KG',
                         help='mass at the tip (that which the bag names, or 0)')
-    parser.add_argument('--json', action='store_true', help='print the causes as JSON')
 
 
 def run(args: argparse.Namespace) -> int:
