@@ -171,7 +171,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     'function': (lambda s: td.simulate(s['arm'], lambda t: 'a'), 'the torque of joint2'),
     'infinite': (lambda s: td.simulate(s['arm'], lambda t: math.inf), 'not finite at t = 0 s'),
     'array': (lambda s: td.simulate(s['arm'], np.zeros(3)), 'an array of 20001 values'),
-    'time': (lambda s: td.simulate(s['arm'], seconds=-1.0), 'must be above 0 and below 1e9, found -1'),
+    'time': (lambda s: td.simulate(s['arm'], seconds=-1.0), 'must be above 0 and below 1e9'),
     'direction': (lambda s: td.simulate(s['arm'], force={'up': 1.0}),
                   'force of .up.: unknown name; use some of'),
     'text as time': (lambda s: td.simulate(s['arm'], seconds='a'), "seconds is 'a'"),

@@ -22,7 +22,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from schedule_making import schedule
 import tudor_dynamics as td
+from tudor_dynamics.models.elastic.model import PhysicalParameter
 from tudor_dynamics.typing import Shown
 
 
@@ -71,3 +73,24 @@ def test_results_are_short(root: Path) -> None:
         caption, parts = rows(shown)
         assert type(shown).__name__ in caption and len(parts) == repr(shown).count('\n')
     assert rows(recording)[1]['strain'].startswith('2 channels from -362.9')
+
+
+def test_what_works_is_short(root: Path, two_blades: Path) -> None:
+    """Loops, plants and monitors show what they are made of, settings and pushes their values."""
+    arm, bundle = td.load_arm(root / 'config/tudor.yaml'), td.load_bundle(two_blades)
+    push = td.Push(1.0, 0.5, 'joint2', 0.2, (1.0, 0.0, 0.0))
+    elastic = td.ElasticModel(arm, 'strain', (PhysicalParameter('payload', 0.2, 'kg', 0.0),))
+    elastic.coefficients_ = tuple(np.array([121.4, 0.0]) for _ in arm.gauges)
+    elastic.noise_ = np.full(len(arm.gauges), 6.0)
+    flexible = td.ModelBundle(arm, arm.spec.preprocessing, {'strain': {'elastic': elastic}})
+    for shown in (td.Loop(arm, lambda _: None), td.Rig(arm), td.ClosedLoop(arm),
+                  td.Plant(td.build_mechanism(arm)), td.Monitor(bundle), td.Feedforward(bundle),
+                  td.ContactEstimator(flexible, 'elastic'), schedule(), elastic, push,
+                  td.FitSettings(), td.MonitorSettings(), td.Imperfections()):
+        text = repr(shown)
+        assert len(text) < 3000 and 1 <= text.count('\n') < 25 and ' at 0x' not in text, text
+        caption, parts = rows(shown)
+        assert type(shown).__name__ in caption and len(parts) == text.count('\n')
+    assert rows(push)[1]['force'] == '(1.0, 0.0, 0.0)'
+    assert rows(td.Monitor(bundle))[1]['watch'] == 'Watch'
+    assert rows(elastic)[1]['payload'] == '0.2 kg'

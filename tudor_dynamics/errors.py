@@ -27,10 +27,13 @@ import difflib
 import errno
 import os
 from pathlib import Path
+import re
 import sys
 import textwrap
 import warnings
 
+ARGUMENT = re.compile(r'\b([a-z_]+)=(?=[\s,;:)]|$)')
+"""An argument in an error, as in ``lower seconds=``; commands and nodes put their own name."""
 MAX_MESSAGE = 1500  # characters of a message; names and values that it repeats may have any number
 
 
@@ -68,7 +71,7 @@ def remedy_of(err: BaseException) -> str:
     """Say what to do about a file or folder that cannot be opened, read or written."""
     return {errno.EINVAL: 'give another file', errno.EISDIR: 'give a file',
             errno.ENOSPC: 'free some space', errno.EACCES: 'check the rights',
-            errno.EEXIST: 'a file stands where a folder has to be: move it, or give another path',
+            errno.EEXIST: 'a file has the name of a folder that is needed; give another path',
             }.get(getattr(err, 'errno', None) or 0, 'check path, rights and disk')
 
 

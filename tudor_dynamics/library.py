@@ -50,7 +50,7 @@ from tudor_dynamics.identification.many_bags import ManyBags, Streaming, streams
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, compare_with_plan, Comparison)
 from tudor_dynamics.identification.tool import check_efforts
-from tudor_dynamics.identification.validation import cases_of, validated, Validation
+from tudor_dynamics.identification.validation import cases_of, shown_fit, validated, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.bundle import check_target, ModelBundle, read_facts, save_bundle
 from tudor_dynamics.online.monitor import MonitorSettings
@@ -306,7 +306,7 @@ class Prediction(Shown):
     def __repr__(self) -> str:
         """Write the fit of each model, one line each."""
         bags = ', '.join(str(bag.choice) for bag in self.data)
-        lines = [f'{output} {kind}: fit {item.score.fit:.1f} %'
+        lines = [f'{output} {kind}: fit {shown_fit(item.score.fit):.1f} %'
                  for output, kinds in self.outputs.items() for kind, item in kinds.items()]
         return '\n  '.join([f'Prediction of {self.arm.name} on {bags}', *lines])
 

@@ -31,6 +31,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from html import escape
+import re
 from textwrap import shorten
 
 import numpy as np
@@ -68,10 +69,10 @@ class Shown:
     """A result that shows a line of what it is, and an indented one for each of its parts."""
 
     def __repr__(self) -> str:
-        """Write the fields of a dataclass: arrays by shape and range, others in short."""
-        assert is_dataclass(self)
+        """Write fields, or public attributes: arrays by shape and range, others in short."""
+        names = [item.name for item in fields(self)] if is_dataclass(self) else vars(self)
         return '\n'.join([type(self).__name__, *(
-            f'  {item.name}: {in_short(getattr(self, item.name))}' for item in fields(self))])
+            f'  {name}: {in_short(getattr(self, name))}' for name in names if name[0] != '_')])
 
     def _repr_html_(self) -> str:
         caption, *lines = escape(repr(self)).splitlines()
@@ -89,7 +90,8 @@ def in_short(value: object) -> str:
         return f'{value.dtype} {value.shape}{ends}'
     if isinstance(value, float):
         return f'{value:.4g}'
-    text = repr(value)
+    text = re.sub(r'<(?:function )?(?:[\w<>]+\.)*([\w<>]+)(?: object)? at 0x\w+>', r'\1',
+                  repr(value))
     if isinstance(value, (tuple, list, dict)) and (len(text) > LONGEST or '\n' in text):
         kinds = sorted({type(item).__name__ for item in (
             value.values() if isinstance(value, dict) else value)})

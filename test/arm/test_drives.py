@@ -84,7 +84,7 @@ def test_drives_are_optional(root: Path, content: Any) -> None:
     ('motors.0.torque_constant', -0.1, ['motors.0.torque_constant', 'greater than 0', '-0.1']),
     ('motors.0.coulomb', -0.1, ['motors.0.coulomb.0', 'greater than or equal to 0', '-0.1']),
     ('motors.0.coulomb', [0.1], ['motors.0.coulomb.1', 'is missing; add it']),
-    ('motors.0.viscous', 'thick', ['motors.0.viscous', 'valid list', "'thick'"]),
+    ('motors.0.viscous', 'thick', ['motors.0.viscous', 'a list', "'thick'"]),
     ('motors.0.backlash', 3.2, ['motors.0.backlash', 'less than 3.14159', '3.2']),
     ('motors.0.backlash', -0.1, ['motors.0.backlash', 'greater than or equal to 0']),
     ('motors.0.load_friction', 1.0, ['motors.0.load_friction', 'less than 1', '1.0']),

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import fcntl
 import io
 import json
@@ -84,11 +85,18 @@ def test_figures_are_whole_on_a_narrow_terminal(
     print_table(score_table('run 4', [('strain', 'analytical', LARGE, UNITS)]))
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines())) <= 80 and '…' not in text
-    first = ''.join(line[:27].strip() for line in text.splitlines())
+    first = ''.join(line[:29].strip() for line in text.splitlines())
     assert LONG in first
     for figure in ('-1.234e-05', '1.111e+07', '-123.46', '-800.00', '1.234e-09',
                    '-992.35', '700.00'):
         assert figure in text
+
+
+def test_a_fit_is_not_rounded_up_over_a_bound(capsys: pytest.CaptureFixture[str]) -> None:
+    """What is no good model does not look like one."""
+    units = dict.fromkeys(SCORE.channels, 'V')
+    print_table(score_table('run 4', [('strain', 'elm', replace(SCORE, fit=84.998), units)]))
+    assert '84.99' in capsys.readouterr().out
 
 
 def test_figures_come_before_the_width(

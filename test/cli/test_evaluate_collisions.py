@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 import json
 from pathlib import Path
 import re
@@ -74,15 +75,39 @@ def test_gaps_are_no_free_time(
 def test_the_page_has_the_events_of_the_terminal(
     root: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """A row for each, with the time of day at which the bag begins."""
+    """A row for each, in seconds and with the time of day; picture, contents, caption."""
     command = ['evaluate', '--model', str(model), str(root / 'bags/two_blade_pushes'),
                '--collisions']
     assert main([*command, '--report', str(tmp_path / 'r.html')]) == 0
     printed = capsys.readouterr().out
-    page = (tmp_path / 'r.html').read_text().partition('id="events"')[2].partition('</table>')[0]
+    text = (tmp_path / 'r.html').read_text()
+    page = text.partition('<section id="events"')[2].partition('</table>')[0]
     begin, = re.findall('Time 0 s is (.*?)[.]<', page)
     assert f', 0 s is {begin}' in ' '.join(printed.split())  # a long path breaks its line
     rows = [re.findall('<td.*?>(.*?)</td>', row) for row in page.split('<tr>')[2:]]
     assert len(rows) >= 2
     for row in rows:
-        assert ' '.join(row[:6]).replace('±', '+-') in ' '.join(printed.split())
+        assert ' '.join(row).replace('±', '+-') in ' '.join(printed.split())
+        at, zero = (datetime.fromisoformat(text) for text in (
+            f'{begin[:10]} {row[5]}', begin.removesuffix(' UTC')))
+        assert (at - zero).total_seconds() == pytest.approx(float(row[4]), abs=0.006)
+    for anchor in re.findall('<li><a href="#(.*?)">', text):
+        assert f'<section id="{anchor}"' in text
+    assert 'Joints and gauges at the median pose of the bags.' in text
+    caption = text.partition('<section id="roc"')[2].partition('</figcaption>')[0]
+    windows = re.findall(r'(strain|effort|momentum) (\d+) windows of 1 s in ([.\d]+) min', caption)
+    assert len(windows) == 3
+    assert all(0 <= int(count) - 60.0 * float(minutes) < 6 for _, count, minutes in windows)
+
+
+def test_events_where_nothing_more_fits(
+    root: Path, model: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A narrow terminal has no time of day in the table; its title says when 0 s is."""
+    command = ['evaluate', '--model', str(model), str(root / 'bags/two_blade_pushes'),
+               '--collisions']
+    for width, there in (('80', True), ('60', False)):
+        monkeypatch.setenv('COLUMNS', width)
+        assert main(command) == 0
+        events = capsys.readouterr().out.partition('events in')[2]
+        assert ('08:53:28.' in events) is there and '2025-10-09 08:53:20.000 UTC' in events

@@ -90,14 +90,14 @@ def test_mistakes_of_ours_are_one_line_and_a_file(
     assert out == '' and line.count('\n') == 1 and line[:-1].isprintable() and len(line) < 600
     assert line.startswith(f'tudor evaluate: {type(err).__name__}: ')
     file, = tmp_path.iterdir()
-    assert line.endswith('this is a defect of tudor, please report it as docs/howto/report_a_bug.md '
-                         f'says: send {file}\n')
+    assert line.endswith('this is a defect of tudor, please report it as docs/howto/'
+                         f'report_a_bug.md says: send {file}\n')
     text = file.read_text()
     assert 'call: tudor evaluate bag' in text and 'Traceback' in text and __version__ in text
     monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path / 'gone'))
     assert entry.main(['evaluate']) == 70
-    assert ('run the command again with --debug FILE, and send FILE (no report could be written to '
-            f'the folder {tmp_path / "gone"}: No such file or directory)' in capsys.readouterr().err)
+    assert ('run the command again with --debug FILE, and send FILE (no report could be written '
+            f'to the folder {tmp_path / "gone"}: No such file' in capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(('err', 'code', 'ended'), [

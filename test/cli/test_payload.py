@@ -56,7 +56,7 @@ def test_wrong_input(model: Path, root: Path, capsys) -> None:
     assert main(['payload', bag, '--model', str(model), '--kind', 'elastic']) == 2
     assert 'needs a model of the kind elastic' in capsys.readouterr().err
     assert main(['payload', bag, '--model', str(model), '--payload-of', 'other=0.1']) == 2
-    assert 'is none of the given bags' in capsys.readouterr().err
+    assert 'is not a bag that was given' in capsys.readouterr().err
 
 
 @pytest.mark.shared

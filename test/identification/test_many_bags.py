@@ -164,7 +164,7 @@ def test_broken_bags_and_copies_are_left_out(
              '--jobs', '1', '--exit-zero', '--json', '--out']
     assert main([*words, str(tmp_path / 'strict'), '--strict']) == 2
     told = capsys.readouterr().err
-    assert 'bag_0' in told and '3 bags cannot be used, but --strict needs all; the first: bag ' in told
+    assert 'bag_0' in told and '3 bags cannot be used, but --strict needs all; the first: ' in told
     assert not (tmp_path / 'strict').exists()
     assert main([*words, str(tmp_path / 'model')]) == 0
     said = capsys.readouterr()
@@ -237,7 +237,7 @@ def test_when_a_fit_goes_bag_by_bag() -> None:
     assert streams(2, FitSettings(), asked=True)
     for bags, settings, word in ((FROM, FitSettings(kinds=('analytical', 'elm')), 'elm'),
                                  (5, FitSettings(kinds=('analytical', 'elm')),
-                                  'no elm model can be; leave such models out, or do not stream'),
+                                  'no elm model can be; leave such models out, or leave out stream='),
                                  (FROM, FitSettings(estimator='huber'), 'Huber'),
                                  (1, FitSettings(), 'two bags or more')):
         with pytest.raises(UsageError, match=word):

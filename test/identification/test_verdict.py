@@ -30,6 +30,7 @@ def _validation(fit: float, *channels: float) -> Validation:
 
 @pytest.mark.parametrize(('fit', 'level', 'text'), [
     (99.0, Grade.GOOD, 'fit 99.0 % (>= 85) on test bag x'),
+    (88.57, Grade.GOOD, 'fit 88.6 % (>= 85)'),
     (85.0, Grade.GOOD, 'fit 85.0 % (>= 85)'),
     (84.99, Grade.USABLE, 'fit 84.9 % (usable: 60 to 85)'),
     (60.0, Grade.USABLE, '60.0 %'),

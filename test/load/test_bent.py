@@ -28,7 +28,7 @@ from sample_arms import multisine, recording_of
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.load.bending import (
-    bends, bent_links, BentLinks, FACT, find_bending, relearned, smoothed, Watched)
+    bends, bent_links, BentLinks, FACT, find_bending, links_of, relearned, smoothed, Watched)
 from tudor_dynamics.load.live import BentSense
 from tudor_dynamics.load.offline import estimate_payload, PayloadEstimate
 from tudor_dynamics.load.rows import LoadWorth
@@ -163,5 +163,5 @@ def test_learned_anew() -> None:
     ours, theirs = again.model.coefficients(), found().model.coefficients()
     assert not np.array_equal(ours, theirs) and ours == pytest.approx(theirs, rel=0.2, abs=2.0)
     item = smoothed(part[:1], again.cutoff)[0]
-    left = item.strain - again.model.at(0.0).predict(again.motion(item.states))
+    left = item.strain - again.model.at(0.0).predict(links_of(item.states, again.bending))
     assert np.abs(left).max() < 0.02 * np.ptp(item.strain)

@@ -101,7 +101,7 @@ def test_reference_in_degrees() -> None:
         rig.controller.reference.add(rig.t, np.array([60.0, -20.0]), np.zeros(2))
         rig.step()
     assert rig.controller.state is State.HOLDING
-    assert "60 for 'joint2' is refused" in rig.controller.cause and (
+    assert "60 for 'joint2'; send values of" in rig.controller.cause and (
         'not degrees' in rig.controller.cause)
     assert rig.controller.reference.refused['reference outside limits'] == 500
     assert rig.trace.q[-1] == pytest.approx(before, abs=np.radians(0.1))

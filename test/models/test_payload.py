@@ -155,7 +155,7 @@ def test_what_cannot_be() -> None:
     assert plain.at(0.0) is plain
     with pytest.raises(ModelError, match='one payload'):
         plain.at(0.2)
-    with pytest.raises(FitError, match='impossible'):
+    with pytest.raises(FitError, match='kg: give 0 or more'):
         fitted('effort').at(-0.1)
     with pytest.raises(NotFittedError):
         ExtremeLearningMachine(ARM.active_joints, payload_range=RANGE).at(0.1)

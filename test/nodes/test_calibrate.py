@@ -77,7 +77,7 @@ def test_free_motion_gives_thresholds_that_find_a_push(
     assert world.spin(lambda: node.watch.stages['strain'].thresholds is not before)
     learned = node.watch.stages['strain'].thresholds
     assert learned.seconds == pytest.approx(30.0, abs=1.0)
-    assert 'thresholds of the service /monitor/calibrate' in world.status('monitor').message
+    assert 'thresholds learned by the service /monitor/calibrate' in world.status('monitor').message
     events = world.listen('collision_event', Header)
     thresholds = world.listen('strain_thresholds')
     ratios, residuals = world.listen('strain_ratios'), world.listen('strain_residuals')

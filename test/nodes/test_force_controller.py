@@ -54,8 +54,8 @@ def test_approach_hold_and_retreat(world: World, root: Path) -> None:  # noqa: F
     world.call(Trigger, '/force_controller/retreat')
     assert world.spin(lambda: node.controller.phase.name == 'IDLE'), node.controller.cause
     world.end(simulator)
-    assert world.spin(lambda: world.status(
-        'force_controller').message == 'no message comes on joint_states: start what publishes there')
+    assert world.spin(lambda: world.status('force_controller').message == (
+        'no message comes on joint_states: start what publishes there'))
 
 
 def test_without_an_arm_it_says_so(world: World) -> None:  # noqa: F811

@@ -74,7 +74,7 @@ def test_all_judged() -> None:
     ({'gap': 1, 'strain_gap': 20}, 'because messages on strains are lost'),
     ({'gap': 1, 'strain_not_finite': 20}, 'mainly because messages on strains have NaN'),
     ({'strain_not_finite': 20}, 'because messages on strains have NaN'),
-    ({'no_neighbour': 20}, 'because no measurement on strains is near'),
+    ({'no_neighbour': 20}, 'because no stamp on strains is near'),
     ({'no_thresholds': 20}, 'because the model has no thresholds: '),
     ({'no_prediction': 20}, 'because no prediction comes, or the model diverged: ')])
 def test_topics(causes: dict[str, int], said: str) -> None:
@@ -114,17 +114,17 @@ def test_another_device_on_the_same_topic_is_no_fault() -> None:
     assert 'no message came on strains' in alone.verdict.text
     alone = Robot()
     alone.live(3.0, other_names=50)
-    assert alone.verdict.text.endswith('compare the names (ros2 topic echo)')
+    assert alone.verdict.text.endswith('correct the names in its driver')
     gauges = Robot()
     gauges.live(3.0, no_measurement=50, strain_other_names=50)
-    assert 'no message on strains has the name' in gauges.verdict.text
+    assert 'no name in messages on strains is that' in gauges.verdict.text
 
 
 def test_settling_is_a_warning_for_its_time_only() -> None:
     """0.7 s after the start: WARN. A gap every second, with settling: ERROR in the end."""
     robot = Robot()
     assert set(robot.live(0.7, settling=50)[1:]) == {CoverageLevel.PARTIAL}
-    assert 'settling' in robot.verdict.text
+    assert 'filters settle' in robot.verdict.text
     assert robot.live(1.2, judged=50)[-1] is CoverageLevel.ENOUGH
     seen: list[CoverageLevel] = []
     for _ in range(6):

@@ -34,7 +34,9 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, FittedOutput
 from tudor_dynamics.identification.loads import figures
+from tudor_dynamics.identification.next_steps import assess
 from tudor_dynamics.identification.ringdowns import Ringing
+from tudor_dynamics.identification.uses import Use
 from tudor_dynamics.identification.validation import Grade, Verdict
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.show.figures import (
@@ -351,6 +353,38 @@ def test_comparison_with_the_last_fit(result: FitResult) -> None:
     assert 'axis1 effort, analytical' in text and 'worse (+' in text and 'as before (' in text
     assert 'Commit abc, changed' in text
     assert 'last fit' not in Page(render(result)).text
+
+
+@pytest.mark.parametrize(('fit', 'shown'), [(88.57, '88.6'), (84.98, '84.9'), (84.93, '84.9')])
+def test_a_fit_has_one_value(result: FitResult, fit: float, shown: str) -> None:
+    """Verdict, table and printed result round alike, and none of them over a bound."""
+    def changed(item: FittedOutput) -> FittedOutput:
+        score = replace(item.validation.score, fit=fit)
+        return replace(item, validation=replace(item.validation, score=score))
+    other = replace(result, fitted=tuple(map(changed, result.fitted)))
+    text = render(other)
+    assert set(re.findall(r'fit ([\d.]+) %', text)) == {shown}
+    table = text.partition('<section id="figures"')[2].partition('</section>')[0]
+    assert table.count(f'<td class="n">{shown}</td>') >= len(other.fitted)
+    assert repr(other.fitted[0].validation).count(f'fit {shown} %') == 1
+
+
+def test_the_last_fit_is_compared_by_what_it_notices(result: FitResult) -> None:
+    """The smallest touch of each channel then and now; nothing is said of bundles by hand."""
+    def use(**noticed: str) -> Use:
+        return Use('effort', 'analytical', 'collision detection (effort)', Grade.GOOD, 'why', {},
+                   noticed)
+    now = replace(assess(result), uses=(use(axis1='2.5 N m', axis2='4 N m (9 N at the tip)'),))
+    then = replace(now, uses=(use(axis1='1.5 N m', gone='7 N m'),))
+    last = LastFit('old', {'validation': figures(result), **then.as_dict()})
+    text = Page(render(result, now, last=last)).text
+    for row in ('axis1 effort, analytical 1.5 N m 2.5 N m',
+                'axis2 effort, analytical not known 4 N m (9 N at the tip)',
+                'gone effort, analytical 7 N m not known'):
+        assert row in text
+    for broken in ({}, {'uses': 1}, {'uses': {'effort': {'analytical': [{}]}}}):
+        text = Page(render(result, now, last=LastFit('old', broken))).text
+        assert 'axis1 effort, analytical not known 2.5 N m' in text
 
 
 def said(item: FittedOutput, level: Grade) -> FittedOutput:

@@ -109,7 +109,7 @@ def test_joints_go_by_name() -> None:
     assert np.array_equal(path.of(JOINTS).q, [[3.0, 1.0]])
     with pytest.raises(SignalError, match='is missing'):
         path.of(('a', 'd'))
-    with pytest.raises(SignalError, match='has 1 positions for the joints'):
+    with pytest.raises(SignalError, match='point 1: 1 positions for 2 joints'):
         Trajectory.from_points(JOINTS, T[:1], [[1.0]], [[]], [[]])
     with pytest.raises(SignalError, match='lower it: at most'):
         denser(Trajectory(JOINTS, T, np.zeros((4, 2))), 1e9)

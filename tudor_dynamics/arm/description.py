@@ -71,17 +71,6 @@ def spelled(content: Any, path: KeyPath) -> str:
     return text
 
 
-def check_no_open_values(content: Any, source: str) -> None:
-    """Refuse a description in which something is still ``?``."""
-    names = [spelled(content, path) for path in open_values(content)]
-    if names:
-        more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
-        msg = f'still {OPEN!r}: {", ".join(name[:100] for name in names[:SHOWN])}{more}'
-        raise ArmError(msg, place=source, remedy=(
-            f'replace each {OPEN!r} by a value; docs/reference/arm_yaml.md says what each key '
-            'means'))
-
-
 @dataclass(frozen=True, eq=False)
 class Arm(Shown):
     """
@@ -273,8 +262,7 @@ class Arm(Shown):
     @cached_property
     def position_units(self) -> dict[str, str]:
         """Name the unit of the position of each joint that can move."""
-        return {name: 'm' if self.is_prismatic(name) else 'rad'
-                for name in list(self.full_model.names)[1:]}
+        return {name: 'm' if self.is_prismatic(name) else 'rad' for name in self.movable_joints}
 
     @cached_property
     def digest(self) -> str:
@@ -328,7 +316,13 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
     """
     if not isinstance(content, dict):
         raise ArmError(f'{source}: expected a YAML mapping with name, kinematics and joints')
-    check_no_open_values(content, source)
+    names = [spelled(content, path) for path in open_values(content)]
+    if names:
+        more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
+        msg = f'still {OPEN!r}: {", ".join(name[:100] for name in names[:SHOWN])}{more}'
+        raise ArmError(msg, place=source, remedy=(
+            f'replace each {OPEN!r} by a value; docs/reference/arm_yaml.md says what each key '
+            'means'))
     try:
         spec = ArmSpec.model_validate(content)
     except ValidationError as err:

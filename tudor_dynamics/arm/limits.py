@@ -220,7 +220,7 @@ class SelfCollision:
         for number, (normal, point) in enumerate(walls):
             self._add(f'wall {number + 1}_', 0, fcl.Box(THICK, THICK, THICK),
                       point - 0.5 * THICK * normal, normal)
-        left_out = self._add_pairs(set() if srdf is None else _disabled(srdf))
+        left_out = self._add_pairs(srdf)
         self._renew()
         if self.pairs:
             left_out += self._drop_always(arm)
@@ -273,7 +273,11 @@ class SelfCollision:
         self._data = self._model.createData()
         self._seen = pin.GeometryData(self._geometry)
 
-    def _add_pairs(self, disabled: set[frozenset[str]]) -> int:
+    def _add_pairs(self, srdf: Path | None) -> int:
+        disabled = set() if srdf is None else {
+            frozenset((item.get('link1', ''), item.get('link2', ''))) for item in parse(
+                read_text(srdf, MAX_SRDF_BYTES, 'the SRDF', ArmError),
+                str(srdf)).iter('disable_collisions')}
         objects, parents = self._geometry.geometryObjects, self._model.parents
         left_out = 0
         for i, k in itertools.combinations(range(len(objects)), 2):
@@ -311,14 +315,13 @@ class SelfCollision:
     def near(self, q: FloatArray, margin: float) -> Nearness:
         """Find the pairs that are nearer than a margin: q (joints,) [rad or m], margin [m]."""
         self._look(q)
-        results = list(self._seen.distanceResults)
-        found = [k for k, result in enumerate(results) if result.min_distance < margin]
+        found = [(pair, result) for pair, result in zip(
+            self._geometry.collisionPairs, self._seen.distanceResults, strict=True)
+            if result.min_distance < margin]
         slope = np.zeros((len(found), len(q)))
         if found:
             pin.computeJointJacobians(self._model, self._data, self._q)
-        pairs = [self._geometry.collisionPairs[k] for k in found]
-        for row, k, pair in zip(slope, found, pairs, strict=True):
-            result = results[k]
+        for row, (pair, result) in zip(slope, found, strict=True):
             for sign, place, point in ((-1.0, pair.first, result.getNearestPoint1()),
                                        (1.0, pair.second, result.getNearestPoint2())):
                 joint = self._geometry.geometryObjects[place].parentJoint
@@ -329,8 +332,8 @@ class SelfCollision:
                 lever = np.cross(np.asarray(point).ravel(), normal)
                 row += sign * (normal @ jacobian[:3] + lever @ jacobian[3:])[self._index]
         return Nearness(
-            np.array([results[k].min_distance for k in found]), slope,
-            tuple((self._link(pair.first), self._link(pair.second)) for pair in pairs))
+            np.array([result.min_distance for _, result in found]), slope,
+            tuple((self._link(pair.first), self._link(pair.second)) for pair, _ in found))
 
 
 def _shapes(arm: Arm, folders: tuple[Path, ...], missing: list[str]) -> pin.GeometryModel:
@@ -380,9 +383,3 @@ def _mesh(name: str, folders: tuple[Path, ...]) -> Path | None:
                     and candidate.stat().st_size <= MAX_MESH_BYTES):
                 return candidate.resolve()
     return None
-
-
-def _disabled(srdf: Path) -> set[frozenset[str]]:
-    text = read_text(srdf, MAX_SRDF_BYTES, 'the SRDF', ArmError)
-    return {frozenset((item.get('link1', ''), item.get('link2', '')))
-            for item in parse(text, str(srdf)).iter('disable_collisions')}

@@ -826,6 +826,7 @@ def validation_message(err: ValidationError, add: str = '; add it') -> str:
         text = re.sub(r'^\w+ should', 'must', text).replace('tuple', 'list').replace(
             ' after validation', '')
         text = re.sub(r'a valid dictionary.*', 'keys with values', text)
+        text = re.sub(r'a valid (list|string)', r'a \1', text)
         text = re.sub(r'a valid date.*', 'a date such as 2026-01-31', text)
         found = item.get('input')
         shown = '' if isinstance(found, (dict, list)) or f"'{found}'" in text else (

@@ -272,14 +272,6 @@ class MessageBatch:
         return np.ascontiguousarray(numbers(self.rows, *place), dtype=np.float64)
 
 
-def _same_layout(rows: NDArray[np.uint8], layout: Layout) -> NDArray[np.bool_]:
-    """Say which rows agree with the first one in every structural byte."""
-    word: Any = np.uint32 if rows.shape[1] % 4 == 0 else np.uint8
-    words, mask = rows.view(word), layout.significant.view(word)
-    places = np.flatnonzero(mask)
-    return ~np.any((words[:, places] ^ words[0, places]) & mask[places], axis=1)
-
-
 def decode(
     messages: Sequence[bytes], parse: Callable[[bytes], Layout], topic: str,
 ) -> list[MessageBatch]:
@@ -299,7 +291,11 @@ def decode(
             if len(blocks) == MAX_LAYOUTS:
                 raise BagError(f'topic {topic}: names, fields or frame_id of its messages vary in '
                                f'more than {MAX_LAYOUTS} ways; record one arm on one topic')
-            same = _same_layout(rows, layout)
+            # which agree with the first one in every structural byte
+            word: Any = np.uint32 if length % 4 == 0 else np.uint8
+            words, mask = rows.view(word), layout.significant.view(word)
+            places = np.flatnonzero(mask)
+            same = ~np.any((words[:, places] ^ words[0, places]) & mask[places], axis=1)
             blocks.append(MessageBatch(index[same], layout, rows if same.all() else rows[same]))
             index, rows = index[~same], rows[~same]
     return sorted(blocks, key=lambda block: int(block.index[0]))

@@ -123,8 +123,8 @@ def check_finite(stream: Signals, field: str, notes: Notes, path: str) -> FloatA
     who = ', '.join(f'{name!r} in {count}' for name, count in zip(
         stream.names, counts, strict=True) if count)
     large = '' if not np.isfinite(values[bad]).any() else f' or beyond {MAX_VALUE:g}'
-    text = (f'{stream.what}: {who} of {len(bad)} samples is NaN or infinite{large}, the first after '
-            f'{seconds:.3f} s')
+    text = (f'{stream.what}: {who} of {len(bad)} samples is NaN or infinite{large}, the first '
+            f'after {seconds:.3f} s')
     if counts.max() > FEW * len(bad):
         msg = f'{text}; repair the driver or leave this channel out, and record again'
         raise BagError(msg, place=path)
@@ -206,7 +206,14 @@ class Assembly:
             raise BagError(msg, place=self.path)
         stream, index = self.select(states, plan.joints, 'position')
         if not len(index):
-            raise BagError(self._names_message(states), place=self.path)
+            found = sorted({name for block in states.blocks for name in block.layout.names})
+            missing = ', '.join(name for name in plan.joints if name not in found)
+            has, wanted = ', '.join(found), ', '.join(plan.joints)
+            raise BagError(
+                f'joints {missing} are not in {name}; it has {has}, the arm description names '
+                f'{wanted}: correct joints[].name' if missing else
+                f'no message in {name} has positions of all joints {wanted} '
+                f'(names in the topic: {has}); publish them in one message', place=self.path)
         partial = sum(len(block.index) for block in states.blocks
                       if set(plan.joints) & set(block.layout.names)) - len(index)
         if partial:
@@ -221,16 +228,6 @@ class Assembly:
         values = {'position': check_finite(stream, 'position', self.notes, self.path)}
         dq = self._velocity(states, index[keep])
         return replace(stream, values=values if dq is None else {**values, 'velocity': dq})
-
-    def _names_message(self, states: DecodedTopic) -> str:
-        found = sorted({name for block in states.blocks for name in block.layout.names})
-        missing = ', '.join(name for name in self.plan.joints if name not in found)
-        has, wanted = ', '.join(found), ', '.join(self.plan.joints)
-        if missing:
-            return (f'joints {missing} are not in {states.topic}; it has {has}, '
-                    f'the arm description names {wanted}: correct joints[].name')
-        return (f'no message in {states.topic} has positions of all joints {wanted} '
-                f'(names in the topic: {has}); publish them in one message')
 
     def _velocity(self, states: DecodedTopic, rows: NDArray[np.intp]) -> FloatArray | None:
         stream, index = self.select(states, self.plan.joints, 'velocity')

@@ -115,22 +115,19 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_PIECE)
         connection.set_progress_handler(spend, _SLICE)
         connection.execute('PRAGMA trusted_schema = OFF')
-        _check_tables(connection)
+        found = {name for name, in connection.execute(
+            'SELECT name FROM sqlite_master '
+            "WHERE type = 'table' AND name IN ('messages', 'topics')")}
+        if found != {'messages', 'topics'}:
+            raise Damaged('SQLite: no tables messages and topics')
+        if not all(_plain_columns(connection, name) for name in found):
+            raise Damaged('SQLite: messages or topics compute what they hold')
         yield connection
     except sqlite3.Error as err:
         cause = 'its tables loop' if left < 0 else str(err)
         raise Damaged(f'SQLite: {cause}') from None
     finally:
         connection.close()
-
-
-def _check_tables(connection: sqlite3.Connection) -> None:
-    found = {name for name, in connection.execute(
-        "SELECT name FROM sqlite_master WHERE type = 'table' AND name IN ('messages', 'topics')")}
-    if found != {'messages', 'topics'}:
-        raise Damaged('SQLite: no tables messages and topics')
-    if not all(_plain_columns(connection, name) for name in found):
-        raise Damaged('SQLite: messages or topics compute what they hold')
 
 
 def _plain_columns(connection: sqlite3.Connection, table: str) -> set[str]:

@@ -345,24 +345,17 @@ def _topics(file: Path, compression: str | None, unfinished: set[Path]) -> list[
     return found
 
 
-def _merge(found: Collection[TopicInfo]) -> dict[str, TopicInfo]:
-    merged: dict[str, TopicInfo] = {}
-    for item in found:
-        known = merged.get(item.name)
-        if known is None:
-            merged[item.name] = item
-            continue
-        types = sorted({*known.msgtype.split(', '), item.msgtype})
-        merged[item.name] = TopicInfo(item.name, ', '.join(types), known.count + item.count)
-    return merged
-
-
 def _open_files(path: Path, notes: Notes, metadata: Metadata) -> Bag:
-    files, unfinished = metadata.files, set[Path]()
-    for file in files:
+    topics, unfinished = dict[str, TopicInfo](), set[Path]()
+    for file in metadata.files:
         _check_leftovers(file, notes)
-    topics = _merge([item for file in files
-                     for item in _topics(file, metadata.compression, unfinished)])
+    for file in metadata.files:
+        for item in _topics(file, metadata.compression, unfinished):
+            known = topics.get(item.name)
+            if known is not None:
+                types = sorted({*known.msgtype.split(', '), item.msgtype})
+                item = TopicInfo(item.name, ', '.join(types), known.count + item.count)
+            topics[item.name] = item
     for file in sorted(unfinished):
         notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
     announced = {name: replace(info, count=metadata.counts.get(name, info.count))

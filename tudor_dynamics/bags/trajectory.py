@@ -140,8 +140,8 @@ class Trajectory(Shown):
                 continue
             wrong = [k for k, row in enumerate(field) if len(row) != len(joints)]
             if wrong:
-                msg = (f'point {wrong[0] + 1} has {len(field[wrong[0]])} {name} for the joints '
-                       f'{", ".join(joints)}')
+                msg = (f'point {wrong[0] + 1}: {len(field[wrong[0]])} {name} for {len(joints)} '
+                       f'joints, {", ".join(joints)}')
                 raise SignalError(msg, remedy='give one value for each joint')
             arrays.append(np.array(field, dtype=float).reshape(len(field), len(joints)))
         q, dq, ddq = arrays

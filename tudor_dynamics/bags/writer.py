@@ -28,7 +28,6 @@ from types import SimpleNamespace
 from typing import Any, cast, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
@@ -125,26 +124,19 @@ def encode(signals: Signals) -> RawMessages:
     data = [b''] * len(stamp)
     frames = np.full(len(stamp), signals.frame, dtype=object)
     for frame in set(frames.tolist()) or {''}:
-        rows = np.flatnonzero(frames == frame)
-        for row, message in zip(rows.tolist(), _encoded(signals, frame, rows), strict=True):
-            data[row] = message
+        rows, template = np.flatnonzero(frames == frame), _template(signals, frame)
+        layout = LAYOUTS[signals.msgtype](template)
+        messages = np.tile(np.frombuffer(template, dtype=np.uint8), (len(rows), 1))
+        layout.times(messages)[:] = np.column_stack(np.divmod(stamp[rows], 1_000_000_000))
+        for field, values in signals.values.items():
+            expected = (len(stamp), layout.fields[field][1])
+            if np.shape(values) != expected:
+                msg = f'{signals.topic}: {field} has shape {np.shape(values)}, expected {expected}'
+                raise BagError(msg)
+            layout.numbers(messages, *layout.fields[field])[:] = values[rows]
+        for row, message in zip(rows.tolist(), messages, strict=True):
+            data[row] = message.tobytes()
     return RawMessages(signals.topic, signals.msgtype, stamp, data)
-
-
-def _encoded(signals: Signals, frame: str, rows: NDArray[np.intp]) -> list[bytes]:
-    """Encode the messages of one frame."""
-    template = _template(signals, frame)
-    layout = LAYOUTS[signals.msgtype](template)
-    messages = np.tile(np.frombuffer(template, dtype=np.uint8), (len(rows), 1))
-    layout.times(messages)[:] = np.column_stack(np.divmod(signals.stamp[rows], 1_000_000_000))
-    for field, values in signals.values.items():
-        expected = (len(signals.stamp), layout.fields[field][1])
-        if np.shape(values) != expected:
-            msg = f'{signals.topic}: {field} has shape {np.shape(values)}, expected {expected}'
-            raise BagError(msg)
-        layout.numbers(messages, *layout.fields[field])[:] = values[rows]
-    joined, size = messages.tobytes(), len(template)
-    return [joined[start:start + size] for start in range(0, len(joined), size)]
 
 
 def _template(signals: Signals, frame: str) -> bytes:
@@ -332,13 +324,6 @@ class LiveWriter:
         writer = self._writer
         self._saved = dict(writer.counts), writer.min_timestamp, writer.max_timestamp
 
-    def _restore(self) -> None:
-        """Forget what was written after it was last saved."""
-        self._saver.restore()
-        counts, first, last = self._saved
-        self._writer.counts = dict.fromkeys(self._writer.counts, 0) | counts
-        self._writer.min_timestamp, self._writer.max_timestamp = first, last
-
     def close(self) -> None:
         """Finish the bag and give it its name; without any message there is none."""
         if self._open:
@@ -360,8 +345,11 @@ class LiveWriter:
         made = self._scratch / self.path.name
         try:
             (self._scratch / RESERVE).unlink()
-            if failure:
-                self._restore()
+            if failure:  # what was written after it was last saved is forgotten
+                self._saver.restore()
+                counts, first, last = self._saved
+                self._writer.counts = dict.fromkeys(self._writer.counts, 0) | counts
+                self._writer.min_timestamp, self._writer.max_timestamp = first, last
             count = self.count
             try:
                 self._writer.close()

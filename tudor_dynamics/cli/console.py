@@ -45,7 +45,7 @@ from tudor_dynamics.errors import complain, remedy_of, TudorError, UsageError, w
 from tudor_dynamics.files import check_target, write_whole
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.uses import Use
-from tudor_dynamics.identification.validation import Grade, Score
+from tudor_dynamics.identification.validation import ChannelScore, Grade, Score, shown_fit
 
 LEAST_TEXT = 10
 """Characters that a column of text keeps at least; longer text goes on in the next line."""
@@ -133,13 +133,11 @@ def finite(content: Any) -> Any:
     return content
 
 
-def _percent(value: float) -> str:
-    """Write a percentage; far outside, its digits mean nothing."""
-    if math.isnan(value):
-        return 'n/a'
-    if value < -999.0:
-        return '< -999'
-    return '> 999' if value > 999.0 else f'{value:.2f}'
+def _percents(score: Score | ChannelScore) -> Iterator[str]:
+    """Write fit and relative error; far outside, their digits mean nothing."""
+    for value in (shown_fit(score.fit, 2), 100.0 * score.relative_error):
+        yield ('n/a' if math.isnan(value) else '< -999' if value < -999.0 else
+               '> 999' if value > 999.0 else f'{value:.2f}')
 
 
 STYLES = {Grade.GOOD: 'green', Grade.USABLE: 'yellow', Grade.DO_NOT_USE: 'red', None: 'dim'}
@@ -188,10 +186,10 @@ def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) 
         unit = set(units.values())
         table.add_row(f'{output}, {model}', f'{score.rmse:.4g}',
                       unit.pop() if len(unit) == 1 else 'mixed', f'{score.sigma_e:.4g}',
-                      _percent(score.fit), _percent(100 * score.relative_error))
+                      *_percents(score))
         for name, channel in score.channels.items():
             table.add_row(f'  {name}', f'{channel.rmse:.4g}', units[name], '',
-                          _percent(channel.fit), _percent(100 * channel.relative_error))
+                          *_percents(channel))
         table.add_section()
     return table
 
@@ -207,15 +205,18 @@ def new_table(title: str, names: Sequence[str] = (), figures: Sequence[str] = ()
     return table
 
 
-def print_table(table: Table) -> None:
-    """Print a table on standard output: as wide as the terminal, or as its figures need."""
+def print_table(table: Table, spare: str = '') -> None:
+    """Print a table as wide as the terminal, or its figures; spare: a column to give up."""
     # no markup: units in brackets, and names that come from bags, stand as they are
     console = Console(markup=False, highlight=False, emoji=False)
+    if _arrange(table, console.width) > console.width:
+        table.columns = [column for column in table.columns if column.header != spare]
     console.width = max(console.width, _arrange(table, console.width))
     title, table.title = table.title, None  # rich would fold it to the width of the figures
-    if title:
-        console.print(title)
-    console.print(table)
+    say(*[str(title)] * bool(title))
+    with console.capture() as drawn:
+        console.print(table)
+    print('\n'.join(line.rstrip() for line in drawn.get().splitlines()))
 
 
 def _arrange(table: Table, width: int) -> int:
@@ -226,7 +227,7 @@ def _arrange(table: Table, width: int) -> int:
     texts = [column for column in table.columns if not column.no_wrap]
 
     def total() -> int:
-        return sum((column.width or 0) + GAP for column in table.columns)
+        return sum((column.width or 0) + GAP for column in table.columns) - GAP
     for group in (texts[1:], texts[:1]):
         while total() > width:
             widest = max(group, key=lambda column: column.width or 0, default=None)

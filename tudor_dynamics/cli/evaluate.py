@@ -34,8 +34,8 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import check_target, dump_npz, provenance
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
-    best_of, evaluate_collisions, EVENT_FIGURES, EVENT_NAMES, event_notes, event_rows, find_truth,
-    FREE, MethodResult, Truth, truth_of_file, within)
+    best_of, evaluate_collisions, EVENT_NAMES, event_notes, event_table, find_truth, FREE,
+    MethodResult, Truth, truth_of_file, UTC, within)
 from tudor_dynamics.identification.doctor.between import examine_evaluation
 from tudor_dynamics.identification.next_steps import changes, fit_with, touched
 from tudor_dynamics.identification.validation import Grade, rounded, Validation
@@ -72,7 +72,8 @@ def run_collisions(args: argparse.Namespace) -> int:
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
     if args.kind not in kinds:
         raise UsageError(f'{args.model}: the bundle has no {args.kind} model; give --kind '
-                         f'{" or ".join(kinds)}, or fit again with --models {args.kind}')
+                         f'{" or ".join(kinds)}, or run tudor fit --models '
+                         f'{" ".join([*kinds, args.kind])}')
     choices = [parse_choice(text) for text in args.bags]
     settings = MonitorSettings(
         args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),
@@ -90,8 +91,7 @@ def run_collisions(args: argparse.Namespace) -> int:
     if args.report:
         from tudor_dynamics.show.page import collision_page  # slow to import
         write(args.report, '--report', collision_page(
-            bundle, [str(c) for c in choices], results, args.false_alarms,
-            _made(args, bundle)).encode())
+            bundle, data, results, args.false_alarms, _made(args, bundle)).encode())
     if args.json:
         print_json({'model': args.model, 'bags': [str(c) for c in choices],
                     **({'trained_on': seen} if seen else {}),
@@ -134,12 +134,12 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
             str(score.false_alarms) if known else '-', f'{60 * score.hours:.1f}' if known else '-')
     print_table(table)
     for place, bag in enumerate(results[0].watched):
-        begin, rows = event_rows(results, place)
+        begin, figures, rows = event_table(results, place)
         if rows:
-            table = new_table(f'events in {bag.bag}, 0 s is {begin}', EVENT_NAMES, EVENT_FIGURES)
+            table = new_table(f'events in {bag.bag}, 0 s is {begin}', EVENT_NAMES, figures)
             for row in rows:
                 table.add_row(*row)
-            print_table(table)
+            print_table(table, spare=UTC)
     say(*(f'{bag.bag}: no truth in this bag: give --pushes FILE.csv or --truth TOPIC, or --free '
           'if nothing touched the arm' for bag in results[0].watched if not bag.truth.known),
         *event_notes(results))

@@ -31,7 +31,7 @@ from tudor_dynamics.models.comparison import (
     file_effects, file_errors, file_parameters, full_parameters, FullParameters)
 from tudor_dynamics.models.friction import TERMS
 from tudor_dynamics.show.description import (
-    csv_of, description_of, elastic_drives, urdf_of, yaml_of)
+    csv_of, description_of, elastic_drives, layout_of, LAYOUTS, urdf_of, yaml_of)
 from tudor_dynamics.show.mjcf import ElasticFile, mjcf_of, not_in_mjcf
 from tudor_dynamics.typing import FloatArray
 
@@ -42,6 +42,7 @@ examples:
   tudor export MODEL --to yaml --out drives.yaml
   tudor export MODEL --to csv --out parameters.csv
   tudor export MODEL --to arm --out identified.yaml    of an elastic model
+  tudor export MODEL --to plotjuggler --out layout.xml    topics of its monitor
 
 Masses, centres, inertias, rotor inertias and friction are those that explain the recordings the
 model was fitted to, among all that can exist; what the recordings do not show comes from the
@@ -58,7 +59,7 @@ TABLES = {'yaml': yaml_of, 'csv': csv_of}
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor export``."""
     parser.add_argument('model', metavar='MODEL', help='bundle of tudor fit, with efforts')
-    parser.add_argument('--to', choices=('urdf', 'mjcf', *TABLES, 'arm'), required=True,
+    parser.add_argument('--to', choices=('urdf', 'mjcf', *TABLES, 'arm', *LAYOUTS), required=True,
                         help='format')
     add_out(parser, 'FILE', 'file to be written')
     parser.add_argument('--rigid', action='store_true',
@@ -99,6 +100,8 @@ def _content(
     if args.to == 'mjcf' and elastic is not None and not args.rigid:
         drives = elastic_drives(bundle)
         return {out: ElasticFile(elastic, drives).text()}, not_in_mjcf(elastic, drives), None
+    if args.to in LAYOUTS:
+        return {out: layout_of(bundle.arm, args.to)}, (), None
     if args.to in TABLES:
         full = full_parameters(bundle)
         return {out: TABLES[args.to](full)}, (), full

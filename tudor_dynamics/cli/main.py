@@ -48,7 +48,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 from tudor_dynamics._version import __version__  # noqa: E402
 from tudor_dynamics.errors import (  # noqa: E402
-    complain, forget_output, meant, remedy_of, TudorError, TudorWarning)
+    ARGUMENT, complain, forget_output, meant, remedy_of, TudorError, TudorWarning)
 
 GROUPS = {
     'begin': {
@@ -179,10 +179,10 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 
 
 def _with_options(text: str, parser: argparse.ArgumentParser, only: str | None) -> str:
-    """Write the arguments of the library in an error, as in ``lower seconds=``, as options."""
+    """Write the arguments of the library in an error as options."""
     commands: Any = parser._actions[-1].choices
     known = commands[only]._option_string_actions if only else {}
-    return re.sub(r'\b([a-z_]+)=(?=[\s,;:)]|$)', lambda found: option if (
+    return ARGUMENT.sub(lambda found: option if (
         option := f'--{found[1].replace("_", "-")}') in known else found[1], text)
 
 

@@ -448,15 +448,6 @@ class LoopGains:
         """Shortest and longest time from a command to its motion, by what is known [s]."""
         return max(self._shortest - settings.LAG_MARGIN, 0.0), self._longest
 
-    def _learn_lags(self, dt: float, delay: float | None) -> None:
-        """Take a measured delay into account: loads, and what lies, make it longer than it is."""
-        if delay is None:
-            self._shortest = 0.0
-            self._longest = settings.CAREFUL_DELAY + self._lag + self.period
-            return
-        self._shortest = min(self._shortest or delay, delay)
-        self._longest = min(delay + settings.LAG_MARGIN, self._longest + settings.LAG_RISE * dt)
-
     @property
     def position_gain_in_use(self) -> float:
         """Speed per position error that the loop allows [1/s]."""
@@ -468,7 +459,13 @@ class LoopGains:
         """Take a sample: give the clock, and the delay of the loop [s]."""
         self.period = learned_period(self.period, dt)
         self._clock += dt  # stamps alone: a simulated arm may be slower than this machine
-        self._learn_lags(dt, self.delay.delay)
+        delay = self.delay.delay
+        if delay is None:
+            self._shortest, self._longest = 0.0, self.response_time
+        else:  # loads, and what lies, make it longer than it is
+            self._shortest = min(self._shortest or delay, delay)
+            self._longest = min(delay + settings.LAG_MARGIN,
+                                self._longest + settings.LAG_RISE * dt)
         return self._clock, self.assumed_delay
 
     def step(self, dt: float, dq: FloatArray) -> tuple[float, float]:

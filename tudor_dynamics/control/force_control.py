@@ -98,7 +98,13 @@ class TipSensing:
     ) -> float:
         """Estimate the force [N] where `look` was last; share (gauges,) [1/N], or its own."""
         values = strain[self._used]
-        self._watch(dt, values)
+        self._same = np.where(values == self._before, self._same + dt, 0.0)
+        self._before = values.copy()
+        for g, name in enumerate(self.names):
+            if not math.isfinite(values[g]):
+                self.fault = f'the reading of gauge {name!r} is missing: check its driver'
+            elif self._same[g] > settings.FORCE_STUCK:
+                self.fault = f'the reading of gauge {name!r} is stuck: check gauge and driver'
         if self.fault:
             return math.nan
         if self._level is None:
@@ -129,16 +135,6 @@ class TipSensing:
                 self.fault = ('no force at the tip explains the readings of all gauges; check '
                               f'gauge {self.names[wrong]!r}, which fits worst')
         return force
-
-    def _watch(self, dt: float, values: FloatArray) -> None:
-        """Say which gauge is missing or does not change any more."""
-        self._same = np.where(values == self._before, self._same + dt, 0.0)
-        self._before = values.copy()
-        for g, name in enumerate(self.names):
-            if not math.isfinite(values[g]):
-                self.fault = f'the reading of gauge {name!r} is missing: check its driver'
-            elif self._same[g] > settings.FORCE_STUCK:
-                self.fault = f'the reading of gauge {name!r} is stuck: check gauge and driver'
 
 
 # -- Holds a force of the tip against a surface of unknown height and stiffness.
@@ -242,8 +238,8 @@ class ForceController:
             self._brake = None
             if self.phase is Phase.IDLE:
                 self.cause = 'waits for a wanted force'
-        elif self.phase in (Phase.IDLE, Phase.HELD) or self._deviates(q, self.pose) or (
-                not self._press(self.pose, dt, strain, share)):
+        elif self.phase in (Phase.IDLE, Phase.HELD) or (
+                not self._press(q, self.pose, dt, strain, share)):
             if self._brake is not None:
                 self._brake.step(dt)
                 self.pose, self._dq = self._brake.q.copy(), self._brake.dq.copy()
@@ -251,17 +247,15 @@ class ForceController:
                 self._dq = np.zeros_like(self._dq)
         return self.pose.copy(), self._dq.copy()
 
-    def _deviates(self, q: FloatArray, place: FloatArray) -> bool:
-        """Stop where the arm does not follow its reference: its tip is elsewhere [rad]."""
-        found = Deviation.of(self._names, place - q, self._planned.velocity)
-        if found.seconds > settings.NEAR_TIME:
-            self.stop(str(found))
-        return found.seconds > settings.NEAR_TIME
-
     def _press(
-        self, place: FloatArray, dt: float, strain: FloatArray, share: FloatArray | None,
+        self, q: FloatArray, place: FloatArray, dt: float, strain: FloatArray,
+        share: FloatArray | None,
     ) -> bool:
         """Move the tip along the normal from a place [rad]; False where the arm has to brake."""
+        found = Deviation.of(self._names, place - q, self._planned.velocity)
+        if found.seconds > settings.NEAR_TIME:  # then its tip is elsewhere
+            self.stop(str(found))
+            return False
         slope = self.sensing.look(place)
         free = self.phase is not Phase.HOLD and not (
             self.phase is Phase.RETREAT and self._touched > 0.0)

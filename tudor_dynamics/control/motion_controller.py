@@ -116,8 +116,8 @@ class ReferenceGate:
         limits = self._limits
         for j in np.flatnonzero(limits.outside(q)):
             unit = '' if abs(q[j]) < 2.0 * math.pi else ', not degrees or mm'
-            return (f'reference {q[j]:.4g} for {self._joints[j]!r} is outside its limits; send '
-                    f'values from {limits.lower[j]:.4g} to {limits.upper[j]:.4g} [rad or m]{unit}')
+            return (f'reference outside limits: {q[j]:.4g} for {self._joints[j]!r}; send values '
+                    f'of {limits.lower[j]:.4g} to {limits.upper[j]:.4g} [rad or m]{unit}')
         for j in np.flatnonzero(np.abs(dq) > limits.velocity):
             return (f'reference too fast: {self._joints[j]!r} at {dq[j]:.4g} exceeds its velocity '
                     f'limit of {limits.velocity[j]:.4g} [rad/s or m/s]; send slower motion')

@@ -144,7 +144,15 @@ class ReactingReference:
     def step(self, dt: float) -> None:
         """Advance by a step [s]."""
         if not self.reacting:
-            self._advance(dt)
+            state: MotionState | None = None
+            if self.follower.path is not None or self.follower.coming is not None:
+                state, self.refused = self.follower.step(dt, self.state)
+                if self.refused:
+                    self._planner.brake()
+            if state is None:
+                self._planner.step(dt)
+            else:
+                self._planner.move(state.q, state.dq)
             self._remember(dt)
             return
         self._since += dt
@@ -162,18 +170,6 @@ class ReactingReference:
             self._back = min(self._back + dt, self._length)  # the way of braking, too
             if self._planner.remaining <= 0.0:
                 self._stopped, self._since = True, 0.0
-
-    def _advance(self, dt: float) -> None:
-        """Follow a trajectory where there is one, otherwise move to the target."""
-        state: MotionState | None = None
-        if self.follower.path is not None or self.follower.coming is not None:
-            state, self.refused = self.follower.step(dt, self.state)
-            if self.refused:
-                self._planner.brake()
-        if state is None:
-            self._planner.step(dt)
-        else:
-            self._planner.move(state.q, state.dq)
 
     def _remember(self, dt: float) -> None:
         self._path.append((dt, self._planner.q.copy()))
@@ -434,7 +430,14 @@ class ReferenceSource:
             return None
         motion = self.motion
         if motion is None or self._lost(motion, dt):
-            motion = self._begin()
+            place = np.clip(self.actual, self.hard.lower, self.hard.upper)
+            motion = self.motion = ReactingReference(
+                self._limits, place, self.reaction, self.retreat_time, shaping=self.shaping,
+                hard=self.hard)
+            self._end(f'stopped: {self.note}')
+            self._away = 0.0
+            if self.collision:
+                motion.collide()
         dt = min(dt, settings.LARGEST_PERIOD)
         self._elapsed += dt
         if self._seed is not None and not self.halted:
@@ -442,16 +445,6 @@ class ReferenceSource:
         motion.step(dt)
         self._judge(motion, dt)
         return motion.q.copy(), motion.dq.copy()
-
-    def _begin(self) -> ReactingReference:
-        place = np.clip(self.actual, self.hard.lower, self.hard.upper)
-        self.motion = ReactingReference(self._limits, place, self.reaction, self.retreat_time,
-                                        shaping=self.shaping, hard=self.hard)
-        self._end(f'stopped: {self.note}')
-        self._away = 0.0
-        if self.collision:
-            self.motion.collide()
-        return self.motion
 
     def _lost(self, motion: ReactingReference, dt: float) -> bool:
         """Say whether the arm is not with its reference."""

@@ -31,7 +31,7 @@ from tudor_dynamics.control.cascade import LoopGains
 from tudor_dynamics.control.damper import Damper
 from tudor_dynamics.errors import ScheduleError
 from tudor_dynamics.files import load_yaml, read_bounded, write_whole
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 import yaml
 
 
@@ -112,7 +112,7 @@ class ScheduleFile(Spec):
     nodes: Annotated[tuple[tuple[Finite, ...], ...], Field(min_length=1, max_length=MAX_NODES)]
 
 
-class Schedule:
+class Schedule(Shown):
     """
     A schedule over payload and pose.
 

@@ -147,21 +147,17 @@ class ShapedPlanner(MotionPlanner):
         self._shaping.note = '' if rests else 'a new target came during motion; send it at rest'
         if not rests:
             return
-        self._plan(wanted)
-        found = self._shaping.shaper(wanted)
+        shaping, given = self._shaping, (self.q.copy(), wanted.copy(), self.limits)
+        if shaping.beside is not None and shaping.kind == 'elastic':
+            self._planned, self._target = shaping.beside.submit(shaping.profile, *given), given[1]
+        else:
+            self._take(shaping.profile(*given))
+        found = shaping.shaper(wanted)
         if found is not None:
             self._shaper = ImpulseShaper(found.shaper, self.q.copy())
             self._inner = MotionPlanner(self.limits, self.q)
             self._inner.go(wanted)
             self._left = self._inner.remaining + self._shaper.length
-
-    def _plan(self, target: FloatArray) -> None:
-        """Plan by the modes, at once, or by the executor."""
-        shaping, given = self._shaping, (self.q.copy(), target.copy(), self.limits)
-        if shaping.beside is not None and shaping.kind == 'elastic':
-            self._planned, self._target = shaping.beside.submit(shaping.profile, *given), given[1]
-            return
-        self._take(shaping.profile(*given))
 
     def _take(self, profile: Profile | None) -> None:
         self._planned, self._profile = None, profile

@@ -236,9 +236,10 @@ class Difference:
 
 def outliers(series: Sequence[History]) -> list[Difference | None]:
     """Compare the levels of arms; returns None where there are too few others."""
-    scale = day_scatter(series)
-    levels, errors = (np.array(column) for column in zip(
-        *(_level(item, scale) for item in series), strict=True))
+    scale, weights = day_scatter(series), [item.errors ** -2.0 for item in series]
+    levels = np.array([own @ item.values / own.sum()
+                       for own, item in zip(weights, series, strict=True)])
+    errors = np.array([scale / np.sqrt(own.sum()) for own in weights])
     found: list[Difference | None] = []
     for i, (level, error) in enumerate(zip(levels.tolist(), errors.tolist(), strict=True)):
         others = np.delete(levels, i)
@@ -282,11 +283,6 @@ def day_scatter(series: Sequence[History]) -> float:
         usual = freedom * (1.0 - 2.0 / (9.0 * freedom)) ** 3
         ratios.append(float(left @ left) / usual)
     return float(np.sqrt(max(1.0, np.median(ratios)))) if ratios else 1.0
-
-
-def _level(item: History, scale: float) -> tuple[float, float]:
-    weights = item.errors ** -2.0
-    return float(weights @ item.values / weights.sum()), float(scale / np.sqrt(weights.sum()))
 
 
 def _line(item: History) -> tuple[FloatArray, FloatArray]:

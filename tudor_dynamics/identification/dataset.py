@@ -418,8 +418,8 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
             raise UsageError(f'payload_of= {text}: expected BAG=KG, 0 kg or more, as in run1=0.2')
         resolved = str(Path(path).resolve())
         if resolved not in known:
-            raise UsageError(f'payload_of= {text}: {path!r} is none of the given bags; write BAG '
-                             'in BAG=KG as it is written there')
+            raise UsageError(f'payload_of= {text}: {path!r} is not a bag that was given; write '
+                             'BAG in BAG=KG as it is written there')
         found[resolved] = mass
     return found
 

@@ -311,6 +311,7 @@ class Roc(Shown):
     false: NDArray[np.int64]  # seconds of free motion with a false event, (points,)
     pushes: int
     hours: float  # free time [h]
+    windows: int  # seconds of free motion that were judged
 
     @property
     def now(self) -> int:
@@ -372,7 +373,7 @@ def roc_of(watched: Sequence[WatchedBag], hours: float, grid: FloatArray = FACTO
     factor = np.unique([*grid, *np.nextafter(shown, 0.0)])[::-1]
     found, false = (np.asarray(np.sum(np.array(peaks)[:, None] > factor, axis=0))
                     for peaks in (touched, free))
-    return Roc(factor, found, false, len(touched), hours)
+    return Roc(factor, found, false, len(touched), hours, len(free))
 
 
 # -- How well collisions are found: recordings replayed past every method of detection
@@ -489,15 +490,18 @@ def best_of(results: Sequence[MethodResult]) -> MethodResult:
     return max(results, key=lambda item: (item.score.found, -(item.score.false_alarms or 0)))
 
 
+UTC = 'began\nUTC'
 EVENT_NAMES = ('method', 'channel', 'push', 'link')
-EVENT_FIGURES = ('time [s]', 'ratio', 'force [N]', 'place [mm]')
+EVENT_FIGURES = ('began\n[s]', UTC, 'ratio', 'force\n[N]', 'place\n[mm]')
 
 
-def event_rows(results: Sequence[MethodResult], place: int) -> tuple[str, list[tuple[str, ...]]]:
-    """Give the time of day at which a bag begins, and a row of texts for each of its events."""
+def event_table(
+    results: Sequence[MethodResult], place: int,
+) -> tuple[str, list[str], list[list[str]]]:
+    """Give when a bag begins, the names of known figures of its events, and rows of texts."""
     found = sorted(((item.method, seen, item.watched[place].truth) for item in results
                     for seen in item.watched[place].sightings), key=lambda row: row[1].time)
-    begin = time_of_day(found[0][1].event.stamp - round(1e9 * found[0][1].time)) if found else ''
+    first = found[0][1].event.stamp - round(1e9 * found[0][1].time) if found else 0
     rows: list[tuple[str, ...]] = []
     for method, seen, truth in found:
         push, contact = '?' if not truth.known else 'none: false', seen.contact
@@ -505,8 +509,13 @@ def event_rows(results: Sequence[MethodResult], place: int) -> tuple[str, list[t
             force = truth.pushes[seen.push].force
             push = f'{seen.push + 1}' + ('' if math.isnan(force) else f' ({force:.3g} N)')
         rows.append((method, seen.channel, push, contact['link'] if contact else seen.event.link,
-                     f'{seen.time:.2f}', f'{seen.ratio:.1f}', *_force_and_place(contact)))
-    return begin, rows
+                     f'{(seen.event.onset - first) * 1e-9:.2f}',
+                     time_of_day(seen.event.onset).split()[1],
+                     f'{seen.ratio:.1f}', *_force_and_place(contact)))
+    rest = range(len(EVENT_NAMES), len(EVENT_NAMES + EVENT_FIGURES))
+    known = [k for k in rest if any(row[k] != '-' for row in rows)]
+    return (time_of_day(first), [(EVENT_NAMES + EVENT_FIGURES)[k] for k in known],
+            [[*row[:len(EVENT_NAMES)], *(row[k] for k in known)] for row in rows])
 
 
 def _force_and_place(contact: dict[str, Any] | None) -> tuple[str, str]:

@@ -316,7 +316,7 @@ class ElasticTrainer:
 DEFAULT_KINDS = ('analytical',)  # the elastic model takes longer, and needs to know the links
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FitSettings(ModelSettings):
     """
     Choices of a fit.

@@ -417,7 +417,7 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
         return False
     others = [kind for kind in settings.kinds if kind != 'analytical']
     said = f'{bags} bags are fitted one by one'
-    fewer = 'do not stream' if bags < FROM else f'name fewer than {FROM} bags'
+    fewer = 'leave out stream=' if bags < FROM else f'name fewer than {FROM} bags'
     if others:
         raise UsageError(f'{said}, which no {" or ".join(others)} model can be',
                          remedy=f'leave such models out, or {fewer}')
@@ -426,8 +426,8 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
         raise UsageError(f'{said}, but {estimator.words} needs all at once',
                          remedy=f'use the estimator wls or ols, or {fewer}')
     if bags < 2:
-        raise UsageError('one bag cannot be fitted bag by bag (stream)',
-                         remedy='give two bags or more, or do not stream')
+        raise UsageError('one bag cannot be fitted bag by bag',
+                         remedy='give two bags or more, or leave out stream=')
     return True
 
 

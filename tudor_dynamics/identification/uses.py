@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 import math
 from typing import Any
 
@@ -180,6 +181,7 @@ class Use:
     level: Grade | None  # may it be used; None where that cannot be said
     why: str  # figures that it is from
     channels: Mapping[str, Grade | None] = field(default_factory=dict)  # the same of each channel
+    noticed: Mapping[str, str] = field(default_factory=dict)  # smallest touch, by channel
 
     def __str__(self) -> str:
         """Write it on one line."""
@@ -190,7 +192,8 @@ class Use:
         """Give it as plain values."""
         words = {name: None if level is None else level.value
                  for name, level in {'': self.level, **self.channels}.items()}
-        return {'use': self.name, 'verdict': words.pop(''), 'why': self.why, 'channels': words}
+        return {'use': self.name, 'verdict': words.pop(''), 'why': self.why, 'channels': words,
+                **({'noticed': dict(self.noticed)} if self.noticed else {})}
 
 
 def short(value: float) -> str:
@@ -206,27 +209,23 @@ def uses_of(
     missing: Mapping[tuple[str, str], str], doubt: str = '',
 ) -> list[Use]:
     """Judge a model by each of its uses; doubt: why newtons and kilograms cannot be relied on."""
-    own = item.output, item.kind
-    said: dict[str, Said] = {'prediction': (
-        item.verdict.level, '; '.join(item.verdict.reasons), item.verdict.channels)}
+    use, own, tip = partial(Use, item.output, item.kind), (item.output, item.kind), _tip(item, arm)
+    verdict, detection = item.verdict, 'collision detection ({})'
+    found = [use('prediction', verdict.level, '; '.join(verdict.reasons), verdict.channels)]
     if item.output == 'effort':
-        said['feed-forward'] = _feedforward(item)
-    tip = _tip(item, arm)
+        found.append(use('feed-forward', *_feedforward(item)))
     for (method, kind), learned in thresholds.items():
         if (SOURCE[method], kind) == own:
-            said[f'collision detection ({method})'] = (
+            found.append(use(detection.format(method), *(
                 _collisions(arm, item.output, learned, tip)
-                if item.validation.score.relative_error < 1
-                else (Grade.DO_NOT_USE, 'the prediction error is as large as the signal', {}))
-    for (method, kind), why in missing.items():
-        if (SOURCE[method], kind) == own:
-            said[f'collision detection ({method})'] = None, f'no thresholds: {why}', {}
+                if item.validation.score.relative_error < 1 else
+                (Grade.DO_NOT_USE, 'the prediction error is as large as the signal', {}, {}))))
+    found += [use(detection.format(method), None, f'no thresholds: {why}')
+              for (method, kind), why in missing.items() if (SOURCE[method], kind) == own]
     payload = _payload(item, tip)
     if payload is not None:
-        said['payload'] = payload
-    return [Use(item.output, item.kind, name, *(
-        (None, doubt, {}) if doubt and name != 'prediction' else verdict))
-        for name, verdict in said.items()]
+        found.append(use('payload', *payload))
+    return [found[0], *(use(one.name, None, doubt) if doubt else one for one in found[1:])]
 
 
 def _grade(value: float, bounds: tuple[float, float]) -> Grade:
@@ -310,7 +309,8 @@ def _gain(arm: Arm, gauge: GaugeSpec) -> float:
     return STRAIN_SCALE[gauge.unit] * known.surface_y / known.EIz
 
 
-def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | None) -> Said:
+def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | None) -> tuple[
+        Grade | None, str, Mapping[str, Grade | None], Mapping[str, str]]:
     """Say which torque, and which force at the tip, is noticed within `settings.NOTICED`."""
     # it is a step, on the arm in motion or at rest, whichever hides more. The force acts along the
     # way that a joint moves the tip, in the median over the poses
@@ -328,7 +328,7 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
     torques = 1.0 / np.max(np.abs(seen) / levels, axis=1)
     units, doubt = output_units(arm, output), learned.doubt(per_hour)
     grades: dict[str, Grade | None] = {}
-    each = []
+    noticed = {}
     for i, name in enumerate(learned.channels):
         force, grades[name] = math.nan, None
         if tip is not None and np.isfinite(tip.torque[i]):
@@ -342,21 +342,22 @@ def _collisions(arm: Arm, output: str, learned: MethodThresholds, tip: _Tip | No
                 grades[name] = _grade(force, settings.TIP_FORCE)
             along = output == 'effort' and arm.is_prismatic(name)
             tipped = '' if math.isnan(force) else f' ({short(force)} N at the tip)'
-            each.append(f'{name} {short(torques[i] / abs(tip.torque[i]))} '
-                        f'{"N" if along else "N m"}{tipped}')
+            noticed[name] = (f'{short(torques[i] / abs(tip.torque[i]))} '
+                             f'{"N" if along else "N m"}{tipped}')
         else:
-            each.append(f'{name} {short(torques[i])} {units[name]}')
+            noticed[name] = f'{short(torques[i])} {units[name]}'
     wide = '' if doubt < settings.WIDE else (
         f'; from hours of motion they would be {doubt:.1f} times lower')
     # a new block is the largest of n + 1 with a chance of one in as many, whatever the law
     sure = 3600.0 / BLOCK / (learned.seconds / BLOCK + 1.0)
-    level = _worst(grades.values())
+    level, each = _worst(grades.values()), ', '.join(map(' '.join, noticed.items()))
     unknown = '' if level is not None else (
         'forces in N need effort.torque_constant, sensors[].gain or masses in the description; ')
     return level, (
         f'{unknown}detected within {1e3 * settings.NOTICED:.0f} ms at {per_hour:g} false alarm '
-        f'per hour: {", ".join(each)}; thresholds are from {learned.seconds:.0f} s without '
-        f'contact (which alone ensures at most {short(sure)} false alarms per hour){wide}'), grades
+        f'per hour: {each}; thresholds are from {learned.seconds:.0f} s without '
+        f'contact (which alone ensures at most {short(sure)} false alarms per hour){wide}'
+    ), grades, noticed
 
 
 def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:

@@ -290,9 +290,9 @@ class Validation(Shown):
 
     def __repr__(self) -> str:
         """Write how it was done, and the fit of each channel."""
-        channels = ', '.join(f'{name} {item.fit:.1f} %'
+        channels = ', '.join(f'{name} {shown_fit(item.fit):.1f} %'
                              for name, item in self.score.channels.items())
-        return f'Validation by {self.method}: fit {self.score.fit:.1f} % ({channels})'
+        return f'Validation by {self.method}: fit {shown_fit(self.score.fit):.1f} % ({channels})'
 
 
 def trace(model: Model, data: BagData, output: str) -> Trace:
@@ -369,6 +369,12 @@ class Verdict:
         return f'{self.level.value}: {"; ".join(self.reasons)}'
 
 
+def shown_fit(fit: float, digits: int = 1) -> float:
+    """Round a fit as all pages and tables do [%]: not over a bound that it does not reach."""
+    found = round(fit, digits)
+    return found - 10.0**-digits * any(fit < bound <= found for bound in (USABLE_FIT, GOOD_FIT))
+
+
 def level_of(score: Score | ChannelScore, noise: float = 0.0) -> Grade:
     """Judge figures; noise [unit of the output]: 0 where it is not known."""
     if score.fit >= GOOD_FIT:
@@ -403,7 +409,7 @@ def judge(
                 if name not in still and item.rmse <= NOISE_LIMITED * floors[name]]
     doubts = [dead] if still else []
     order = list(Grade)
-    doubts += [f'channel {name} alone has {scores[name].fit:.1f} %, relative error '
+    doubts += [f'channel {name} alone has {shown_fit(scores[name].fit):.1f} %, relative error '
                f'{100.0 * scores[name].relative_error:.0f} %: '
                f'{"do not use it" if levels[name] is Grade.DO_NOT_USE else "usable"}'
                for name in sorted(scores, key=lambda key: scores[key].fit)
@@ -426,6 +432,5 @@ def _figures(validation: Validation) -> str:
     bound = (f'>= {GOOD_FIT:g}' if fit >= GOOD_FIT else
              f'usable: {USABLE_FIT:g} to {GOOD_FIT:g}' if fit >= USABLE_FIT else
              f'< {USABLE_FIT:g}')
-    shown = math.floor(10.0 * fit) / 10.0  # never rounded up over a bound
-    return (f'fit {shown:.1f} % ({bound}) on {validation.method}, relative error '
+    return (f'fit {shown_fit(fit):.1f} % ({bound}) on {validation.method}, relative error '
             f'{100.0 * validation.score.relative_error:.1f} %')

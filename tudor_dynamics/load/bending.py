@@ -111,10 +111,6 @@ class BentLinks:
     # time, times that time: in the product of the gauges' units times seconds.
     density: FloatArray
 
-    def motion(self, states: FloatArray) -> FloatArray:
-        """Give how links move (samples, 3 joints), of states (3, samples, joints + gauges)."""
-        return links_of(states, self.bending)
-
     def as_dict(self, arm: Arm) -> dict[str, Any]:
         """Give it as plain values."""
         return {'cutoff': self.cutoff, 'bending': self.bending.tolist(),
@@ -122,7 +118,7 @@ class BentLinks:
 
 
 def links_of(states: FloatArray, bending: FloatArray) -> FloatArray:
-    """Give how links move for angles per strain (joints, gauges); see `BentLinks.motion`."""
+    """Give how links move, (samples, 3 joints): states (3, samples, joints + gauges)."""
     joints = len(bending)
     moved = states[..., :joints] + states[..., joints:] @ bending.T
     return np.ascontiguousarray(np.moveaxis(moved, 0, 1)).reshape(moved.shape[1], 3 * joints)

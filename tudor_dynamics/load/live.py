@@ -25,7 +25,7 @@ from typing import Any, ClassVar
 import numpy as np
 from tudor_dynamics.compiled import all_finite, compiled
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.load.bending import bent_links, BentLinks
+from tudor_dynamics.load.bending import bent_links, BentLinks, links_of
 from tudor_dynamics.load.rows import carrier_frame, load_worth, LoadWorth, tip
 from tudor_dynamics.load.settings import (
     ANNOUNCED, APART, BEGUN, BENT_EXPLAINED, BLOCK, DEPENDENT, EXPECTED, EXPECTED_GAIN, HEAVIEST,
@@ -360,7 +360,7 @@ class BentSense:
         states = self._states.step(dt, np.concatenate([row[:self._joints], measured]))
         if self._elapsed < self._states.settle:
             return None
-        motion = self._bent.motion(states[:, None])
+        motion = links_of(states[:, None], self._bent.bending)
         left = states[0, self._joints:] - self._model.predict(motion)[0]
         added, weight = self._worth.along(_and_still(motion)) @ self._white.T
         return self._white @ left, added, weight

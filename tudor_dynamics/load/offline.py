@@ -26,7 +26,7 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.load.bending import BentLinks, smoothed, Watched
+from tudor_dynamics.load.bending import BentLinks, links_of, smoothed, Watched
 from tudor_dynamics.load.rows import (
     carrier_frame, consistent, COUNT, find_scale, friction_terms, LoadRows, Scale, Source, tip)
 from tudor_dynamics.load.settings import (
@@ -266,8 +266,8 @@ class RecordedOutput:
     def readings(self, model: Model) -> Readings:
         """Put the recording next to the model, or the model with a payload put in."""
         if self.links is not None:
-            smooth = self._smooth
-            motion = np.vstack([self.links.motion(item.states) for item in smooth])
+            smooth, bending = self._smooth, self.links.bending
+            motion = np.vstack([links_of(item.states, bending) for item in smooth])
             t = np.concatenate([item.t for item in smooth])
             measured = np.vstack([item.strain for item in smooth])
             predicted = model.predict(motion)

@@ -217,8 +217,8 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
 
 # -- Recordings of the simulated arm: stimuli, pushes, and the bags that they become
 
-@dataclass(frozen=True)
-class StimulusSpec:
+@dataclass(frozen=True, repr=False)
+class StimulusSpec(Shown):
     """
     One recording.
 
@@ -309,8 +309,15 @@ def record_stimulus(
             progress(len(reference.q[part]))
     signals = LoopRecord.joined(parts)
     stamp = FIRST_STAMP + np.round(signals.t * 1e9).astype(np.int64)
+    motors = {motor.joint: motor for motor in arm.spec.motors}
+    scale = [1.0 if joint.effort.unit == 'A' else motors[joint.name].joint_torque_constant
+             for joint in arm.joints]
+    recording = Recording(
+        '', stamp, signals.q, signals.dq, signals.current * scale,
+        signals.strain if arm.gauges else None, (slice(0, len(stamp)),),
+        float(signals.t[1] - signals.t[0]) if len(stamp) > 1 else 0.0)
     series = [
-        *recording_series(_recording(arm, signals, stamp), arm),
+        *recording_series(recording, arm),
         joint_signals('/joint_reference', stamp, arm.active_joints, signals.q_ref,
                       signals.dq_ref)]
     if spec.loads:
@@ -359,13 +366,3 @@ def record_stimuli(
     pieces = [(Path.cwd(), str(source), spec, str(path))
               for spec, path in zip(specs, paths, strict=True)]
     return in_processes(_record_piece, pieces, jobs, progress)
-
-
-def _recording(arm: Arm, signals: LoopRecord, stamp: NDArray[np.int64]) -> Recording:
-    motors = {motor.joint: motor for motor in arm.spec.motors}
-    scale = [1.0 if joint.effort.unit == 'A' else motors[joint.name].joint_torque_constant
-             for joint in arm.joints]
-    return Recording(
-        '', stamp, signals.q, signals.dq, signals.current * scale,
-        signals.strain if arm.gauges else None, (slice(0, len(stamp)),),
-        float(signals.t[1] - signals.t[0]) if len(stamp) > 1 else 0.0)

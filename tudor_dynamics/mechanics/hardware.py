@@ -32,7 +32,7 @@ from tudor_dynamics.mechanics.chain import Chain, times, vector_at
 from tudor_dynamics.mechanics.equations import add_to_sections, point_motion, put_force
 from tudor_dynamics.mechanics.mechanism import Mechanism
 from tudor_dynamics.mechanics.run import Probe
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 # -- Current-controlled motor with gear: rotor, friction, elastic gear with backlash.
@@ -121,8 +121,8 @@ def gear_push(drive: NDArray, state: NDArray, dt: float, q: float, dq: float) ->
     return drive[GEAR_STIFFNESS] * (state[ANGLE] - edge) + drive[DAMPING] * state[SPEED]
 
 
-@dataclass(frozen=True)
-class Imperfections:
+@dataclass(frozen=True, repr=False)
+class Imperfections(Shown):
     """
     Which imperfections of drives and sensors are simulated.
 
@@ -295,8 +295,8 @@ FORCE = 5  # 3: base frame [N]
 PUSH = 8
 
 
-@dataclass(frozen=True)
-class Push:
+@dataclass(frozen=True, repr=False)
+class Push(Shown):
     """
     A force on a link.
 

@@ -120,29 +120,6 @@ def left_out(arm: Arm) -> dict[str, list[str]]:
 
 # -- From an arm description to the tables of a mechanism, link by link
 
-def _body_frame(beam: BeamSpec, end: FloatArray, axis: FloatArray, where: str) -> FloatArray:
-    """Axes of a beam in the joint frame: x along, y up the section."""
-    start = np.asarray(beam.start, dtype=float)
-    length = float(np.linalg.norm(end - start))
-    if length < 1e-9:
-        raise SimulationError(f'{where} starts and ends at {start.tolist()} m of the joint frame; '
-                              'give another end, or length and direction')
-    x = (end - start) / length
-    if beam.height_axis is not None:
-        y = unit_vector(beam.height_axis)
-    else:
-        # Bending in the plane of motion; for a beam along the axis any direction across.
-        y = np.cross(axis, x)
-        if np.linalg.norm(y) < 1e-6:
-            y = np.eye(3)[int(np.argmin(np.abs(x)))]
-    y = y - (y @ x) * x
-    if np.linalg.norm(y) < 1e-6:
-        msg = f'{where}: height_axis points along the beam; give a direction across it'
-        raise SimulationError(msg)
-    y = y / np.linalg.norm(y)
-    return np.column_stack([x, y, np.cross(x, y)])
-
-
 def beam_axes(floats: FloatArray) -> FloatArray:
     """Give the axes of a body in the moved joint frame, as columns: a row of ``body_float``."""
     return np.asarray(floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3))
@@ -253,11 +230,10 @@ class Builder:
             self.rigid_part(body, pin.SE3(np.eye(3), place), part)
 
     def _end(self, index: int, beam: BeamSpec, where: str) -> FloatArray:
-        start = np.asarray(beam.start, dtype=float)
         if beam.end is not None:
             return np.asarray(beam.end, dtype=float)
         if beam.length is not None:
-            return np.asarray(start + beam.length * unit_vector(beam.direction))
+            return np.asarray(beam.length * unit_vector(beam.direction) + beam.start)
         model = self.model
         children = [i for i in range(1, model.njoints) if model.parents[i] == index]
         if len(children) == 1:
@@ -281,14 +257,31 @@ class Builder:
               floats: FloatArray) -> None:
         name = self.model.names[index]
         where = f'{self.arm.source}: the beam after {name!r}'
-        end = self._end(index, beam, where)
         start = np.asarray(beam.start, dtype=float)
-        axes = _body_frame(beam, end, axis, where)
-        properties = beam_properties(beam)
-        self.beams[name] = properties
-        floats[at.BODY_ROTATION:at.BODY_ROTATION + 9] = axes.ravel()
+        span = self._end(index, beam, where) - start
+        length = float(np.linalg.norm(span))
+        if length < 1e-9:
+            raise SimulationError(f'{where} starts and ends at {start.tolist()} m of the joint '
+                                  'frame; give another end, or length and direction')
+        # axes in the joint frame: x along the beam, y up the section
+        x = span / length
+        if beam.height_axis is not None:
+            y = unit_vector(beam.height_axis)
+        else:
+            # Bending in the plane of motion; for a beam along the axis any direction across.
+            y = np.cross(axis, x)
+            if np.linalg.norm(y) < 1e-6:
+                y = np.eye(3)[int(np.argmin(np.abs(x)))]
+        y = y - (y @ x) * x
+        if np.linalg.norm(y) < 1e-6:
+            msg = f'{where}: height_axis points along the beam; give a direction across it'
+            raise SimulationError(msg)
+        y = y / np.linalg.norm(y)
+        self.beams[name] = properties = beam_properties(beam)
+        floats[at.BODY_ROTATION:at.BODY_ROTATION + 9] = np.column_stack(
+            [x, y, np.cross(x, y)]).ravel()
         floats[at.BODY_PLACE:at.BODY_PLACE + 3] = start
-        floats[at.LENGTH] = np.linalg.norm(end - start) / beam.elements
+        floats[at.LENGTH] = length / beam.elements
         floats[[at.DENSITY, at.POLAR, at.EA, at.EIY, at.EIZ, at.GJ]] = (
             properties.density, properties.polar, properties.EA, properties.EIy,
             properties.EIz, properties.GJ)

@@ -30,7 +30,7 @@ from tudor_dynamics.mechanics.integrator import Joints, PlantTables, report, ste
 from tudor_dynamics.mechanics.matrices import (
     add_stretch, mass_matrix, stiffness_matrix, stretch_energy)
 from tudor_dynamics.mechanics.mechanism import Mechanism
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 DrivenBy = Literal['torque', 'motion', 'hold']
@@ -63,7 +63,7 @@ class Energy(NamedTuple):
         return self.kinetic + self.elastic + self.gravity
 
 
-class Plant:
+class Plant(Shown):
     """
     A mechanism with its state and its integrator.
 
@@ -215,8 +215,7 @@ class Plant:
         self.tables.vectors[gen.Z] = self.mechanism.initial
         if q is not None:
             self._put(self.tables.vectors[gen.Z], q, 'q')
-        for index, drive in zip(self._q, self._drives, strict=True):
-            self.tables.prescribed[index] = drive != 'torque'
+        self.tables.prescribed[self._q] = [drive != 'torque' for drive in self._drives]
         self.parameters_changed()
         if external_force is not None:
             self._set_force(external_force)
@@ -397,6 +396,6 @@ class Plant:
                    f'before: {self.energy().total:.6g} J; check torques and sections')
         else:
             msg = (f'{name}: the run diverged at t = {t:.6g} s (energy before that: '
-                   f'{self.energy().total:.3g} J); lower dt=, which is {self.dt:g} s, or look for '
-                   'torques that are too large and masses that are too small')
+                   f'{self.energy().total:.3g} J); take time steps below {self.dt:g} s, or look '
+                   'for torques that are too large and masses that are too small')
         raise SimulationError(msg)

@@ -31,7 +31,7 @@ from tudor_dynamics.control.schedule import Adaptation, Schedule
 from tudor_dynamics.errors import check_budget, check_type, SimulationError, UsageError
 from tudor_dynamics.mechanics.closed_loop import ArmProcess, LoopRecord, Sample
 from tudor_dynamics.mechanics.hardware import Imperfections, Push
-from tudor_dynamics.typing import finite_array, FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray, Shown
 
 
 @dataclass(eq=False)
@@ -63,7 +63,7 @@ class RigLog:
         return np.array(getattr(self, name)[begin:])
 
 
-class Loop:
+class Loop(Shown):
     """
     Simulated arm with drives, gears with play, sensors and delay, under a controller of one's own.
 

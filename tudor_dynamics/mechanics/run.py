@@ -215,20 +215,6 @@ class Modes(Shown):
                 zip(self.frequency, self.damping, strict=True), start=1))])
 
 
-def _tangents(plant: Plant) -> tuple[FloatArray, FloatArray]:
-    """Give tangent stiffness, gravity and stretch included, and damping over all coordinates."""
-    z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
-
-    def slopes(step: float, force: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        return np.array([(force(step * unit) - force(-step * unit)) / (2.0 * step)
-                         for unit in np.eye(len(z))])
-    # Differences for gravity alone: those of the stiffness would drown in its large numbers.
-    weight = slopes(1e-6, lambda change: plant.imbalance(z + change, zero, zero, elastic=False))
-    # Of the damping, what is quadratic in the rates cancels.
-    damping = slopes(1.0, lambda rate: plant.imbalance(z, rate, zero)).T
-    return plant.bent_stiffness() + 0.5 * (weight + weight.T), damping
-
-
 def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -> Modes:
     """
     Solve the eigenvalue problem at the plant's present configuration.
@@ -264,7 +250,16 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
         msg = f'arm {mechanism.name!r}: nothing can vibrate: all links are rigid, all joints held'
         raise SimulationError(msg)
     pick = np.ix_(index, index)
-    stiffness, damping = _tangents(plant)
+    z, zero = plant.coordinates.copy(), np.zeros(mechanism.size)
+
+    def slopes(step: float, force: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        return np.array([(force(step * unit) - force(-step * unit)) / (2.0 * step)
+                         for unit in np.eye(len(z))])
+    # Differences for gravity alone: those of the stiffness would drown in its large numbers.
+    weight = slopes(1e-6, lambda change: plant.imbalance(z + change, zero, zero, elastic=False))
+    stiffness = plant.bent_stiffness() + 0.5 * (weight + weight.T)
+    # What is quadratic in the rates cancels.
+    damping = slopes(1.0, lambda rate: plant.imbalance(z, rate, zero)).T
     try:
         values, vectors = eigh(stiffness[pick], plant.mass_matrix()[pick])
     except np.linalg.LinAlgError:

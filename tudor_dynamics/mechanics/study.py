@@ -516,22 +516,18 @@ def simulate(
     by_name = torque if isinstance(torque, Mapping) else {arm.active_joints[0]: torque}
     torques = sampled_columns('torque', by_name, t, mechanism.joints, arm.active_joints)
     forces = None if force is None else sampled_columns('force', force, t, AXES, AXES)
+    places = plant.state.q.copy()
+    for name, place in (start or {}).items():
+        if name not in mechanism.joints:
+            msg = f'start names {name!r}, no joint; use some of {list(mechanism.joints)}'
+            raise UsageError(msg)
+        if not np.isfinite(place):
+            msg = f'start of {name!r}: found {place}, expected a position [rad or m]'
+            raise SimulationError(msg)
+        places[mechanism.joints.index(name)] = place
     if start is not None or forces is not None:
-        plant.reset(_places(plant, start or {}),
-                    external_force=None if forces is None else forces[0])
+        plant.reset(places, external_force=None if forces is None else forces[0])
     plant.start_torque(torques[0])
     run = run_plant(plant, Probe(plant, arm=arm), torques, every=every, force=forces,
                     progress=progress)
     return SimulatedRun(arm, mechanism, run, plant)
-
-
-def _places(plant: Plant, start: Mapping[str, float]) -> FloatArray:
-    joints, places = plant.mechanism.joints, plant.state.q.copy()
-    for name, place in start.items():
-        if name not in joints:
-            raise UsageError(f'start names {name!r}, no joint; use some of {list(joints)}')
-        if not np.isfinite(place):
-            msg = f'start of {name!r}: found {place}, expected a position [rad or m]'
-            raise SimulationError(msg)
-        places[joints.index(name)] = place
-    return places

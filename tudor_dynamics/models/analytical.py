@@ -44,7 +44,6 @@ from tudor_dynamics.models.regressor import (
     regressor_of)
 from tudor_dynamics.models.settings import (
     LARGEST_GRAM_CONDITION, LOAD_CHANGE, LOAD_PASSES, WEIGHT_PASSES)
-from tudor_dynamics.signals.preprocessing import Decimation
 from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 1024
@@ -234,7 +233,11 @@ class AnalyticalModel(MemorylessModel):
         self, blocks: Blocks, *, triangular: bool = False, weights: FloatArray | None = None,
     ) -> list[list[Products]]:
         """Accumulate the products of every group and channel: weights (kept, channels)."""
-        supports = self._supports()
+        # a joint does not feel the links before it nor the friction of others; leaving those zeros
+        # out saves two thirds of the products of a seven-joint arm
+        drawn = self.regressor.rows(random_inputs(self.regressor, self.n_joints, 16, 1))
+        supports = [[np.flatnonzero(np.any(drawn[:, channel, base.kept] != 0.0, axis=0))
+                     for channel in base.channels] for base in self.base_]
         sums = [[Products.empty(len(places), triangular=triangular) for places in support]
                 for support in supports]
         done = 0
@@ -248,14 +251,6 @@ class AnalyticalModel(MemorylessModel):
         return [[product.spread(places, len(base.kept))
                  for product, places in zip(group, support, strict=True)]
                 for base, group, support in zip(self.base_, sums, supports, strict=True)]
-
-    def _supports(self) -> list[list[NDArray[np.intp]]]:
-        """Find, for each group and channel, the base parameters that can enter it at all."""
-        # a joint does not feel the links before it nor the friction of others; leaving those zeros
-        # out saves two thirds of the products of a seven-joint arm
-        rows = self.regressor.rows(random_inputs(self.regressor, self.n_joints, 16, 1))
-        return [[np.flatnonzero(np.any(rows[:, channel, base.kept] != 0.0, axis=0))
-                 for channel in base.channels] for base in self.base_]
 
     def fit_data(self, parts: Iterable[list[list[Products]]]) -> AnalyticalModel:
         """Estimate from what parts of the data come to."""
@@ -375,8 +370,12 @@ class AnalyticalModel(MemorylessModel):
         for block in blocks():
             check_block(block, self.n_inputs, self.channels)
             if block.decimation is not None and block.decimation.sections is not None:
-                yield self._smoothed(self.regressor.rows(block.motion), block.decimation), (
-                    block.output)
+                # only what base parameters take of rows; the other columns are zero
+                used = np.unique(np.concatenate([base.kept for base in self.base_]))
+                found = block.decimation(self.regressor.rows(block.motion)[:, :, used])
+                full = np.zeros((*found.shape[:2], len(self.regressor.columns)))
+                full[:, :, used] = found
+                yield full, block.output
                 continue
             motion = block.motion if block.decimation is None else block.decimation(block.motion)
             for first in range(0, len(motion), ROWS_AT_A_TIME):
@@ -387,14 +386,6 @@ class AnalyticalModel(MemorylessModel):
                 rows = self.regressor.rows(piece, room)
                 buffer = rows if room is None else buffer
                 yield rows, block.output[part]
-
-    def _smoothed(self, rows: FloatArray, decimation: Decimation) -> FloatArray:
-        """Filter and decimate what base parameters take of rows; the other columns are zero."""
-        used = np.unique(np.concatenate([base.kept for base in self.base_]))
-        found = decimation(rows[:, :, used])
-        full = np.zeros((*found.shape[:2], rows.shape[2]))
-        full[:, :, used] = found
-        return full
 
     def _fit_weighted(self, blocks: Blocks, *, triangular: bool) -> None:
         estimator = ESTIMATORS[self.estimator]

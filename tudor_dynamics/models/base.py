@@ -31,7 +31,7 @@ from tudor_dynamics.arm.schema import validation_message
 from tudor_dynamics.errors import FitError, ModelError, TudorWarning
 from tudor_dynamics.models.friction import FrictionStates, LiveFriction
 from tudor_dynamics.signals.preprocessing import Stretch, TrainingBlock
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 SAME = 1e-6  # payloads that differ by less are the same [kg]
 AGAIN = 'fit the model again'
@@ -167,7 +167,7 @@ class Live(Protocol):
         """
 
 
-class Model(ABC):
+class Model(Shown, ABC):
     """
     A model that gives one output of an arm for its motion.
 
@@ -298,8 +298,8 @@ def check_payload(payload: float, known: Range) -> None:
 Learner = TypeVar('Learner', bound='MemorylessModel')
 
 
-@dataclass(frozen=True, kw_only=True)
-class ModelSettings:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ModelSettings(Shown):
     """Choices of a fit that its models take; see ``FitSettings``."""
 
     estimator: str = 'auto'

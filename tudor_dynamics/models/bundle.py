@@ -409,7 +409,11 @@ def save_bundle(
     check_type(path, (str, Path), 'path', 'a directory to be made')
     path = Path(path)
     check_target(path, overwrite=overwrite, name='path')
-    content = _arm_files(bundle.arm)
+    described = bundle.arm.spec.model_dump(mode='json', exclude_defaults=True)
+    urdf = {} if bundle.arm.urdf is None else {'arm.urdf': bundle.arm.urdf.encode()}
+    if urdf:
+        described['kinematics'] = {'urdf': 'arm.urdf'}
+    content = {'arm.yaml': dump_yaml(described).encode(), **urdf}
     arrays: dict[str, FloatArray] = {}
     parts = {'outputs': _contents(bundle.models, bundle.arm, arrays, '')}
     if bundle.causal is not None:
@@ -456,15 +460,6 @@ def _contents(
 def check_target(path: Path, *, overwrite: bool, name: str = 'out') -> None:
     """Refuse to write over what is there, before hours of work and not after."""
     files.check_target(path, overwrite=overwrite, name=name, mark='model.yaml', kind=ModelError)
-
-
-def _arm_files(arm: Arm) -> dict[str, bytes]:
-    content = arm.spec.model_dump(mode='json', exclude_defaults=True)
-    files = {}
-    if arm.urdf is not None:
-        content['kinematics'] = {'urdf': 'arm.urdf'}
-        files['arm.urdf'] = arm.urdf.encode()
-    return {'arm.yaml': dump_yaml(content).encode(), **files}
 
 
 def _analytical(bundle: ModelBundle) -> dict[str, AnalyticalModel]:

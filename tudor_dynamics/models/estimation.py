@@ -173,31 +173,16 @@ def _solve(products: list[Products], weights: FloatArray, prior: float = 0.0) ->
     return parameters, covariance, condition, unexcited
 
 
-def _prior(products: list[Products], weights: FloatArray, noise: float) -> float:
-    """Give the information of a weak prior on each column's contribution to the outputs."""
-    # no parameter is expected to contribute more than the outputs' own size. Where the motion says
-    # anything, this adds nothing to it; directions that short or poor recordings show only by
-    # their noise are drawn to zero, instead of to values that cancel in training and nowhere else
-    power = sum(w * p.gram[-1, -1] for w, p in zip(weights, products, strict=True))
-    return noise / power if power > 0.0 else 0.0
-
-
-def _variance_floors(products: list[Products]) -> FloatArray:
-    """Bound each channel's residual variance from below by what its products can resolve."""
-    # a channel that is fitted to rounding (or that is constant zero) would otherwise be given an
-    # endless weight, against which the other channels vanish
-    squares = np.array([product.gram[-1, -1] / max(product.n, 1) for product in products])
-    largest = float(np.max(squares, initial=0.0))
-    return np.maximum(1e-14 * np.maximum(squares, 1e-6 * largest), 1e-300)
-
-
 def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
     """Estimate the parameters that a group of channels shares."""
     p = products[0].gram.shape[0] - 1
     rows = sum(product.n for product in products)
-    floors = _variance_floors(products)
     if rows <= p:
         raise FitError(f'only {rows} samples for {p} parameters; record longer, or raise the rate')
+    # a channel that is fitted to rounding (or that is constant zero) would otherwise be given an
+    # endless weight, against which the other channels vanish
+    squares = np.array([product.gram[-1, -1] / max(product.n, 1) for product in products])
+    floors = np.maximum(1e-14 * np.maximum(squares, 1e-6 * squares.max(initial=0.0)), 1e-300)
     weights = np.ones(len(products))
     for _ in range(3 if weighted and len(products) > 1 else 1):
         parameters, *_ = _solve(products, weights)
@@ -210,8 +195,12 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
         if weighted:
             weights = 1.0 / variances
     size = float(np.mean(noise / variances if weighted else noise))
+    # no parameter is expected to contribute more than the outputs' own size. Where the motion says
+    # anything, this adds nothing to it; directions that short or poor recordings show only by
+    # their noise are drawn to zero, instead of to values that cancel in training and nowhere else
+    power = sum(w * own.gram[-1, -1] for w, own in zip(weights, products, strict=True))
     parameters, covariance, condition, unexcited = _solve(
-        products, weights, _prior(products, weights, size))
+        products, weights, size / power if power > 0.0 else 0.0)
     if not weighted:
         # equal weights, but each channel brings in noise of its own size
         spread = sum(v * product.gram[:p, :p] for v, product in zip(

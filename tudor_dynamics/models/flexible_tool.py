@@ -262,8 +262,9 @@ class FlexibleTool(BundlePart):
         shown = np.array([_shown(x, flange) for x in self.drawn()])
         shown[1:] *= np.abs(1.0 + self.error_of(flange) * (noise[0] + 1j * noise[1]))[:, None]
         loudest = int(np.argmax(shown[0]))
+        value, ends = float(shown[0, loudest]), np.quantile(shown[1:, loudest], [0.025, 0.975])
         return Oscillation(shown[0], loudest, Estimate(
-            float(shown[0, loudest]), *_ends(shown[:, loudest])))
+            value, min(float(ends[0]), value), max(float(ends[1]), value)))
 
     def error_of(self, flange: Flange) -> float:
         """Give the error of a ring relative to it: larger the less its push was learned from."""
@@ -282,12 +283,6 @@ class FlexibleTool(BundlePart):
         return (f'rings at {next(each)} Hz without gravity, damping ratio {next(each)}, '
                 f'{self.mass:.2g} kg at {self.length:.2g} m, by {self.rests} rests after '
                 f'{self.motion} motion{hidden}')
-
-
-def _ends(values: FloatArray) -> tuple[float, float]:
-    """Give an interval of 95 % that contains the first value."""
-    low, high = np.quantile(values[1:], [0.025, 0.975])
-    return min(float(low), float(values[0])), max(float(high), float(values[0]))
 
 
 def _shown(x: FloatArray, flange: Flange) -> FloatArray:

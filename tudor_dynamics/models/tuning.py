@@ -309,7 +309,16 @@ def design(
                 for axis in range(len(index)) if index[axis] > 0]
         found = small.modes(MODES, near[0] if near else None)
         before[index] = found.shape
-        rows.append(tuple(_node(tuned, wish, small, found).row().tolist()))
+        first = float(found.frequency[0])
+        second = float(found.frequency[1]) if len(found.frequency) > 1 else 4.0 * first
+        judge = Judge(tuned, small, first, second)
+        factor, reached = choose_factor(judge, wish)
+        rows.append(tuple(Point(
+            judge.described * factor, judge.position, judge.full_delay(factor), reached,
+            small.load * tuned.scale, small.inertia * tuned.scale[:, None],
+            tuple(Mode(*item) for item in zip(
+                found.frequency.tolist(), found.damping.tolist(), found.drive,
+                found.strain * tuned.scale, strict=True))).row().tolist()))
         progress(len(rows), total)
     joints = arm.active_joints
     damped = tuple(item.joint for item in tuned.dampers)
@@ -333,19 +342,6 @@ def fixed_ratios(tuned: TunedArm, delay: float, schedule: Schedule) -> FloatArra
         judge.position, judge.mean = damper.position_gain, 2.0 * math.pi * damper.mean_frequency
         found[index] = judge(1.0, delay).first
     return found
-
-
-def _node(tuned: TunedArm, wish: Wish, small: SmallMotion, found: Vibrations) -> Point:
-    first = float(found.frequency[0])
-    second = float(found.frequency[1]) if len(found.frequency) > 1 else 4.0 * first
-    judge = Judge(tuned, small, first, second)
-    factor, reached = choose_factor(judge, wish)
-    drive, strain = found.drive, found.strain * tuned.scale
-    return Point(
-        judge.described * factor, judge.position, judge.full_delay(factor), reached,
-        small.load * tuned.scale, small.inertia * tuned.scale[:, None],
-        tuple(Mode(*item) for item in zip(
-            found.frequency.tolist(), found.damping.tolist(), drive, strain, strict=True)))
 
 
 class Judge:

@@ -54,7 +54,7 @@ class ArmSimulatorNode(TudorNode):
         self._lock = Lock()
         self.late = 0
         try:
-            description = self.described_arm('links and motors', 'a simulated arm')
+            description = self.described_arm('the keys links and motors', 'a simulated arm')
             arm = self.arm = ArmProcess(
                 description, rate=self.value('rate'), payload=self.value('payload'),
                 damping=self.value('damping'), seed=self.value('seed'),
@@ -197,8 +197,8 @@ class ArmSimulatorNode(TudorNode):
         if self.fault or self.arm is None:
             return level, message
         if self.arm.failure:
-            return ERROR, (f'{self.arm.failure}; until you call the service ~/reset, the arm '
-                           'rests at its initial pose and takes no commands')
+            return ERROR, (f'{self.arm.failure}; the arm rests at its initial pose until you call '
+                           'the service ~/reset')
         if level != OK:
             return WARN, (f'no commands arrive on {VELOCITY_COMMANDS}, so the joints stand still: '
                           'start oscillation_damper')

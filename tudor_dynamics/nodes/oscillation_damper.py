@@ -97,7 +97,7 @@ class OscillationDamperNode(MovingNode):
         self.autostart()
 
     def build(self) -> tuple[Arm, Collection[str]]:
-        arm = self.described_arm('a damper', 'the damper')
+        arm = self.described_arm('the key damper', 'the damper')
         controller = MotionController(arm)
         if self.value('gain_schedule'):
             controller.adaptation = Adaptation(

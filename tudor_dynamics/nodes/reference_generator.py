@@ -89,7 +89,7 @@ class ReferenceGeneratorNode(MovingNode):
         return self.controller
 
     def build(self) -> tuple[Arm, Collection[str]]:
-        arm = self._arm = self.described_arm('limits')
+        arm = self._arm = self.described_arm('the key limits')
         source = ReferenceSource(arm, self.value('reaction'), self.value('retreat_time'),
                                  self.value('timeout'), self._shaping())
         if self.value('mode') == 'aprbs':

@@ -78,7 +78,7 @@ class TrajectoryRelayNode(TudorNode):
         self._output = self.publish_on(JointTrajectory, f'{controller}/joint_trajectory')
         self.serve(RESET, self._reset)
         try:
-            arm = self.described_arm('limits')
+            arm = self.described_arm('the key limits')
             if self.value('tool'):
                 self._tool = load_bundle(self.value('tool'), arm=arm)
                 tool_of(self._tool)

@@ -37,7 +37,7 @@ from tudor_dynamics.online.settings import (
     RECORD_ROWS, RIGID_DETECTED, RIGID_ENDED, RIGID_OFFSET, RINGING_FLOOR, RINGING_MEMORY,
     RINGING_SAMPLES, STANDING_DEVIATION, STANDING_MEMORY, STANDING_SPEED, STANDING_VARIANCE,
     TORQUE_DETECTED, TORQUE_ENDED, TOUCH_SHARE)
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +213,7 @@ def place_on(
 # an elastic one also the vibration that the contact causes, which the filters carry along.
 
 
-class ContactEstimator:
+class ContactEstimator(Shown):
     """
     Estimates what touches an arm with gauges.
 

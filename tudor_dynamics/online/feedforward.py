@@ -42,7 +42,7 @@ from tudor_dynamics.models.elastic.kernel import (
 from tudor_dynamics.models.elastic.model import driven_arm, ElasticModel
 from tudor_dynamics.online.settings import HELD_WITHIN, LEAST_LEVER, NEWTON_SETTLED, NEWTON_STEPS
 from tudor_dynamics.signals.motion_profile import states
-from tudor_dynamics.typing import finite_array, FloatArray
+from tudor_dynamics.typing import finite_array, FloatArray, Shown
 
 
 Unit = Literal['model', 'current', 'torque']
@@ -304,7 +304,7 @@ Positions = Literal['wanted', 'motor']
 POSITIONS: tuple[Positions, ...] = ('wanted', 'motor')
 
 
-class Feedforward:
+class Feedforward(Shown):
     """
     Feed-forward of one arm.
 

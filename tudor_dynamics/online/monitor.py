@@ -43,7 +43,7 @@ from tudor_dynamics.online.streams import (
     Motion, PairedSample, Pairing, Predictor, Residual, ResidualStage, StateFilter)
 from tudor_dynamics.online.threshold_learning import stored_thresholds
 from tudor_dynamics.online.thresholds import MethodThresholds
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Shown
 
 
 METHODS = ('strain', 'effort', 'momentum')
@@ -53,8 +53,8 @@ FIELD = {'effort': 'effort', 'momentum': 'effort', 'strain': 'position'}
 """Field of a JointState that carries each signal."""
 
 
-@dataclass(frozen=True)
-class MonitorSettings:
+@dataclass(frozen=True, repr=False)
+class MonitorSettings(Shown):
     """
     Choices of a monitor.
 
@@ -411,7 +411,7 @@ class Watch:
             self.detector.reset()
 
 
-class Monitor:
+class Monitor(Shown):
     """
     A whole chain, from joint states to collisions.
 

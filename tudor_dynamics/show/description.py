@@ -22,12 +22,14 @@ from dataclasses import dataclass, field
 from functools import partial
 import io
 import math
+from pathlib import Path
 import re
 from typing import Any
 from xml.etree import ElementTree
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
+import jinja2
 import numpy as np
 import pinocchio as pin
 from pydantic import ValidationError
@@ -35,7 +37,7 @@ from scipy import optimize
 
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.kinematics import joint_axis
+from tudor_dynamics.arm.kinematics import base_frame, joint_axis
 from tudor_dynamics.arm.schema import (
     ArmSpec, FRICTION_TERMS, InertiaPart, JointSpec, MotorSpec, SensorSpec, STATE_KEYS,
     validation_message)
@@ -48,6 +50,7 @@ from tudor_dynamics.models.elastic.parameters import in_words, physical_unit
 from tudor_dynamics.models.friction import (
     DAMPING, FRICTION, friction_columns, friction_names, term_of, TERMS)
 from tudor_dynamics.models.regressor import column_unit
+from tudor_dynamics.online.monitor import FIELD, METHODS, SOURCE
 from tudor_dynamics.typing import FloatArray
 import yaml
 
@@ -563,3 +566,19 @@ def csv_of(full: FullParameters) -> str:
         before = f'{described[i]:.{DIGITS}g}' if i < len(described) else ''
         writer.writerow([name, f'{value:.{DIGITS}g}', f'{error:.2g}', unit, source, before])
     return text.getvalue()
+
+
+# -- Layouts of programs that plot topics
+
+LAYOUTS = {'plotjuggler': 'plotjuggler.xml', 'foxglove': 'foxglove.json'}
+
+
+def layout_of(arm: Arm, program: str) -> str:
+    """Lay out what a monitor of an arm publishes."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / 'templates'), trim_blocks=True,
+        autoescape=jinja2.select_autoescape(['xml.j2']), undefined=jinja2.StrictUndefined)
+    return environment.get_template(f'{LAYOUTS[program]}.j2').render(
+        arm=arm.name, base=base_frame(arm.full_model), methods={
+            method: (FIELD[method], names) for method in METHODS
+            if (names := arm.channels[SOURCE[method]])}) + '\n'

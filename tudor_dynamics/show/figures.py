@@ -367,8 +367,9 @@ def ringdown_figure(ringdowns: Sequence[Ringdown]) -> Plot:
 
 def arm_figure(arm: Arm, q: FloatArray) -> Plot:
     """Draw joints, tip and gauges at a pose (active joints,) [rad or m]."""
-    model, data = arm.model, arm.model.createData()
-    pin.framesForwardKinematics(model, data, q)
+    model, data, pose = arm.model, arm.model.createData(), np.zeros(arm.model.nq)
+    pose[arm.velocity_index] = q
+    pin.framesForwardKinematics(model, data, pose)
     names = ['base', *arm.active_joints]
     at = np.array([np.zeros(3), *(data.oMi[model.getJointId(name)].translation
                                   for name in arm.active_joints)])
@@ -470,10 +471,9 @@ def roc_figure(curves: Mapping[str, Roc]) -> Plot:
                    trace(look, roc.per_hour()[[roc.now]], roc.share()[[roc.now]],
                          f'{method}, threshold in force', points=True,
                          across=roc.false_interval(roc.now))]
-    first = next(iter(curves.values()))
+    pushes = next(iter(curves.values())).pushes
     # what matters stands left; the rest is there to be zoomed out to
     reach = 3.0 * max(10.0 * ALLOWED, *(roc.false_interval(roc.now)[1] for roc in curves.values()))
     return {'columns': 1, 'panels': [panel(
-        '', f'false events per hour, in {60.0 * first.hours:.3g} min without a push',
-        f'pushes found of {first.pushes} [%]', *traces, height=300, ylim=(-2, 104),
-        xlim=(-0.03 * reach, reach))]}
+        '', 'false events per hour', f'pushes found of {pushes} [%]', *traces, height=300,
+        ylim=(-2, 104), xlim=(-0.03 * reach, reach))]}

@@ -30,8 +30,9 @@ import numpy as np
 
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.detection import (
-    best_of, EVENT_FIGURES, EVENT_NAMES, event_notes, event_rows, MethodResult)
+    best_of, EVENT_NAMES, event_notes, event_table, MethodResult)
 from tudor_dynamics.identification.doctor.between import Evaluated
 from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, RUN_IN, Start
 from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, STARTS
@@ -41,7 +42,7 @@ from tudor_dynamics.identification.next_steps import (
 from tudor_dynamics.identification.ringdowns import (
     find_ringdowns, LEAST_SECONDS, mode_map, Ringdown, Ringing)
 from tudor_dynamics.identification.validation import (
-    GOOD_FIT, Grade, LARGEST_CONDITION, USABLE_FIT, Validation)
+    GOOD_FIT, Grade, LARGEST_CONDITION, shown_fit, USABLE_FIT, Validation)
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import KINDS, ModelBundle
@@ -69,22 +70,6 @@ class LastFit:
 
     path: str  # of its bundle
     facts: Mapping[str, Any]  # of its bundle
-
-    @property
-    def bags(self) -> list[str]:
-        """Bags that it was fitted to."""
-        return [str(bag.get('bag')) for bag in self.facts.get('training', ())]
-
-    @property
-    def judged(self) -> list[str]:
-        """Bags that it was judged by."""
-        return [str(bag.get('bag')) for bag in self.facts.get('test', ())] or self.bags
-
-    @property
-    def made(self) -> str:
-        """When and by what it was made; empty of bundles that do not say so."""
-        made = self.facts.get('made', {})
-        return ', '.join(str(made[key]) for key in ('date', 'version') if key in made)
 
 
 @dataclass(frozen=True)
@@ -188,7 +173,7 @@ def render(
     result: FitResult, assessment: Assessment | None = None, planned: Comparison | None = None,
     made: Mapping[str, str] | None = None, last: LastFit | None = None,  # made: provenance
 ) -> str:
-    """Render the report of a fit: sections with their templates, and what all of them show."""
+    """Render the report of a fit: what all of its sections show."""
     assessment = assess(result) if assessment is None else assessment
     outputs = [_output(result, assessment, output) for output in
                dict.fromkeys(item.output for item in result.fitted)]
@@ -200,25 +185,10 @@ def render(
     axes = joint_axes(result)
     pairs = joint_pairs(axes)
     live = () if result.causal is None else result.causal.fitted
-    sections = [
-        ('verdict', 'Verdict', True), ('next', 'What to do next', True),
-        ('figures', 'Figures', True), ('last', 'Compared with the last fit', last is not None),
-        ('doctor', 'Doctor', True),
-        *((output['key'], f'{output["title"]} over time', True) for output in outputs),
-        ('thresholds', 'Collision thresholds', any(output['limits'] for output in outputs)),
-        ('coefficients', 'Coefficients', any(output['groups'] for output in outputs)),
-        ('before', 'Before and after', before is not None),
-        ('planned', 'What was planned', planned is not None),
-        ('elastic', 'Elastic arm', elastic is not None),
-        ('choices', 'What was chosen', bool(result.choices)),
-        ('coverage', 'Coverage', True), ('bags', 'Bags and warnings', True),
-        ('settings', 'Settings and provenance', True), ('reading', 'How to read this', True)]
     return rendered(
         'page', arm=result.arm.name, joints=result.arm.active_joints,
-        sections=[(anchor, title) for anchor, title, there in sections if there],
         overall=overall((result.causal or result).fitted, assessment.detects),
-        picture=arm_figure(result.arm, np.median(np.column_stack(
-            [axis.training for axis in axes])[:, result.arm.velocity_index], axis=0)),
+        picture=arm_figure(result.arm, np.array([np.median(axis.training) for axis in axes])),
         ringing=_ringing(result),
         analytical=any(item.kind == 'analytical' for item in result.fitted),
         judged=[*((item, 'beside the robot') for item in live),
@@ -251,7 +221,8 @@ def rendered(template: str, **values: Any) -> str:
         loader=jinja2.FileSystemLoader(folder), autoescape=True,
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {'encoded': encoded, 'number': number, 'unit': pretty_unit,
-                            'in_words': in_words, 'kind': lambda kind: KINDS[kind].label}
+                            'in_words': in_words, 'shown_fit': shown_fit,
+                            'kind': lambda kind: KINDS[kind].label}
     # only these two scripts run, whatever stands in names
     scripts = [get_plotlyjs().strip(), (folder / 'report.js').read_text().strip()]
     allowed = [f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
@@ -434,15 +405,18 @@ MOST = 6  # bags whose ratios a page draws
 
 
 def collision_page(
-    bundle: ModelBundle, bags: Sequence[str], results: Sequence[MethodResult], allowed: float,
+    bundle: ModelBundle, data: Sequence[BagData], results: Sequence[MethodResult], allowed: float,
     made: dict[str, str],
 ) -> str:
     """Render the page of what a detector found; allowed: false alarms per hour; made: as above."""
+    bags = [str(bag.choice) for bag in data]
     curves = {item.method: item.roc for item in results if item.roc.pushes}
     pictures = [(f'{item.method}: {item.watched[bag].bag}', event_figure(item, bag))
                 for bag in range(min(len(bags), MOST)) for item in results]
     return rendered(
-        'collisions', arm=bundle.arm.name, bags=bags, results=results, per_hour=allowed,
-        best=best_of(results), roc=roc_figure(curves) if curves else None, pictures=pictures,
-        made=made, notes=event_notes(results), names=EVENT_NAMES, figures=EVENT_FIGURES,
-        tables=[(bag, *event_rows(results, place)) for place, bag in enumerate(bags)])
+        'collisions', arm=bundle.arm.name, picture=arm_figure(
+            bundle.arm, np.median(np.vstack([bag.recording.q for bag in data]), axis=0)),
+        bags=bags, results=results, per_hour=allowed, best=best_of(results), pictures=pictures,
+        roc=roc_figure(curves) if curves else None, made=made, notes=event_notes(results),
+        names=EVENT_NAMES,
+        tables=[(bag, *event_table(results, place)) for place, bag in enumerate(bags)])

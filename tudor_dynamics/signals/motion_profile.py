@@ -80,15 +80,14 @@ def _two_pulses(v: float, peak: float, a_max: float) -> float:
 
 
 @compiled
-def _approach(plan: NDArray, at: int, distance: float, speed: float, v_max: float, a_max: float,
-              ) -> None:
-    """Fill the four segments from ``at`` on: from a speed without acceleration to rest."""
+def _approach(plan: NDArray, distance: float, speed: float, v_max: float, a_max: float) -> None:
+    """Fill the segments after the first: from a speed without acceleration to rest."""
     # In the direction in which the arm still has to go once it has braked.
     braking = _pulse_time(abs(speed), a_max)
     stop = stopping_distance(speed, a_max)
     sign = 1.0 if distance >= stop else -1.0
     d, v = sign * distance, sign * speed
-    k = FIRST + 4 * at
+    k = FIRST + 4
     plan[k] = 0.0
     if v < 0.0:
         # It brakes at once and turns only then: one pulse through both would stop later.
@@ -153,7 +152,7 @@ def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v
     plan[TARGET], plan[Q] = target, q
     plan[FIRST], plan[FIRST + 1], plan[FIRST + 2], plan[FIRST + 3] = fade, dq, ddq, FADE
     moved, speed, _ = _segment(FADE, ddq, dq, fade, fade)
-    _approach(plan, 1, target - q - moved, speed, v_max, a_max)
+    _approach(plan, target - q - moved, speed, v_max, a_max)
     if not inside or push == 0.0:
         return
     soonest = _lasts(plan)
@@ -162,7 +161,7 @@ def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v
     whole, speed, _ = _segment(kind, push, first, length, length)
     plan[CLOCK], plan[Q] = begun, q - moved
     plan[FIRST], plan[FIRST + 1], plan[FIRST + 2], plan[FIRST + 3] = length, first, push, kind
-    _approach(plan, 1, target - q + moved - whole, speed, v_max, a_max)
+    _approach(plan, target - q + moved - whole, speed, v_max, a_max)
     turns = push * dq < 0.0 and (target - q + moved - whole) * dq <= 0.0
     if _lasts(plan) > soonest and not turns:
         plan[:] = kept

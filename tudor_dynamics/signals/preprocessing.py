@@ -254,8 +254,6 @@ def _filtered(
         return zero_phase(t, q, spec.cutoff or rate / 10.0, measured)
     filt = CausalDifferentiator(spec.velocity_cutoff, spec.acceleration_cutoff)
     states = filt.process(dt, q, measured)
-    if spec.output_cutoff is None:
-        return states
     return MotionState(causal_outputs(dt, states.q, spec.output_cutoff),
                        causal_outputs(dt, states.dq, spec.output_cutoff), states.ddq)
 
@@ -308,9 +306,8 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
         If no stretch is long enough, or a cut-off does not fit the sample rate.
 
     """
-    for name in ('q', 'dq', 'effort', 'strain'):
-        if getattr(recording, name) is not None:
-            finite_array(getattr(recording, name), name, len(recording.stamp), None)
+    for name, values in recording.signals.items():
+        finite_array(values, name, len(recording.stamp), None)
     stretches = []
     t_all = recording.t
     for part in recording.segments:

@@ -35,7 +35,7 @@ from tudor_dynamics.models.elastic import kernel, observer
 from tudor_dynamics.models.elastic.kernel import (
     DAMPING, Driven, Drives, Equations, Gauges, Gears, Linearised, look, MATRICES, move,
     SPRING_FLOATS, STIFFNESS, tables_of, tangents, VECTORS, Z)
-from tudor_dynamics.models.elastic.observer import observe, seen_rows, white_force
+from tudor_dynamics.models.elastic.observer import observe, white_force
 from tudor_dynamics.models.elastic.parameters import apply, change, described, Physics
 from tudor_dynamics.models.settings import INNER_STEP
 from tudor_dynamics.signals.filters import low_pass
@@ -236,7 +236,9 @@ class DrivenArm:
         self._deviation = np.maximum(np.asarray(deviation, dtype=float), 1e-12)
         self.small, self.pushed = np.zeros((3, m, m)), np.zeros((m, observer.FORCES))
         self.shown = moment_rows(self.mechanism, self.gauges, self.tables.equations.free)
-        self._seen = seen_rows(self.shown, lags=lag > 0.0)
+        still = np.zeros_like(self.shown)
+        self._seen = np.hstack(
+            [still, still, np.eye(len(still))] if lag > 0.0 else [self.shown, still])
         self._covariance = np.zeros((self._seen.shape[1],) * 2)
         self.follow(np.tile(self._vectors[Z, self.tables.gears.place], (2, 1)),
                     np.array([0.0, 1e-3]))
@@ -353,28 +355,18 @@ def follow_together(
             begun[i] = arm.prompt(q[:end], dt[:end], towards[i][:end], gains).moment
         except SimulationError:
             continue
-    found = begun
-    if end < len(q):
-        rest = _after_the_first(arms, [*begun], q[1:], dt[1:], towards, gains[1:])
-        found = {i: np.vstack([begun[i], moment]) for i, moment in rest.items()}
-    return [arm.late(found[i], dt) if i in found else None for i, arm in enumerate(arms)]
-
-
-def _after_the_first(
-    arms: Sequence[DrivenArm], lanes: list[int], q: FloatArray, dt: FloatArray,
-    towards: Sequence[FloatArray], gains: FloatArray,
-) -> dict[int, FloatArray]:
-    """Follow from the second sample on; who diverges is left out, and the rest begins again."""
-    while lanes:
+    found, lanes = ({}, [*begun]) if end < len(q) else (begun, [])
+    while lanes:  # from the second sample on; who diverges is left out, and the rest begins again
         done, moment, states = _follow_lanes(
-            [arms[i] for i in lanes], [q], dt, [towards[i][1:] for i in lanes], gains)
-        if done == len(q):
-            return {i: np.ascontiguousarray(moment[:, :, lane]) for lane, i in enumerate(lanes)}
+            [arms[i] for i in lanes], [q[1:]], dt[1:], [towards[i][1:] for i in lanes], gains[1:])
+        if done == len(q) - 1:
+            found = {i: np.vstack([begun[i], moment[:, :, lane]]) for lane, i in enumerate(lanes)}
+            break
         size = np.abs(states).sum(axis=(0, 1))[:len(lanes)]
         # a matrix that cannot be factorised leaves no trace: then the widest state goes
         lost = ~(size < TOO_FAR) if not np.all(size < TOO_FAR) else size == size.max()
         lanes = [i for i, gone in zip(lanes, lost, strict=True) if not gone]
-    return {}
+    return [arm.late(found[i], dt) if i in found else None for i, arm in enumerate(arms)]
 
 
 def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray:

@@ -72,9 +72,12 @@ def gear(row: NDArray, twist: float, rate: float) -> tuple[float, float, float]:
 # The axial coordinate is no freedom of its own but follows from bending, in motion, forces and
 # mass matrix alike. A beam whose STRETCH is below zero is linear, and nothing draws it in.
 
+BENT = (1, 5, 2, 4)  # coordinates of the end of a beam that bend it
+
+
 @compiled
 def shortening_rows(v: NDArray, first: int, length: float) -> tuple[float, float, float, float]:
-    """Give what bending does along a beam of one element, by coordinates 1, 5, 2, 4 of its end."""
+    """Give what bending does along a beam of one element, by the coordinates `BENT`."""
     gy = hermite_slope((0.0, 0.0, v[first + 1], v[first + 5]), length)
     gz = hermite_slope((0.0, 0.0, v[first + 2], -v[first + 4]), length)
     return gy[2], gy[3], gz[2], -gz[3]
@@ -109,12 +112,9 @@ def add_shortening(z: NDArray, body_int: NDArray, body_float: NDArray, force: ND
         if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
             continue
         k = body_int[b, at.FIRST]
-        pressure = -force[k]
-        g1, g5, g2, g4 = shortening_rows(z, k, body_float[b, at.LENGTH])
-        force[k + 1] += pressure * g1
-        force[k + 5] += pressure * g5
-        force[k + 2] += pressure * g2
-        force[k + 4] += pressure * g4
+        pressure, g = -force[k], shortening_rows(z, k, body_float[b, at.LENGTH])
+        for i in range(4):
+            force[k + BENT[i]] += pressure * g[i]
 
 
 @compiled
@@ -126,19 +126,13 @@ def shorten_mass(z: NDArray, body_int: NDArray, body_float: NDArray, mass: NDArr
         if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
             continue
         k = body_int[b, at.FIRST]
-        g1, g5, g2, g4 = shortening_rows(z, k, body_float[b, at.LENGTH])
+        g = shortening_rows(z, k, body_float[b, at.LENGTH])
         for j in range(mass.shape[0]):
-            along = mass[k, j]
-            mass[k + 1, j] -= g1 * along
-            mass[k + 5, j] -= g5 * along
-            mass[k + 2, j] -= g2 * along
-            mass[k + 4, j] -= g4 * along
+            for i in range(4):
+                mass[k + BENT[i], j] -= g[i] * mass[k, j]
         for j in range(mass.shape[0]):
-            along = mass[j, k]
-            mass[j, k + 1] -= g1 * along
-            mass[j, k + 5] -= g5 * along
-            mass[j, k + 2] -= g2 * along
-            mass[j, k + 4] -= g4 * along
+            for i in range(4):
+                mass[j, k + BENT[i]] -= g[i] * mass[j, k]
 
 
 # -- What is missing for a driven arm's motion to be a true one, and how it rests, compiled

@@ -206,7 +206,7 @@ class ElasticModel(Model):
     def __repr__(self) -> str:
         """Write outputs and the physical parameters that were identified."""
         state = '' if self.coefficients_ is not None else ', not fitted'
-        found = [f'  {parameter.name} = {parameter.value:.4g} {parameter.unit}'
+        found = [f'  {parameter.name}: {parameter.value:.4g} {parameter.unit}'
                  for parameter in self.physical]
         return '\n'.join([f'{type(self).__name__}({", ".join(self.channels)}{state})', *found])
 

@@ -190,13 +190,6 @@ def correct(
     return True
 
 
-def seen_rows(shown: FloatArray, *, lags: bool) -> FloatArray:
-    """Give what each gauge shows of the observer's state: (gauges, n)."""
-    gauges, m = shown.shape
-    still = np.zeros((gauges, m))
-    return np.hstack([still, still, np.eye(gauges)] if lags else [shown, still])
-
-
 def white_force(
     small: Linearised, pushed: FloatArray, shown: FloatArray, bandwidth: float, lag: float = 0.0,
 ) -> float:

@@ -39,7 +39,7 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
-from tudor_dynamics.errors import ArmError, meant, TudorError
+from tudor_dynamics.errors import ARGUMENT, ArmError, meant, TudorError
 from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param
 from tudor_dynamics.nodes.common.messages import JointStateDecoder
 from tudor_dynamics.nodes.common.runner import run
@@ -353,8 +353,9 @@ class TudorNode(Node):
             f'{", ".join(dict.fromkeys(sources))}; stop all but the driver of this arm'))
 
     def named(self, text: str) -> str:
-        """Give services of this node the names by which they are called."""
-        return text.replace('service ~', f'service {self.get_fully_qualified_name()}')
+        """Give services of this node, and its parameters, the names by which they are called."""
+        return ARGUMENT.sub(r'the parameter \1', text.replace(
+            'service ~', f'service {self.get_fully_qualified_name()}'))
 
     def problems(self, message: str) -> tuple[str, dict[str, str]]:
         """Give the first problem of a verdict, and the others as values of a diagnosis."""
