@@ -164,7 +164,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
                      "no model of kind 'elastic'"),
     'channel': (lambda s: s['prediction'].plot(channel='x'), 'it has link2_hub, link3_hub'),
     'output': (lambda s: s['prediction'].plot(output='x'), 'it has effort, strain'),
-    'picture': (lambda s: s['prediction'].plot('a.txt'), 'expected a picture'),
+    'picture': (lambda s: s['prediction'].plot('a.txt'), 'ends in .png or .svg or .pdf'),
     'arm to simulate': (lambda s: td.simulate('arm.yaml'), 'expected Arm'),
     'joint': (lambda s: td.simulate(s['arm'], {'x': 1.0}), 'use some of'),
     'text': (lambda s: td.simulate(s['arm'], 'x + 1'), 'not allowed in an expression'),

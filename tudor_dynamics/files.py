@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 import datetime
 import errno
 from functools import lru_cache
@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics._version import __version__
-from tudor_dynamics.errors import TudorError
+from tudor_dynamics.errors import TudorError, UsageError
 import yaml
 
 
@@ -151,6 +151,42 @@ def _put(new: Path, path: Path, replace: bool) -> None:
     shutil.rmtree(aside, ignore_errors=True)
 
 
+SIGNATURE = 'made by tudor_dynamics'
+"""What pages, pictures and bug reports hold, so that the next one may take their place."""
+MAX_DRAWN = 1 << 26
+
+
+def check_target(
+    path: str | Path, *, overwrite: bool | None = False, name: str = 'out',
+    endings: Sequence[str] = (), mark: str = '', kind: type[TudorError] = UsageError,
+) -> Path:
+    """
+    Refuse another ending, and what may not be replaced: the one rule, asked before the work.
+
+    Pages and pictures of tudor are replaced, other files only with overwrite (None: not to be
+    had), and of folders those that hold a file called mark. name: argument of the path.
+    """
+    path, remedy = Path(path), f'choose another {name}='
+    if endings and path.suffix.lower() not in endings:
+        raise kind(f'expected a file that ends in {" or ".join(endings)}', place=path,
+                   remedy=remedy)
+    if not os.path.lexists(path) or (not overwrite and _is_drawn(path)):
+        return path
+    if not overwrite:
+        raise kind('exists already', place=path,
+                   remedy=remedy if overwrite is None else f'{remedy}, or add overwrite=')
+    if mark and not (path / mark).is_file() or not mark and path.is_dir():
+        raise kind('exists already and is not what would be written, so it is not replaced',
+                   place=path, remedy=remedy)
+    return path
+
+
+def _is_drawn(path: Path) -> bool:
+    with suppress(OSError):
+        return SIGNATURE.encode() in read_bounded(path, MAX_DRAWN)
+    return False
+
+
 def other_name(path: Path) -> Path:
     """Give a name beside a path, of nothing that is there."""
     return next(other for number in count(2) if not os.path.lexists(
@@ -167,7 +203,9 @@ def write_whole(path: Path, data: bytes) -> None:
 def write_figure(figure: Any, path: Path, dpi: int = 150) -> None:
     """Write a figure of matplotlib, whole or not at all."""
     stream = io.BytesIO()
-    figure.savefig(stream, format=path.suffix[1:], dpi=dpi)
+    name = path.suffix[1:].lower()
+    figure.savefig(stream, format=name, dpi=dpi,
+                   metadata={'Software' if name == 'png' else 'Creator': SIGNATURE})
     write_whole(path, stream.getvalue())
 
 

@@ -29,7 +29,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import check_budget, check_type, ModelError, TudorWarning, UsageError
-from tudor_dynamics.files import provenance, write_figure
+from tudor_dynamics.files import check_target as checked, provenance, write_figure
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, check_choices, choices, common_outputs, filtered, load, parse_choice, part,
@@ -317,9 +317,10 @@ class Prediction(Shown):
         """Draw a channel of the first bag: measured, predicted by each model, and the residual."""
         # plots are slow to import, and most predictions are read
         from tudor_dynamics.show.figures import liveliest, signal_figure
-        from tudor_dynamics.show.pictures import draw, picture_path, style
+        from tudor_dynamics.show.pictures import draw, style, SUFFIXES
 
-        target = None if path is None else picture_path(path)
+        target = None if path is None else checked(
+            path, overwrite=True, name='path', endings=SUFFIXES)
         output = output or ('strain' if 'strain' in self.outputs else next(iter(self.outputs)))
         kinds = self.outputs[_known(self.outputs, output, 'output')]
         first = next(iter(kinds.values()))

@@ -400,7 +400,7 @@ def test_writer_leaves_nothing_half_done(tmp_path):
     assert list(tmp_path.iterdir()) == []
     bag = make_bag(tmp_path / 'b')
     before = {item: item.read_bytes() for item in bag.iterdir()}
-    with pytest.raises(BagError, match='not overwritten'):
+    with pytest.raises(BagError, match='exists already; choose another path=, or add overwrite='):
         make_bag(bag)
     assert before == {item: item.read_bytes() for item in bag.iterdir()}
     with pytest.raises(BagError, match="storage 'bag' is unknown"):

@@ -74,3 +74,15 @@ def test_what_cannot_be_compared_is_said(sides, root, capsys):
     assert 'describes no masses' in capsys.readouterr().err
     assert main(['compare', str(root / 'config' / 'tudor.yaml'), arm]) == 2
     assert 'compare models of the same arm' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('words', [
+    ('{arm}', '--model', '{model}'), ('--arm', '{arm}', '--model={model}'),
+    ('--arm={arm}', '{model}')])
+def test_the_names_of_other_commands(sides, capsys, words):
+    """--arm and --model name a side each, in the order in which they are given."""
+    places = {'arm': sides / 'robot.yaml', 'model': sides / 'model'}
+    assert main(['compare', *(word.format_map(places) for word in words), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert main(['compare', *map(str, places.values()), '--json']) == 0
+    assert json.loads(capsys.readouterr().out) == found

@@ -19,11 +19,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 import shutil
+from subprocess import SubprocessError
 import time
 from types import SimpleNamespace
 
+from printed import unwrapped
 import pytest
-
 from tudor_dynamics.cli import doctor
 from tudor_dynamics.cli.main import main
 
@@ -42,8 +43,9 @@ def sound(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 def machine(monkeypatch: pytest.MonkeyPatch, clock: str = 'yes', heard: str = '{}') -> None:
     """Let other programs say whether the clock is synchronised, and what topics were heard."""
-    monkeypatch.setattr(doctor.subprocess, 'run', lambda call, **_: SimpleNamespace(
-        stdout=heard if 'live_topics' in call else clock))
+    monkeypatch.setattr(doctor, 'subprocess', SimpleNamespace(
+        SubprocessError=SubprocessError, run=lambda call, **_: SimpleNamespace(
+            stdout=heard if 'live_topics' in call else clock)))
 
 
 def test_a_sound_machine(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -107,10 +109,80 @@ def test_what_the_machine_lacks(
     assert 'set the clock' in remedies(capsys)['clock']
     monkeypatch.setattr('os.getloadavg', lambda: (999.0, 0.1, 0.1))
     assert 'late' in remedies(capsys)['processor']
-    monkeypatch.setattr('os.access', lambda path, mode: False)
-    assert {'compiled loops', 'bags of events', 'temporary files'} <= set(remedies(capsys))
     monkeypatch.setattr(shutil, 'disk_usage', lambda path: SimpleNamespace(free=10**9))
     assert '1.3 GB' in remedies(capsys)['space for them']
+
+
+def test_folders_are_written_to(
+    sound: Path, small_disk: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A full disk, and a file where a folder should be, are found by writing; no file is left."""
+    monkeypatch.setenv('ROS_HOME', str(small_disk / 'ros'))
+    found = main(['doctor', '--json']), json.loads(capsys.readouterr().out)['checks']
+    assert [item['found'] for item in found[1] if item['name'] == 'bags of events'] == [
+        str(small_disk / 'ros' / 'tudor_dynamics' / 'events')]
+    assert not list(small_disk.iterdir())
+    (small_disk / 'rest').write_bytes(bytes(shutil.disk_usage(small_disk).free))
+    said = remedies(capsys)
+    assert '(No space left on device): set ROS_HOME' in said['bags of events']
+    assert 'events need up to 1.3 GB there' in said['space for them']
+    monkeypatch.setenv('ROS_HOME', str(small_disk / 'rest'))
+    assert '(Not a directory)' in remedies(capsys)['bags of events']
+    assert [path.name for path in small_disk.iterdir()] == ['rest']
+
+
+@pytest.mark.parametrize(('programs', 'kernel', 'said', 'todo'), [
+    ({}, 0, ', synchronised', False), ({}, 5, ', not synchronised', True),
+    ({}, -1, 'see `chronyc tracking`', False), ({}, None, 'see `chronyc tracking`', False),
+    ({'chronyc': 'Stratum : 3\nLeap status     : Normal\n'}, 5, ', synchronised', False),
+    ({'chronyc': 'Leap status     : Not synchronised\n'}, 0, ', not synchronised', True),
+    ({'timedatectl': 'no'}, 0, ', not synchronised', True),
+    ({'timedatectl': 'no', 'chronyc': 'Leap status     : Normal'}, 5, ', synchronised', False)])
+def test_who_knows_of_the_clock(
+    programs: dict[str, str], kernel: int | None, said: str, todo: bool,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Chrony or the kernel where systemd is absent; where nobody answers, how to find out."""
+    def program(call: tuple[str, ...], **_: object) -> SimpleNamespace:
+        if call[0] in ('timedatectl', 'chronyc') and call[0] not in programs:
+            raise FileNotFoundError(call[0])
+        return SimpleNamespace(stdout=programs.get(call[0], '{}'))
+    monkeypatch.setattr(doctor.subprocess, 'run', program)
+    monkeypatch.setattr(doctor.ctypes, 'CDLL', lambda name: SimpleNamespace(
+        **{} if kernel is None else {'adjtimex': lambda given: kernel}))
+    assert main(['doctor', '--json']) == todo
+    clock, = (item for item in json.loads(capsys.readouterr().out)['checks']
+              if item['name'] == 'clock')
+    assert said in clock['found'] and bool(clock['remedy']) == todo
+
+
+def test_the_kernel_answers() -> None:
+    """The call is one that Linux has; in a container it may be forbidden."""
+    assert doctor.ctypes.CDLL(None).adjtimex(doctor.ctypes.create_string_buffer(256)) in range(
+        -1, 6)
+
+
+@pytest.mark.parametrize(('default', 'most', 'rate', 'said', 'todo'), [
+    ('212992', '212992', 100.0, '213 kB, 1 kHz needs 384 kB: sudo sysctl -w', False),
+    ('212992', '4194304', 1000.0, '213 kB, 1 kHz needs 384 kB', True),
+    ('524288', '4194304', 1000.0, '524 kB, 1 kHz needs 384 kB', False),
+    ('524288', '4194304', 2000.0, '524 kB, 1 kHz needs 384 kB', True),
+    ('none', '212992', 1000.0, 'not known', False)])
+def test_receive_buffers(
+    default: str, most: str, rate: float, said: str, todo: bool, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Those that Fast DDS takes are named where they are small, with what makes them larger."""
+    (tmp_path / 'rmem_default').write_text(default)
+    (tmp_path / 'rmem_max').write_text(most)
+    monkeypatch.setattr(doctor, 'BUFFERS', tmp_path)
+    machine(monkeypatch, heard=json.dumps({'/joint_states': {**FINE, 'rate': rate}}))
+    assert main(['doctor']) == todo
+    out = capsys.readouterr().out
+    assert said in unwrapped(out)
+    assert all(len(line) <= 80 for line in out.splitlines() if 'net.core' in line)
+    assert ('loses samples: sudo sysctl -w net.core.rmem_default=' in unwrapped(out)) == todo
 
 
 FINE = {'publishers': 1, 'rate': 500.0, 'gap': 0.004, 'age': 0.002}

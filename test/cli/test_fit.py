@@ -197,10 +197,11 @@ def test_nothing_is_written_over(
     """A bundle is replaced only on request, anything else never."""
     words = ['fit', root / 'bags/two_blade_train_1', '--arm', root / 'config/two_blade_arm.yaml']
     before = (fitted / 'model.yaml').read_bytes()
-    assert 'folder, or tudor fit --overwrite' in one_line(capsys, *words, '--out', fitted)
+    line = one_line(capsys, *words, '--out', fitted)
+    assert 'exists already; choose another --out, or add --overwrite' in line
     assert (fitted / 'model.yaml').read_bytes() == before
     line = one_line(capsys, *words, '--out', root / 'config', '--overwrite')
-    assert 'not a model bundle' in line and (root / 'config/tudor.yaml').is_file()
+    assert 'so it is not replaced' in line and (root / 'config/tudor.yaml').is_file()
 
 
 def test_overlapping_parts_are_refused(

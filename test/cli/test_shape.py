@@ -112,6 +112,14 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sent.trajectory.t[-1] == pytest.approx(1.072, abs=1e-3)
     assert main(command) == 2 and 'exists already' in capsys.readouterr().err
     assert main([*command[:3], '-1', *command[4:], '--overwrite']) == 2
+    bags = [tmp_path / 'path', tmp_path / 'still']
+    for bag in bags:
+        write_trajectories(bag, [Sent(_move())])
+    command = ['shape', str(bags[0]), '--frequency', '2.9', '--out', str(bags[1])]
+    assert main(command) == 2 and 'or add --overwrite' in capsys.readouterr().err
+    assert main([*command, '--overwrite']) == 0
+    (sent,) = read_trajectories(bags[1])
+    assert sent.trajectory.t[-1] == pytest.approx(1.072, abs=1e-3)
 
 
 @pytest.fixture(scope='module')

@@ -48,7 +48,7 @@ def test_a_run_leaves_arrays_bag_figures_and_animation(root, tmp_path, capsys):
     out = tmp_path / 'out'
     code = main(['simulate', str(root / 'config' / 'single_flexible_link.yaml'), '--torque',
                  '1+0.5*sin(20*t)', '--seconds', '0.3', '--rate', '100', '--out', str(out),
-                 '--pictures', '--signals', 'strain:hub', 'acceleration:tip', '--animate',
+                 '--pictures', '--signals', 'strain:hub', 'acceleration:tip', '--picture',
                  str(tmp_path / 'a.gif')])
     assert code == 0
     with np.load(out / 'run.npz', allow_pickle=False) as file:
@@ -211,7 +211,7 @@ def test_a_mechanism_that_moves_nothing_is_refused(description, tmp_path, capsys
     (['--torque', '1', '--dt', '0.05'], 'too large'),
     (['--torque', '1', '--dt', '0'], '--dt must be above 0'),
     (['--torque', '1', '--hold', 'knee'], 'knee'), (['--modes', '0'], '--modes'),
-    (['--torque', '1', '--animate', 'x.avi'], 'expected a file name'),
+    (['--torque', '1', '--picture', 'x.avi'], 'file that ends in .gif or .mp4'),
     (['--torque', '1', '--pictures', '--signals', 'q:knee'], 'no such signal'),
     (['--torque', 'missing.csv'], 'missing.csv'), (['--force', '2*t'], 'x=EXPRESSION'),
     (['--force', 'w=2'], 'x=EXPRESSION'), (['--force', 'x=1/t'], 'not finite at t = 0')])
@@ -249,7 +249,7 @@ def test_files_that_cannot_be_written(root, tmp_path, capsys, monkeypatch, name)
     out = tmp_path / 'out'
     code = main(['simulate', str(root / 'config' / 'single_flexible_link.yaml'), '--torque', '1',
                  '--seconds', '0.1', '--rate', '100', '--pictures', '--signals', 'energy', '--out',
-                 str(out), '--animate', str(out / 'a.gif')])
+                 str(out), '--picture', str(out / 'a.gif')])
     err = capsys.readouterr().err
     assert code == 2
     assert err.endswith(f'{name}: No space left on device; free some space\n')

@@ -62,7 +62,7 @@ def test_what_the_delay_forbids(tmp_path: Path, capsys: Any) -> None:
     (['--out', 'schedule.txt'], 'expected a file that ends in .yaml'),
     (['--out', 'schedule.yaml', '--damping-ratio', '2'], 'give 0.02 to 0.95'),
     (['--out', 'schedule.yaml', '--payloads', '0.2', '0.1'], 'expected masses of 0 kg or more'),
-    (['--out', 'schedule.yaml', '--picture', 'picture.bmp'], 'expected a picture'),
+    (['--out', 'schedule.yaml', '--picture', 'picture.bmp'], 'ends in .png or .svg or .pdf'),
     (['--out', 'schedule.yaml', '--model', 'nothing'], 'nothing')])
 def test_wrong_input(more: list[str], cause: str, capsys: Any) -> None:
     """One line and exit code 2; nothing is written."""

@@ -38,8 +38,8 @@ LINK = 'config/single_flexible_link.yaml'
 COMMANDS = {
     'export': 'export {model} --to csv --overwrite --out {pipe}',
     'export to a description': 'export {model} --to yaml --overwrite --out {pipe}',
-    'evaluate --save': 'evaluate {bag} --model {model} --save {pipe}',
-    'evaluate --report': 'evaluate {bag} --model {model} --report {pipe}.html',
+    'evaluate --save': 'evaluate {bag} --model {model} --overwrite --save {pipe}.npz',
+    'evaluate --report': 'evaluate {bag} --model {model} --overwrite --report {pipe}.html',
     'fit': 'fit {bag} --arm config/two_blade_arm.yaml --overwrite --out {pipe}',
     'feedforward': 'feedforward {table} --model {model} --overwrite --out {pipe}.csv',
     'feedforward to a bag': 'feedforward {bag} --model {model} --overwrite --out {pipe}',
@@ -48,11 +48,13 @@ COMMANDS = {
     'init': 'init {bag} --overwrite --out {pipe}.yaml',
     'record': 'record --arm config/tudor.yaml --seconds 3 --out {pipe}',
     'simulate': f'simulate {LINK} --torque 0 --seconds 0.01 --out {{pipe}}',
-    'simulate --animate': f'simulate {LINK} --torque 0 --seconds 0.1 --animate {{pipe}}.gif',
-    'simulate --pictures': f'simulate {LINK} --pictures --out {{folder}}',
-    'watch --picture': 'watch {bag} --model {model} --picture {pipe}.svg',
-    'tune': 'tune config/tudor.yaml --payloads 0 --out {pipe}.yaml',
-    'tune --picture': 'tune config/tudor.yaml --payloads 0 --out {free}.yaml --picture {pipe}.png',
+    'simulate --picture': f'simulate {LINK} --torque 0 --seconds 0.1 --overwrite '
+                          '--picture {pipe}.gif',
+    'simulate --pictures': f'simulate {LINK} --pictures --overwrite --out {{folder}}',
+    'watch --picture': 'watch {bag} --model {model} --overwrite --picture {pipe}.svg',
+    'tune': 'tune config/tudor.yaml --payloads 0 --overwrite --out {pipe}.yaml',
+    'tune --picture': 'tune config/tudor.yaml --payloads 0 --overwrite --out {free}.yaml '
+                      '--picture {pipe}.png',
 }
 
 

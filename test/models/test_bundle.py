@@ -323,7 +323,7 @@ def test_overwrite(tmp_path: Path) -> None:
     """A bundle is replaced on request alone, anything else never; the message says what to do."""
     path = tmp_path / 'model'
     save_bundle(_bundle(), path)
-    with pytest.raises(ModelError, match='another folder, or tudor fit --overwrite'):
+    with pytest.raises(ModelError, match='exists already; choose another path=, or add overwrite='):
         save_bundle(_bundle(), path)
     (path / 'report.html').write_text('old')
     save_bundle(_bundle(facts={'new': True}), path, overwrite=True)
@@ -332,7 +332,7 @@ def test_overwrite(tmp_path: Path) -> None:
     other = tmp_path / 'thesis'
     other.mkdir()
     (other / 'chapter1.tex').write_text('years')
-    with pytest.raises(ModelError, match='is not a model bundle, so it is not overwritten'):
+    with pytest.raises(ModelError, match='is not what would be written, so it is not replaced'):
         check_target(other, overwrite=True)
     assert sorted(p.name for p in tmp_path.iterdir()) == ['model', 'thesis']
 

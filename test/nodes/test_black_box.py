@@ -22,11 +22,16 @@ from dataclasses import replace
 import json
 from pathlib import Path
 import shlex
-from threading import TIMEOUT_MAX
-from time import tzset
+import shutil
+import signal
+from subprocess import Popen
+from threading import Thread, TIMEOUT_MAX
+import time
 from typing import Any
 
+from node_processes import finish, launch
 import numpy as np
+from patience import PATIENCE
 from printed import unwrapped
 import pytest
 from ros_world import feed, GAUGES, World
@@ -47,8 +52,8 @@ from tudor_dynamics.online.monitor import MonitorSettings
 from tudor_dynamics.typing import FloatArray
 import yaml
 
-BEGIN, END = 1200, 1800
-"""Samples of the bag of pushes that are played: one push, from 15.06 s on."""
+BEGIN, END, LAST = 1200, 1800, 2600
+"""Samples of the bag of pushes that are played: one push from 15.06 s on, until LAST another."""
 LOST = range(1350, 1353)
 """Readings of strain that never come."""
 
@@ -229,7 +234,7 @@ def test_replayed_to_the_last_bit(
     assert [(item.event.event.onset, item.name, item.evidence) for item in at] == [
         (item.event.event.onset, item.name, item.evidence) for item in found[:1]]
     monkeypatch.setenv('TZ', 'Asia/Tokyo')  # a reader elsewhere: times are those of the log
-    tzset()
+    time.tzset()
     assert main(['why', str(bag), '--at', records[0]['time']]) == 0
     assert records[0]['time'].endswith(' UTC') and records[0]['time'] in capsys.readouterr().out
     assert main(['why', str(bag), '--at', '33:33:33']) == 1
@@ -237,7 +242,7 @@ def test_replayed_to_the_last_bit(
     assert 'times are in UTC' in unwrapped(said.out) and not said.err
     assert main(['why', str(bag), '--at', 'noon']) == 2
     monkeypatch.undo()
-    tzset()
+    time.tzset()
     assert main(['evaluate', str(bag), '--model', str(model)]) in (0, 1)
     said = unwrapped(capsys.readouterr().out)
     assert said.startswith(f'{bag} is the bag of an event') and 'fit again' not in said
@@ -344,6 +349,117 @@ def test_a_folder_that_takes_nothing(
     node_log = world.listen('/rosout', __import__('rcl_interfaces.msg').msg.Log)
     assert played(world, model, pushes, tmp_path / 'file' / 'below')
     assert world.spin(lambda: any('cannot be written' in item.msg for item in node_log))
+
+
+def two_pushes(
+    world: World, model: Path, pushes: Recording, folder: Path, monkeypatch: pytest.MonkeyPatch,
+) -> list[str]:
+    """Play two pushes to a monitor that writes at once; gives what it says of their bags."""
+    monkeypatch.setattr('tudor_dynamics.nodes.monitor.RECORDED_AFTER', 0.0)
+    log = world.listen('/rosout', __import__('rcl_interfaces.msg').msg.Log)
+    records = world.listen('collision_record', String, latched())
+    node = world.add(MonitorNode, model=str(model), event_bags=str(folder))
+    world.meet('joint_states', 'link_strains', 'motor_currents')
+
+    def said() -> list[str]:
+        return [item.msg for item in log if item.name == 'monitor' and (
+            'the bag of an event' in item.msg or 'cannot be written' in item.msg
+            or 'to see why: ' in item.msg)]
+    for number, (first, last) in enumerate(((BEGIN, END), (END, LAST)), 1):
+        begun = node.meter.count
+        feed(world, pushes, lambda: 10**9 if node.meter.count >= 3 * (  # noqa: B023
+            last - first) + begun else (node.meter.count - begun) // 3,  # noqa: B023
+            first=first, last=last)
+        assert world.spin(lambda: len(records) >= number and len(said()) >= number)  # noqa: B023
+    world.end(node)
+    assert len(records) == len(said()) == 2
+    assert all(json.loads(record.data)['state']['level'] for record in records)
+    return said()
+
+
+def test_a_full_disk(
+    world: World, model: Path, pushes: Recording, small_disk: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The monitor goes on judging, says so in one line an event, and no part of a bag is left."""
+    (small_disk / 'rest').write_bytes(bytes(200_000))
+    said = two_pushes(world, model, pushes, small_disk / 'events', monkeypatch)
+    assert all('No space left' in text and '\n' not in text for text in said)
+    assert {path.name for path in small_disk.rglob('*')} == {'events', 'rest'}
+
+
+def test_a_folder_of_somebody_else(
+    world: World, model: Path, pushes: Recording, tmp_path: Path, root: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Files and bags of a user stay to the last byte, however few bags are kept."""
+    monkeypatch.setattr('tudor_dynamics.online.black_box.BAGS', 1)
+    shutil.copytree(root / 'bags/two_blade_test', tmp_path / 'event_20200101_000000_000000')
+    (tmp_path / 'event_notes').mkdir()
+    (tmp_path / 'event_notes' / 'thesis.txt').write_text('years of work')
+    (tmp_path / 'event_20990101_000000_000000').write_text('not a bag')
+    there = {path: path.read_bytes() if path.is_file() else b'' for path in tmp_path.rglob('*')}
+    said = two_pushes(world, model, pushes, tmp_path, monkeypatch)
+    first, second = (Path(shlex.split(text.partition(' (')[0])[-1]) for text in said)
+    assert not first.exists() and [path for path in tmp_path.iterdir() if path not in there] == [
+        second]
+    assert {path: path.read_bytes() if path.is_file() else b'' for path in there} == there
+    assert main(['why', str(tmp_path)]) in (0, 1)
+    assert f'{second}: the newest bag of an event' in unwrapped(capsys.readouterr().out)
+
+
+def to_process(world: World, pushes: Recording, first: int, last: int) -> None:
+    """Play a part to a monitor that runs as a process of its own."""
+    world.meet('joint_states', 'link_strains', 'motor_currents')
+    feed(world, pushes, lambda: 10**9, first=first, last=last, batch=1,
+         change=lambda *_: time.sleep(2e-3))
+
+
+def kill_at_the_next_bag(process: Popen, folder: Path) -> None:
+    """Kill a process as soon as there is a file of a bag that it has not finished."""
+    end = time.monotonic() + PATIENCE
+    while not list(folder.glob('.event_*/*/*')) and time.monotonic() < end:
+        time.sleep(1e-3)
+    process.kill()
+
+
+def test_killed_while_a_bag_is_written(
+    world: World, model: Path, pushes: Recording, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The next start takes no half bag for a whole one; `tudor why` finds the newest whole one."""
+    words = ['monitor', '-p', f'model:={model}', '-p', f'event_bags:={tmp_path}']
+
+    def whole() -> list[Path]:
+        return sorted(tmp_path.glob('event_*'))
+
+    def named() -> str:
+        assert main(['why', str(tmp_path)]) in (0, 1)
+        return unwrapped(capsys.readouterr().out).partition(': the newest bag of an event')[0]
+    process = launch(*words)
+    try:
+        to_process(world, pushes, BEGIN, END)
+        assert world.spin(lambda: bool(whole()))
+        killer = Thread(target=kill_at_the_next_bag, args=(process, tmp_path))
+        killer.start()
+        to_process(world, pushes, END, LAST)
+        killer.join()
+    finally:
+        process.kill()
+        out, _ = process.communicate()
+    half = [path for path in tmp_path.glob('.event_*/*/*') if path.is_file()]
+    assert half and process.returncode == -signal.SIGKILL, out
+    first, = whole()
+    assert named() == str(first)
+    assert world.spin(lambda: not world.output('joint_states').get_subscription_count())
+    process = launch(*words)
+    try:
+        to_process(world, pushes, BEGIN, END)
+        assert world.spin(lambda: len(whole()) > 1)
+    finally:
+        finish(process, signal.SIGTERM)
+    assert named() == str(whole()[1]) and whole()[0] == first
+    assert all(path.exists() for path in half)
 
 
 @pytest.mark.parametrize('word', OFF)

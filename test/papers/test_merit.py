@@ -109,7 +109,7 @@ def test_missing_file_and_existing_bag_are_refused(tmp_path, capsys):
     (tmp_path / 'b').mkdir()
     file = write(tmp_path / 'exp.csv', table())
     assert main(['import-merit', file, '--out', str(tmp_path / 'b')]) == 2
-    assert 'not overwritten' in capsys.readouterr().err
+    assert 'exists already' in capsys.readouterr().err
 
 
 def test_full_disk(small_disk, tmp_path, capsys):

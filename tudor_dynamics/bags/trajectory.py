@@ -280,15 +280,16 @@ def _decode(data: bytes, topic: str, time: int, place: str) -> Sent:
     return Sent(found, topic, time, stamp.sec * SECOND + stamp.nanosec, message.header.frame_id)
 
 
-def write_trajectories(path: Path, sent: Sequence[Sent]) -> None:
-    """Write one as a table (``.csv``), or several as a bag: a directory that must not exist."""
+def write_trajectories(path: Path, sent: Sequence[Sent], *, overwrite: bool = False) -> None:
+    """Write one as a table (``.csv``), or several as a bag."""
     if not is_table(path):
         topics: dict[str, list[Sent]] = {}
         for item in sent:
             topics.setdefault(item.topic or '/joint_trajectory', []).append(item)
         write_bag(path, [RawMessages(
             topic, TRAJECTORY, np.array([item.time for item in own], dtype=np.int64),
-            [item.encode() for item in own]) for topic, own in topics.items()])
+            [item.encode() for item in own]) for topic, own in topics.items()],
+            overwrite=overwrite)
         return
     if len(sent) != 1:
         msg = f'{len(sent)} trajectories do not fit into one CSV file'

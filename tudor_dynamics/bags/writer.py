@@ -35,9 +35,9 @@ from tudor_dynamics.arm.description import Arm, by_topic, refuse_interfaces
 from tudor_dynamics.bags.messages import (
     FIELDS, IMU, joint_signals, JOINT_STATE, LAYOUTS, Signals, WRENCH_STAMPED)
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.bags.storage import one_line, RawMessages
+from tudor_dynamics.bags.storage import METADATA, one_line, RawMessages
 from tudor_dynamics.errors import BagError, check_type, remedy_of
-from tudor_dynamics.files import scratch_folder, whole
+from tudor_dynamics.files import check_target, scratch_folder, whole
 
 
 # rosbags writes a bag for those who finish it. MCAP keeps up to a megabyte in memory, SQLite all
@@ -159,6 +159,7 @@ def _template(signals: Signals, frame: str) -> bytes:
 def write_bag(
     path: str | Path, series: Sequence[Signals | RawMessages] | Recording, *,
     arm: Arm | None = None, storage: str = 'mcap', custom: Mapping[str, str] | None = None,
+    overwrite: bool = False,
 ) -> None:
     """
     Write a rosbag2 directory, messages in the order of their log times.
@@ -168,7 +169,7 @@ def write_bag(
     Parameters
     ----------
     path : str or Path
-        Directory that does not exist yet.
+        Directory to be made.
     series : sequence of Signals or RawMessages, or Recording
         What each topic holds, such as ``joint_signals`` gives.
     arm : Arm, optional
@@ -177,6 +178,8 @@ def write_bag(
         Format of the messages.
     custom : mapping of str to str, optional
         For ``custom_data`` of the metadata, such as ``payload`` [kg].
+    overwrite : bool, default=False
+        Replace a bag that stands there. Anything else is never replaced.
 
     Raises
     ------
@@ -187,7 +190,7 @@ def write_bag(
     if isinstance(series, Recording):
         check_type(arm, Arm, 'arm', 'a recording knows no topics')
         series = recording_series(series, cast(Arm, arm))
-    write_messages(path, _in_order(series), storage=storage, custom=custom,
+    write_messages(path, _in_order(series), storage=storage, custom=custom, overwrite=overwrite,
                    topics=[*dict.fromkeys((item.topic, item.msgtype) for item in series)])
 
 
@@ -201,15 +204,16 @@ def _in_order(series: Sequence[Signals | RawMessages]) -> Iterator[tuple[int, st
 def write_messages(
     path: str | Path, messages: Iterable[tuple[int, str, str, bytes]], *, storage: str = 'mcap',
     custom: Mapping[str, str] | None = None, topics: Iterable[tuple[str, str]] = (),
+    overwrite: bool = False,
 ) -> None:
     """Write a bag of messages in their order: time [ns], topic, type, data; topics: also empty."""
     path = Path(path)
     if storage not in PLUGINS:
         raise BagError(f'{path}: storage {storage!r} is unknown; use one of {", ".join(PLUGINS)}')
-    _check_free(path)
+    check_target(path, overwrite=overwrite, name='path', mark=METADATA, kind=BagError)
     typestore = get_typestore(Stores.ROS2_JAZZY)
     try:
-        with whole(path, replace=False) as scratch, Writer(
+        with whole(path, replace=overwrite) as scratch, Writer(
                 scratch, version=METADATA_VERSION, storage_plugin=PLUGINS[storage]) as writer:
             for key, value in (custom or {}).items():
                 writer.set_custom_data(key, value)
@@ -221,12 +225,6 @@ def write_messages(
                 writer.write(known[item], time, data)
     except FAILURES as err:
         raise BagError(f'{path}: cannot be written ({reason(err)}); {remedy_of(err)}') from None
-
-
-def _check_free(path: Path) -> None:
-    if path.exists() or path.is_symlink():
-        msg = f'{path}: exists already and is not overwritten; give another name or remove it'
-        raise BagError(msg)
 
 
 def recording_series(recording: Recording, arm: Arm) -> list[Signals]:
@@ -270,7 +268,7 @@ class LiveWriter:
 
     def __init__(self, path: str | Path, storage: str = 'mcap') -> None:
         self.path = Path(path)
-        _check_free(self.path)
+        check_target(self.path, overwrite=None, name='path', kind=BagError)
         scratch: Path | None = None
         try:
             scratch = scratch_folder(self.path)

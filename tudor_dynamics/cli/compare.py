@@ -47,7 +47,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('other', metavar='ARM_OR_MODEL_B', help='bundle, or arm description')
     parser.add_argument('bag', metavar='BAG', nargs='?',
                         help='recording with efforts to judge both by')
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -39,9 +39,10 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from tudor_dynamics.bags.storage import METADATA
 from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, Trajectory
 from tudor_dynamics.errors import complain, remedy_of, TudorError, UsageError, wrapped
-from tudor_dynamics.files import write_whole
+from tudor_dynamics.files import check_target, write_whole
 from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.uses import Use
 from tudor_dynamics.identification.validation import ChannelScore, Grade, Score, shown_fit
@@ -248,11 +249,9 @@ def add_bags_and_model(parser: Any) -> None:
 def add_trajectories(parser: Any) -> None:
     """Add the options that name trajectories, and where those that are changed go."""
     parser.add_argument('trajectory', metavar='TRAJECTORY', help='CSV file, or bag')
-    parser.add_argument('--out', metavar='FILE', required=True,
-                        help='CSV file, or directory of a bag')
+    add_out(parser, 'FILE', 'CSV file, or directory of a bag')
     parser.add_argument('--topic', default='', metavar='TOPIC',
                         help='topic of the bag (the only one with trajectories)')
-    parser.add_argument('--overwrite', action='store_true', help='replace a CSV file')
 
 
 def check_trajectories(args: argparse.Namespace) -> None:
@@ -261,10 +260,7 @@ def check_trajectories(args: argparse.Namespace) -> None:
     if is_table(source) != is_table(out):
         raise UsageError(f'{source} and --out {out}: one is a CSV table, the other a bag',
                          remedy='give two CSV tables (.csv) or two bags')
-    if is_table(out):
-        refuse_existing(out, overwrite=args.overwrite)
-    elif out.exists():
-        raise UsageError('exists already', place=out, remedy='choose another --out')
+    check_target(out, overwrite=args.overwrite, mark='' if is_table(out) else METADATA)
 
 
 def changed_trajectories(
@@ -280,11 +276,16 @@ def changed_trajectories(
     return done
 
 
-def refuse_existing(path: Path, *, overwrite: bool) -> None:
-    """Let nothing be replaced that nobody asked to replace."""
-    if path.exists() and not overwrite:
-        raise UsageError('exists already', place=path,
-                         remedy='choose another --out, or add --overwrite')
+def add_out(parser: Any, metavar: str, text: str, *, required: bool = True) -> None:
+    """Add where results go."""
+    parser.add_argument('--out', metavar=metavar, required=required, help=text)
+    add_overwrite(parser, '--out')
+
+
+def add_overwrite(parser: Any, *names: str) -> None:
+    """Add what lets options replace what is there; pages and pictures of tudor need none."""
+    parser.add_argument('--overwrite', action='store_true',
+                        help=f'replace what is there at {" and ".join(names)}')
 
 
 def add_running(parser: Any) -> None:

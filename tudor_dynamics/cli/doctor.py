@@ -18,12 +18,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+import ctypes
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 import io
 import json
 import os
 from pathlib import Path
+import re
 import shlex
 import shutil
 import subprocess
@@ -36,7 +38,7 @@ from typing import Any, TextIO
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.cli.console import print_json, say, say_verdict, steps, write
 from tudor_dynamics.compiled import DIRECTORY
-from tudor_dynamics.files import installed, provenance, read_bounded
+from tudor_dynamics.files import check_target, installed, provenance, read_bounded, SIGNATURE
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.online.settings import BAGS, RING_BYTES
@@ -45,8 +47,9 @@ EXAMPLES = """\
 examples:
   tudor doctor --json
 
-It looks at versions, ROS 2, clock, processor, rights and space, listens for 5 s to live topics of
-joint states, and says what to do. exit codes: 0 nothing to do; 1 something to do.
+It looks at versions, ROS 2, clock, processor, rights and space, writes into the folders that nodes
+use, listens for 5 s to live topics of joint states, and says what to do. exit codes: 0 nothing to
+do; 1 something to do.
 """
 DETAILS = 'print the variables of the environment that change what runs, too'
 VARIABLES = 'AMENT_', 'CYCLONEDDS_', 'FASTDDS_', 'NUMBA_', 'PYTHON', 'RMW_', 'ROS_', 'TUDOR_'
@@ -55,6 +58,11 @@ FIRST_YEAR = 2024  # a clock that is set is not before it
 OLDEST, YOUNGEST = 0.1, -0.01  # ages of stamps that clocks in step give [s]
 PAUSE = 0.1  # within which a stream that runs sends again [s]
 OTHER_CLOCK = 3e6  # age from which on stamps are of a simulation or a bag [s]
+NEEDED = 384_000
+"""What the kernel keeps of three topics at 1 kHz for a node that is 0.1 s late: 300 messages of
+1280 bytes, which one of 7 joints takes there [bytes]."""
+BUFFERS = Path('/proc/sys/net/core')
+UNSYNCHRONISED = 5  # what adjtimex answers while nothing sets the clock of the kernel
 LONGEST = 1_000_000  # characters of the output that a bug report keeps
 
 
@@ -69,7 +77,6 @@ class Check:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor doctor``."""
-    parser.add_argument('--json', action='store_true', help='print what was found as JSON')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -142,8 +149,23 @@ def live_topics() -> Iterator[Check]:
         yield Check('live topics', 'not heard', f'rclpy does not run ({err}): mend the '
                     'installation of ROS 2')
         return
+    yield _buffer(max((found.get('rate', 0.0) for found in heard.values()), default=0.0))
     yield from ([_live_topic(topic, **found) for topic, found in heard.items()]
                 or [Check('live topics', 'no joint states')])
+
+
+def _buffer(rate: float) -> Check:
+    """Compare what sockets may keep for a late node with what topics of a rate [Hz] send."""
+    names = 'rmem_default', 'rmem_max'  # Fast DDS takes the first, others ask for up to the second
+    try:
+        size = min(int((BUFFERS / name).read_text()) for name in names)
+    except (OSError, ValueError):
+        return Check('receive buffer', 'not known: see `sysctl net.core.rmem_max`')
+    more = 'sudo sysctl -w ' + ' '.join(f'net.core.{name}={NEEDED}' for name in names)
+    found = f'{size / 1e3:.0f} kB, 1 kHz needs {NEEDED / 1e3:.0f} kB'
+    if size >= NEEDED * rate / 1000.0:
+        return Check('receive buffer', found + f': {more}' * (size < NEEDED))
+    return Check('receive buffer', found, f'a node that is 0.1 s late loses samples: {more}')
 
 
 def _live_topic(
@@ -168,10 +190,26 @@ def _clock() -> Check:
     now = time.strftime('%Y-%m-%d %H:%M:%S %Z')
     if time.localtime().tm_year < FIRST_YEAR:
         return Check('clock', now, 'set the clock: stamps of drivers are compared with it')
-    known = {'': 'not known whether ', 'yes': ''}.get(_said(
-        'timedatectl', 'show', '-p', 'NTPSynchronized', '--value'), 'not ')
-    return Check('clock', f'{now}, {known}synchronised', '' if known != 'not ' else 'synchronise '
-                 'it (chrony, ntp) where drivers run on another computer')
+    known = _synchronised()
+    if known is None:
+        return Check('clock', f'{now}; nothing here says whether it is synchronised: see '
+                     '`chronyc tracking` or `ntpq -p` where the clock is set')
+    return Check('clock', f'{now}, {"not " * (not known)}synchronised', '' if known else
+                 'synchronise it (chrony, ntp) where drivers run on another computer')
+
+
+def _synchronised() -> bool | None:
+    """Ask systemd, chrony and the kernel; None where nobody answers."""
+    said = _said('timedatectl', 'show', '-p', 'NTPSynchronized', '--value')
+    leap = re.search('Leap status *: *(.*)', _said('chronyc', '-n', 'tracking'))
+    answers = [said == 'yes'] * bool(said) + ([leap[1] != 'Not synchronised'] if leap else [])
+    if not answers:
+        try:  # without a request in the structure it changes nothing
+            kernel = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(256))
+        except (AttributeError, OSError):  # no such call here
+            kernel = -1
+        answers = [kernel != UNSYNCHRONISED] * (kernel >= 0)
+    return any(answers) if answers else None
 
 
 def _said(*call: str) -> str:
@@ -189,8 +227,13 @@ def _existing(path: Path) -> Path:
 
 
 def _writable(name: str, path: Path, remedy: str) -> Check:
-    good = os.access(_existing(path), os.W_OK | os.X_OK)
-    return Check(name, str(path), '' if good else f'{path} cannot be written: {remedy}')
+    """Write into a folder, or into the one that it will be made in."""
+    try:
+        with tempfile.TemporaryFile(dir=_existing(path)) as file:
+            file.write(bytes(4096))
+    except OSError as err:
+        return Check(name, str(path), f'{path} cannot be written ({err.strerror}): {remedy}')
+    return Check(name, str(path))
 
 
 # -- One file with all that a bug report needs: versions, call, files, output, traceback
@@ -218,7 +261,7 @@ def report(arguments: Sequence[str], output: str = '', ended: str = '') -> str:
              and os.access(path, os.R_OK) and path.stat().st_size < LONGEST]
     raised = traceback.format_exc() if sys.exc_info()[0] else ''
     return '\n'.join((
-        *(f'{name}: {value}' for name, value in provenance().items()),
+        f'bug report, {SIGNATURE}', *(f'{name}: {value}' for name, value in provenance().items()),
         *(f'{check.name}: {check.found}' for check in checks()), f'folder: {Path.cwd()}',
         f'call: {shlex.join(("tudor", *arguments))}', *filter(None, (ended, output, raised)),
         *(f'{path}:\n{read_bounded(path, LONGEST).decode(errors="replace")}' for path in files),
@@ -235,6 +278,7 @@ def _summary(word: str) -> str:
 
 def recorded(path: Path, arguments: Sequence[str], run: Callable[[], int]) -> int:
     """Run a command, and write what a bug report needs about it, however it ends."""
+    check_target(path, overwrite=None, name='debug')
     said, begun, code = io.StringIO(), time.monotonic(), None
     streams = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (_Copied(stream, said) for stream in streams)  # type: ignore

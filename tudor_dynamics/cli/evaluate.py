@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 import shlex
 from typing import Any
 
@@ -29,10 +28,10 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import plan_from_arm
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.cli.console import (
-    add_bags_and_model, new_table, print_findings, print_json, print_table, say, say_command,
-    say_verdict, score_table, steps, write)
+    add_bags_and_model, add_overwrite, new_table, print_findings, print_json, print_table, say,
+    say_command, say_verdict, score_table, steps, write)
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.files import dump_npz, provenance
+from tudor_dynamics.files import check_target, dump_npz, provenance
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
     best_of, evaluate_collisions, EVENT_NAMES, event_notes, event_table, find_truth, FREE,
@@ -233,7 +232,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--report', metavar='FILE.html',
                         help='write a page: figures, findings, a load that is found; with '
                              '--collisions: ratios, pushes, events and the ROC')
-    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
+    add_overwrite(parser, '--save', '--report')
     group = parser.add_argument_group('collisions')
     group.add_argument('--collisions', action='store_true',
                        help='judge the collision detector instead of the predictions')
@@ -255,6 +254,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, predict, compare."""
+    for name, ending in (('save', '.npz'), ('report', '.html')):
+        if getattr(args, name):
+            check_target(getattr(args, name), overwrite=args.overwrite, name=name,
+                         endings=(ending,))
     bundle = load_bundle(args.model, arm=load_arm(args.arm) if args.arm else None)
     if args.causal:
         bundle = bundle.beside_robot()
@@ -279,7 +282,7 @@ def run(args: argparse.Namespace) -> int:
     decides = [change for change in compared if change.kind != 'elm'] or compared
     worse = [change for change in decides if change.changed]
     if args.save:
-        save_traces(Path(args.save), found)
+        save_traces(args.save, found)
     if args.report:
         from tudor_dynamics.show.page import evaluation_page  # slow to import
         write(args.report, '--report', evaluation_page(
@@ -361,7 +364,7 @@ def chosen_rate(spec: PreprocessingSpec, rate: str | None) -> PreprocessingSpec:
     return spec.model_copy(update={'rate': value})
 
 
-def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
+def save_traces(path: str, found: dict[str, dict[str, Validation]]) -> None:
     """Write every sample that was compared, whole or not at all."""
     arrays: dict[str, Any] = {}
     for output, kinds in found.items():

@@ -26,12 +26,13 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import RADIUS, SelfCollision, walls_of
-from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
+from tudor_dynamics.cli.console import (
+    add_out, bar, new_table, print_json, print_table, say)
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.files import whole
+from tudor_dynamics.files import check_target, whole
 from tudor_dynamics.identification.excitation import CLEARANCE, ExpectedError, mean_error
 from tudor_dynamics.identification.excitation_plan import (
-    default_highest, make_moves, make_plan, MOVE, Order, PICTURE, Plan, plan_head,
+    default_highest, HEAD, make_moves, make_plan, MOVE, Order, PICTURE, Plan, plan_head,
     random_series, REST, STAGES, Target, target_of_arm, target_of_model, UNKNOWN, write_plan)
 from tudor_dynamics.identification.next_steps import Comparison, Promise
 from tudor_dynamics.identification.tool import check_efforts
@@ -95,7 +96,7 @@ RANDOM = 3  # random motions that the planned one is compared with
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor excite``."""
     parser.add_argument('arm', metavar='ARM', help='arm description with limits')
-    parser.add_argument('--out', required=True, metavar='FOLDER', help='folder to be made')
+    add_out(parser, 'FOLDER', 'folder to be made')
     parser.add_argument('--for', choices=('rigid', 'vibration'), default='rigid', dest='purpose',
                         help='show masses and friction by a Fourier series, or a flexible tool by '
                              'moves with rests (default: rigid)')
@@ -132,7 +133,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='end the search after this time, with the best so far')
     search.add_argument('--seed', type=int, default=0, metavar='N',
                         help='of where the search begins (default: 0)')
-    parser.add_argument('--json', action='store_true', help='print plan.json')
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -154,9 +154,7 @@ def _check(args: argparse.Namespace) -> None:
     if not all(-1e3 <= low < high <= 1e3 for low, high in zip(box[::2], box[1::2], strict=True)):
         raise UsageError(f'--box {" ".join(f"{value:g}" for value in box)}: give XMIN XMAX YMIN '
                          'YMAX ZMIN ZMAX, each MIN below its MAX, from -1000 to 1000 m')
-    if Path(args.out).exists():
-        raise UsageError('exists already and is not overwritten', place=args.out,
-                         remedy='give another --out')
+    check_target(args.out, overwrite=args.overwrite, mark=HEAD)
 
 
 def _noise(args: argparse.Namespace, arm: Arm) -> dict[str, FloatArray]:
@@ -217,7 +215,7 @@ def run(args: argparse.Namespace) -> int:
         'highest': order.highest, 'seed': args.seed, 'steps': order.steps, 'complete': not cut,
         'self_collision_pairs': links.pairs, 'hidden': list(plan.hidden),
         'gain_over_random': round(gain, 3) if rigid else None}, stated=stated)
-    with whole(Path(args.out), replace=False) as folder:
+    with whole(Path(args.out), replace=args.overwrite) as folder:
         folder.mkdir()
         write_plan(folder, plan, head)
         from tudor_dynamics.show.pictures import draw_motion, write_picture  # slow to import

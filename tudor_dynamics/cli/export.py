@@ -23,8 +23,9 @@ from pathlib import Path
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.cli.console import new_table, print_table, refuse_existing, say, write
+from tudor_dynamics.cli.console import add_out, new_table, print_table, say, write
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.files import check_target
 from tudor_dynamics.models.bundle import elastic_of, load_bundle, ModelBundle
 from tudor_dynamics.models.comparison import (
     file_effects, file_errors, file_parameters, full_parameters, FullParameters)
@@ -60,10 +61,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('model', metavar='MODEL', help='bundle of tudor fit, with efforts')
     parser.add_argument('--to', choices=('urdf', 'mjcf', *TABLES, 'arm', *LAYOUTS), required=True,
                         help='format')
-    parser.add_argument('--out', metavar='FILE', required=True, help='file to be written')
+    add_out(parser, 'FILE', 'file to be written')
     parser.add_argument('--rigid', action='store_true',
                         help='MJCF of the rigid model where there is an elastic one too')
-    parser.add_argument('--overwrite', action='store_true', help='replace the file')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     bundle = load_bundle(args.model, with_data=True)
     files, left_out, full = _content(bundle, args, out)
     for path in files:
-        refuse_existing(path, overwrite=args.overwrite)
+        check_target(path, overwrite=args.overwrite)
     for path, text in files.items():
         write(path, '--out', text.encode())
     if full is not None:

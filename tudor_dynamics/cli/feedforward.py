@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
                         payload=args.payload)
     done = changed_trajectories(args, lambda wanted: ahead.along(
         wanted if args.rate is None else denser(wanted, args.rate)))
-    write_trajectories(Path(args.out), done)
+    write_trajectories(Path(args.out), done, overwrite=args.overwrite)
     _print(ahead, done)
     say(f'{sum(len(item.trajectory.t) for item in done)} points, payload {ahead.payload:g} kg: '
         f'{args.out}')

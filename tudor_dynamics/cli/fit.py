@@ -26,8 +26,8 @@ from pydantic import ValidationError
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS, PreprocessingSpec, validation_message
 from tudor_dynamics.cli.console import (
-    add_running, check_running, print_findings, print_json, print_table, print_verdicts, say,
-    say_command, score_table, steps)
+    add_out, add_running, check_running, print_findings, print_json, print_table,
+    print_verdicts, say, say_command, score_table, steps)
 from tudor_dynamics.cli.excite import print_comparison
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import found_choices, parse_payloads
@@ -73,8 +73,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              "folder of bags; or a pattern, such as 'bags/2026-*'")
     parser.add_argument('--arm', metavar='YAML', required=True,
                         help='arm description; tudor init writes one')
-    parser.add_argument('--out', metavar='MODEL', required=True,
-                        help='directory for the model bundle and its report')
+    add_out(parser, 'MODEL', 'directory for the model bundle and its report')
     parser.add_argument('--test', nargs='+', default=[], metavar='BAG', action='extend',
                         help='bags to judge by; otherwise each training bag is left out once')
     parser.add_argument('--payload-of', nargs='+', default=[], metavar='BAG=KG', action='extend',
@@ -89,13 +88,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plan', metavar='PLAN',
                         help='directory of tudor excite that the bags were recorded by: standard '
                              'errors expected and reached')
-    parser.add_argument('--overwrite', action='store_true',
-                        help='replace a bundle at MODEL; the report compares the two')
     parser.add_argument('--compare', metavar='MODEL', type=Path,
-                        help='earlier bundle to compare this fit with')
+                        help='earlier bundle to compare this fit with (the one that --overwrite '
+                             'replaces)')
     parser.add_argument('--exit-zero', action='store_true',
                         help='exit with 0 even if no model is good enough')
-    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     many = parser.add_argument_group('many bags')
     many.add_argument('--stream', action='store_true',
                       help='go through the bags one by one and keep the sums of each in '

@@ -22,9 +22,9 @@ from pathlib import Path
 import time
 
 from tudor_dynamics.cli.console import (
-    add_running, check_running, finite, new_table, print_json, print_table, say, steps)
+    add_out, add_running, check_running, finite, new_table, print_json, print_table, say, steps)
 from tudor_dynamics.errors import FitError, UsageError
-from tudor_dynamics.files import write_whole
+from tudor_dynamics.files import check_target, write_whole
 from tudor_dynamics.fleet.comparison import Fleet, page_of, WORDS
 from tudor_dynamics.fleet.study import load_plan, study, StudySettings
 from tudor_dynamics.parallel import on_cluster
@@ -55,7 +55,7 @@ wrong input.
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor fleet``."""
     parser.add_argument('plan', metavar='PLAN.yaml', help='arms, and their bags by date')
-    parser.add_argument('--out', metavar='DIR', required=True, help='folder for all results')
+    add_out(parser, 'DIR', 'folder for all results; one of tudor fleet is continued')
     parser.add_argument('--no-models', action='store_true',
                         help='compare alone, without a bundle of each arm')
     parser.add_argument('--elastic', action='store_true',
@@ -63,7 +63,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'the first date of an arm, ten seconds for each other one')
     parser.add_argument('--strict', action='store_true',
                         help='refuse bags that cannot be used, in place of leaving them out')
-    parser.add_argument('--json', action='store_true', help='print what DIR/fleet.json has')
     add_running(parser)
 
 
@@ -74,6 +73,9 @@ def run(args: argparse.Namespace) -> int:
     plan = load_plan(path)
     if out.exists() and not out.is_dir():
         raise UsageError('is not a directory', place=out, remedy='give another --out')
+    page, numbers = out / 'fleet.html', out / 'fleet.json'
+    for target in (page,) if page.exists() else (numbers,):  # the page is written first
+        check_target(target, overwrite=args.overwrite)
     begun = time.perf_counter()
     known = None if args.elastic else 4 * sum(len(arm.bags) for arm in plan.arms) + 3
     with steps(known) as step, on_cluster(args.cluster):
@@ -83,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
         raise FitError(f'--strict: {fleet.unused[0]}',
                        remedy=f'take this bag out of {path}, or leave out --strict')
     content = finite(fleet.as_dict())
-    write_whole(out / 'fleet.json', json.dumps(content, indent=1).encode())
-    write_whole(out / 'fleet.html', page_of(fleet).encode())
+    write_whole(page, page_of(fleet).encode())
+    write_whole(numbers, json.dumps(content, indent=1).encode())
     if args.json:
         print_json({**content, 'seconds': round(time.perf_counter() - begun, 3)})
     else:

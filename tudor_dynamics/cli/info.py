@@ -54,7 +54,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='rosbag2 directory, .mcap or .db3 file')
     parser.add_argument('--arm', metavar='ARM.yaml',
                         help='arm description: look for its joints and gauges')
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -22,9 +22,9 @@ import shlex
 import sys
 
 from tudor_dynamics.arm.description import arm_from_dict, OPEN, spelled
-from tudor_dynamics.cli.console import refuse_existing, say, say_command
+from tudor_dynamics.cli.console import add_out, say, say_command
 from tudor_dynamics.errors import printable
-from tudor_dynamics.files import other_name, write_whole
+from tudor_dynamics.files import check_target, other_name, write_whole
 from tudor_dynamics.identification.drafting.draft import (
     answer, Draft, draft_of, question_of, text_of)
 
@@ -49,14 +49,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     source = parser.add_mutually_exclusive_group()
     source.add_argument('--urdf', metavar='FILE', help='its URDF; run xacro first where it is one')
     source.add_argument('--dh', metavar='FILE', help='table of its D-H rows')
-    parser.add_argument('--out', required=True, metavar='ARM.yaml', help='description to write')
-    parser.add_argument('--overwrite', action='store_true', help='replace a file at ARM.yaml')
+    add_out(parser, 'ARM.yaml', 'description to write')
 
 
 def run(args: argparse.Namespace) -> int:
     """Look at the bags, ask where somebody can answer, write the file and say what is in it."""
-    out = Path(args.out)
-    refuse_existing(out, overwrite=args.overwrite)
+    out = check_target(args.out, overwrite=args.overwrite)
     draft = draft_of(args.bags, urdf=None if args.urdf is None else Path(args.urdf),
                      dh=None if args.dh is None else Path(args.dh), out=out)
     if sys.stdin.isatty() and sys.stdout.isatty():

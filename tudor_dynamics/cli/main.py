@@ -16,8 +16,9 @@
 Entry point of ``tudor``: parse, run the subcommand, turn errors into exit codes.
 
 A subcommand is a module or package of this one with ``EXAMPLES``, ``configure(parser)`` and
-``run(args) -> int``; with ``DETAILS``, what ``-v`` prints, where there is more to say. It is
-imported only when it is called, so that ``tudor --help`` answers at once.
+``run(args) -> int``; with ``DETAILS``, what ``-v`` prints, where there is more to say; with
+``print_json`` of ``console``, where it has ``--json``. It is imported only when it is called, so
+that ``tudor --help`` answers at once.
 """
 
 from __future__ import annotations
@@ -81,8 +82,12 @@ SUBCOMMANDS = {name: text for group in GROUPS.values() for name, text in group.i
 OK, NOT_GOOD_ENOUGH, WRONG_INPUT, DEFECT = 0, 1, 2, 70
 """Exit codes; the last one, EX_SOFTWARE of sysexits.h, is for errors that nobody expected."""
 RENAMED = {('tudor fit', '--force'): '--exit-zero',
-           ('tudor simulate', '--plot'): '--pictures'}
+           ('tudor simulate', '--plot'): '--pictures',
+           ('tudor simulate', '--animate'): '--picture'}
 """Options that have another name since 1.0, by command."""
+MEANT = {'--force': ('--overwrite',), '--plot': ('--picture', '--report'), '--roc': ('--report',),
+         '--animate': ('--picture',), '--save': ('--out',), '--kind': ('--for',)}
+"""Options that other commands had or have, and those in whose place they are looked for."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -92,21 +97,27 @@ class Parser(argparse.ArgumentParser):
         """Refuse unknown options before it is said that others are missing."""
         words = [part for word in (sys.argv[1:] if args is None else args) for part in (
             word.split('=', 1) if word.startswith(('--arm=', '--model=')) else [word])]
+        bare = {action.dest for action in self._actions if not action.option_strings}
+        if 'one' in bare:  # A and B of tudor compare, each an arm or a model
+            words = [word for word in words if word not in ('--arm', '--model')]
         for name in ('arm', 'model'):  # --arm and --model work where a bare word names them, too
-            if f'--{name}' in words[:-1] and any(action.dest == name and not action.option_strings
-                                                 for action in self._actions):
+            if f'--{name}' in words[:-1] and name in bare:
                 place = words.index(f'--{name}')
                 words = [words[place + 1], *words[:place], *words[place + 2:]]
         for place, word in enumerate(words):
-            if new := RENAMED.get((self.prog, word)):
-                warnings.warn(f'{word} is now {new}; version 1.2 removes the old name',
+            old, *value = word.split('=', 1)
+            if new := RENAMED.get((self.prog, old)):
+                warnings.warn(f'{old} is now {new}; version 1.2 removes the old name',
                               TudorWarning, stacklevel=2)
-                words[place] = new
+                words[place] = '='.join((new, *value))
         for word in words:
             name = word.partition('=')[0]
             if name.startswith('--') and len(name) > 2 and self.prog != 'tudor' and not any(
                     option.startswith(name) for option in self._option_string_actions):
-                self.error(f'there is no option {name}{meant(name, self._option_string_actions)}')
+                known = self._option_string_actions
+                self.error(f'there is no option {name}' + next((
+                    f'; did you mean {new}?' for new in MEANT.get(name, ()) if new in known),
+                    meant(name, known)))
         return super().parse_known_args(words, namespace)
 
     def error(self, message: str) -> NoReturn:
@@ -155,6 +166,8 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             module = _subcommand(name)
             sub.epilog = module.EXAMPLES
             module.configure(sub)
+            if hasattr(module, 'print_json'):
+                sub.add_argument('--json', action='store_true', help='print one JSON object')
             loud = sub.add_mutually_exclusive_group()
             if hasattr(module, 'DETAILS'):
                 loud.add_argument('-v', '--verbose', action='store_true', help=module.DETAILS)

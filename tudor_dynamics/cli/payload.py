@@ -53,7 +53,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='kind of model that gives the load (analytical, where there is one)')
     parser.add_argument('--payload-of', nargs='+', default=[], metavar='BAG=KG',
                         help='true mass in a bag, to compare with')
-    parser.add_argument('--json', action='store_true', help='print the estimates as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

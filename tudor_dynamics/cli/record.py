@@ -18,13 +18,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import shutil
 import time
 
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
+from tudor_dynamics.bags.storage import METADATA
 from tudor_dynamics.cli.console import (
-    add_running, bar, check_running, new_table, print_json, print_table, say)
-from tudor_dynamics.errors import BagError, UsageError
-from tudor_dynamics.files import write_whole
+    add_out, add_running, bar, check_running, new_table, print_json, print_table, say)
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.files import check_target, write_whole
 from tudor_dynamics.identification.excitation_plan import read_motion
 from tudor_dynamics.mechanics.campaign import (
     played_motion, random_loads, record_stimuli, stimulus_seeds,
@@ -53,8 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor record``."""
     parser.add_argument('--arm', required=True, metavar='YAML',
                         help='arm description with links, motors and damper')
-    parser.add_argument('--out', required=True, metavar='DIR',
-                        help='directory for the bags, stimulus_01 and so on')
+    add_out(parser, 'DIR', 'directory for the bags, stimulus_01 and so on')
     parser.add_argument('--payload', type=float, default=0.0, metavar='KG',
                         help='mass at the tip (default: 0)')
     parser.add_argument('--stimuli', type=int, default=10, metavar='N',
@@ -81,7 +82,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=0, metavar='N',
                         help='of motions, noise and pushes (default: 0)')
     add_running(parser)
-    parser.add_argument('--json', action='store_true', help='print what was done as JSON')
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -117,14 +117,17 @@ def run(args: argparse.Namespace) -> int:
     refuse_interfaces(arm, 'a bag that is written here')
     out = Path(args.out)
     paths = [out / f'stimulus_{number + 1:02d}' for number in range(args.stimuli)]
-    for path in (*paths, out / 'campaign.yaml'):
-        if path.exists():
-            raise BagError(f'{path}: exists already and is not overwritten; give another --out')
+    check_target(out / 'campaign.yaml', overwrite=args.overwrite)
+    old = {*paths, *out.glob('stimulus_[0-9]*')}  # more than now, of another campaign
+    for path in old:
+        check_target(path, overwrite=args.overwrite, mark=METADATA)
     # Whatever is wrong with arm or options shows here, and compiled code is ready for all.
     loop = ClosedLoop(with_payload(arm, args.payload), damping=0.0 if args.no_damping else 1.0)
     steps_per_message(loop.dt, args.rate)
     loop.step([0.0] * len(arm.active_joints), [0.0] * len(arm.active_joints))
     specs = _specs(args, arm, loop.dt)
+    for path in old:
+        shutil.rmtree(path, ignore_errors=True)
     total = args.stimuli * int(round(args.seconds / loop.dt))
     with bar(total, 'simulate') as advance, on_cluster(args.cluster):
         results = record_stimuli(args.arm, specs, paths, args.jobs,

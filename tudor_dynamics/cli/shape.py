@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         done = _by_model(args, load_bundle(args.model))
     else:
         done = _by_frequency(args)
-    write_trajectories(Path(args.out), done)
+    write_trajectories(Path(args.out), done, overwrite=args.overwrite)
     say(f'{sum(len(item.trajectory.t) for item in done)} points: {args.out}')
     return 0
 

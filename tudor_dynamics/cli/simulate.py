@@ -18,20 +18,25 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import re
+import shutil
 import warnings
 
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, say
+from tudor_dynamics.bags.storage import METADATA
+from tudor_dynamics.cli.console import (
+    add_out, bar, new_table, print_json, print_table, say)
 from tudor_dynamics.errors import check_budget, complain, TudorWarning, UsageError
+from tudor_dynamics.files import check_target
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.run import (
     count_steps, largest_rotation, modes, PlantRecord, Probe, run_plant)
 from tudor_dynamics.mechanics.settings import LARGEST_ROTATION
 from tudor_dynamics.mechanics.study import (
-    check_target, force_signal, motion_signal, plot_configuration, signal_names, SimulatedRun,
+    check_animation, force_signal, motion_signal, plot_configuration, signal_names, SimulatedRun,
     torque_signal)
 
 EXAMPLES = """\
@@ -39,7 +44,7 @@ examples:
   tudor simulate config/l_shape.yaml --modes 8
   tudor simulate config/l_shape.yaml --modes 8 --free motor
   tudor simulate config/l_shape.yaml --pictures --out out
-  tudor simulate config/l_shape.yaml --seconds 5 --out out --animate out/l.gif \\
+  tudor simulate config/l_shape.yaml --seconds 5 --out out --picture out/l.gif \\
       --torque '0.6*(step(t-0.1) - 2*step(t-0.4) + step(t-0.7))'
   tudor simulate config/elastic_arm.yaml --dt 0.0005 --out out --hold joint3 \\
       --torque 'joint2=4.6+1.5*sin(9*t)'
@@ -76,16 +81,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rate', type=float, default=1000.0, help='records per second (1000)')
     parser.add_argument('--rho', type=float, default=0.9,
                         help='numerical damping of the highest frequencies, 1 for none (0.9)')
-    parser.add_argument('--out', metavar='DIR', help='run.npz, bag/ and figures go there')
+    add_out(parser, 'DIR', 'run.npz, bag/ and figures go there', required=False)
     parser.add_argument('--pictures', action='store_true',
                         help='draw the initial configuration and, after a run, the signals')
     parser.add_argument('--signals', metavar='S', nargs='+',
                         help='what to draw, e.g. acceleration:tip moment:JOINT strain:GAUGE')
-    parser.add_argument('--animate', metavar='FILE', help='.gif or .mp4 of the run')
+    parser.add_argument('--picture', metavar='FILE', help='.gif or .mp4 of the run')
     parser.add_argument('--modes', metavar='N', type=int, help='list N frequencies')
     parser.add_argument('--free', metavar='JOINT', nargs='+', default=[],
                         help='joints that move freely in --modes; held by default')
-    parser.add_argument('--json', action='store_true', help='print figures as JSON')
 
 
 def print_modes(plant: Plant, count: int, free: list[str], *, as_json: bool) -> None:
@@ -119,15 +123,12 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
     count_steps(args.seconds, args.dt, args.rate)  # says so if they are impossible
     if args.modes is not None and args.modes < 1:
         raise UsageError(f'--modes {args.modes}: give the number of modes to list, 1 or more')
-    if (args.pictures or args.animate is None) and args.out is None and (
+    if (args.pictures or args.picture is None) and args.out is None and (
             args.pictures or _runs(args)) and not args.json:
         msg = 'nothing says where results go: give --out DIR (or --json for figures alone)'
         raise UsageError(msg)
-    if args.out is not None and (Path(args.out) / 'bag').exists():
-        msg = f'{args.out}/bag exists already and is not overwritten; give another --out'
-        raise UsageError(msg)
-    if args.animate is not None:
-        check_target(Path(args.animate))
+    if args.picture is not None:
+        check_animation(Path(args.picture), overwrite=args.overwrite, name='picture')
 
 
 def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tuple[str, ...],
@@ -170,18 +171,6 @@ def run(args: argparse.Namespace) -> int:
         probe = Probe(plant, arm=arm)
     for name in args.hold:
         plant.drive(name, 'hold')
-    folder = Path(args.out) if args.out is not None else None
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-    if args.modes is not None:
-        print_modes(plant, args.modes, args.free, as_json=args.json)
-    if args.pictures and folder is not None:
-        plot_configuration(folder / 'initial.png', mechanism, probe.observe().position,
-                           f'{arm.name}: initial configuration')
-        complain(f'{folder / "initial.png"}: initial configuration')
-    if not _runs(args) and (args.pictures or args.modes is not None):
-        _warn_of(largest_rotation(plant), arm)
-        return 0
     known = signal_names(mechanism, arm.gauge_names)
     wanted = ['acceleration:tip', 'energy', *(
         f'{what}:{joint}' for joint in arm.active_joints for what in ('q', 'effort'))]
@@ -190,16 +179,36 @@ def run(args: argparse.Namespace) -> int:
     for name in signals:
         if name not in known:
             raise UsageError(f'--signals {name}: no such signal; choose from {", ".join(known)}')
+    runs = _runs(args) or not (args.pictures or args.modes is not None)
+    folder = Path(args.out) if args.out is not None else None
+    pictures = {} if folder is None or not args.pictures else {
+        '': folder / 'initial.png', **{name: folder / (re.sub(r'[^\w-]', '_', name) + '.png')
+                                       for name in signals if runs}}
+    if folder is not None:
+        if runs:
+            check_target(folder / 'run.npz', overwrite=args.overwrite)
+            check_target(folder / 'bag', overwrite=args.overwrite, mark=METADATA)
+        for path in pictures.values():
+            check_target(path, overwrite=args.overwrite)
+        folder.mkdir(parents=True, exist_ok=True)
+    if args.modes is not None:
+        print_modes(plant, args.modes, args.free, as_json=args.json)
+    if initial := pictures.pop('', None):
+        plot_configuration(initial, mechanism, probe.observe().position,
+                           f'{arm.name}: initial configuration')
+        complain(f'{initial}: initial configuration')
+    if not runs:
+        _warn_of(largest_rotation(plant), arm)
+        return 0
     result = SimulatedRun(arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
     with bar(None, 'writing'):
         if folder is not None:
+            shutil.rmtree(folder / 'bag', ignore_errors=True)  # there by --overwrite alone
             result.save(folder)
-        if args.pictures and folder is not None:
-            for name in signals:
-                file = ''.join(c if c.isalnum() or c in '-_' else '_' for c in name)
-                result.plot(name, folder / f'{file}.png', title=result.curves(name).title)
-        if args.animate is not None:
-            result.animate(args.animate)
+        for name, path in pictures.items():
+            result.plot(name, path, title=result.curves(name).title)
+        if args.picture is not None:
+            result.animate(args.picture)
     _report(args, result.run, mechanism, arm)
     _warn_of(float(result.run.rotation.max()), arm)
     return 0
@@ -217,7 +226,7 @@ def _report(args: argparse.Namespace, result: PlantRecord, mechanism: Mechanism,
         return
     angles = ', '.join(f'{name} {np.degrees(value):.3f} deg'
                        for name, value in zip(mechanism.joints, result.q[-1], strict=True))
-    where = args.out if args.out is not None else args.animate
+    where = args.out if args.out is not None else args.picture
     say(f'{where}: {result.t[-1]:g} s, {result.t.size} samples, at the end {angles}; largest '
         f'elastic rotation {largest:.3g} rad')
 

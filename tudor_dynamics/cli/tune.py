@@ -17,17 +17,17 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.console import (
-    bar, new_table, print_json, print_table, refuse_existing, say)
+    add_out, bar, new_table, print_json, print_table, say)
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.files import check_target
 from tudor_dynamics.models.bundle import elastic_of, load_bundle
 from tudor_dynamics.models.tuning import design, fixed_ratios, TunedArm, Wish
-from tudor_dynamics.show.pictures import draw_schedule, picture_path, write_picture
+from tudor_dynamics.show.pictures import draw_schedule, SUFFIXES, write_picture
 
 EXAMPLES = """\
 examples:
@@ -62,20 +62,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              f'({Wish.delay:g})')
     parser.add_argument('--payloads', type=float, nargs='+', metavar='KG',
                         help='masses at the tip, ascending')
-    parser.add_argument('--out', required=True, metavar='FILE.yaml', help='schedule to write')
-    parser.add_argument('--overwrite', action='store_true', help='replace the schedule')
+    add_out(parser, 'FILE.yaml', 'schedule to write')
     parser.add_argument('--picture', metavar='FILE',
                         help='picture of it (.png, .svg or .pdf; beside the schedule)')
-    parser.add_argument('--json', action='store_true', help='print figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:
     """Compute, write and draw a schedule."""
-    out = Path(args.out)
-    if out.suffix not in ('.yaml', '.yml'):
-        raise UsageError(f'--out {out}: expected a file that ends in .yaml')
-    refuse_existing(out, overwrite=args.overwrite)
-    picture = picture_path(args.picture or out.with_suffix('.png'))
+    out = check_target(args.out, overwrite=args.overwrite, endings=('.yaml', '.yml'))
+    picture = check_target(args.picture or out.with_suffix('.png'), overwrite=args.overwrite,
+                           name='picture', endings=SUFFIXES)
     arm = load_arm(args.arm)
     model = None
     own = arm.spec.payload.mass if arm.spec.payload is not None else 0.0

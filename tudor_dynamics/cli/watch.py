@@ -25,8 +25,9 @@ import sys
 import time
 
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.cli.console import print_json, say, write
+from tudor_dynamics.cli.console import add_overwrite, print_json, say, write
 from tudor_dynamics.errors import ModelError, UsageError
+from tudor_dynamics.files import check_target
 from tudor_dynamics.load.live import carried_load, load_facts, load_text
 from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.online.black_box import messages_of, replayed
@@ -60,10 +61,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--speed', type=float, default=1.0, metavar='TIMES',
                         help='speed of the replay, 0 for as fast as it goes (1)')
     parser.add_argument('--picture', metavar='FILE.svg', help='write the last view')
+    add_overwrite(parser, '--picture')
     parser.add_argument('--web', type=int, metavar='PORT', help='serve a page on 127.0.0.1')
     parser.add_argument('--namespace', default='', metavar='NS',
                         help='that of the monitor, for live topics')
-    parser.add_argument('--json', action='store_true', help='print the events as JSON')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -80,6 +81,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'--speed {args.speed:g}: give 0 or more')
     if not args.false_alarms > 0.0:
         raise UsageError(f'--false-alarms {args.false_alarms:g}: give more than 0 an hour')
+    if args.picture:
+        check_target(args.picture, overwrite=args.overwrite, name='picture', endings=('.svg',))
     return _bag(args)
 
 

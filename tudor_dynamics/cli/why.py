@@ -18,10 +18,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 import re
 import warnings
 
-from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.bags.storage import bags_below, open_bag
 from tudor_dynamics.cli.console import bar, print_json, say, say_verdict
 from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.identification.causes import Cause, explain
@@ -41,12 +42,14 @@ that were recorded, all that come are explained. Causes: clock, gauge, gap, load
 standstill, touch, motion outside training, threshold too low; otherwise the event is unexplained.
 exit codes: 0 each event has a cause; 1 one has none, or none came; 2 wrong input.
 """
+OWN = re.compile(r'event_\d{8}_\d{6}_')
 DETAILS = 'print the ratio of each channel at which an event became certain, too'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor why``."""
-    parser.add_argument('bag', metavar='BAG', help='bag of events, or any other recording')
+    parser.add_argument('bag', metavar='BAG', help='bag of events, or any other recording; of a '
+                        'folder of events the newest')
     parser.add_argument('--model', metavar='MODEL',
                         help='bundle of tudor fit (that which the bag names)')
     parser.add_argument('--at', default='', metavar='HH:MM:SS',
@@ -55,13 +58,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='mass at the tip (that which the bag names, or 0)')
     parser.add_argument('--false-alarms', type=float, default=1.0, metavar='N',
                         help='false alarms per hour of a bag without events (1)')
-    parser.add_argument('--json', action='store_true', help='print the causes as JSON')
 
 
 def run(args: argparse.Namespace) -> int:
     """Replay, explain, print."""
     if re.search('[^0-9 :.UTC-]', args.at):
         raise UsageError(f'--at {args.at}: expected a time of day in UTC, such as 14:03:12')
+    folder, args.bag = args.bag, max(
+        (str(bag) for bag in bags_below(Path(args.bag)) if OWN.match(bag.name)),
+        key=lambda bag: Path(bag).name, default=args.bag)
+    if args.bag != str(Path(folder)) and not args.json:
+        say(f'{args.bag}: the newest bag of an event')
     with bar(None, 'replay'):
         found = causes(args)
     if args.json:

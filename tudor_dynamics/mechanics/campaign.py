@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 import math
 from pathlib import Path
+import shlex
 from typing import Any
 
 import numpy as np
@@ -200,11 +201,12 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     for k, j in np.argwhere(hard.outside(q) | (np.abs(dq) > hard.velocity))[:1]:
         name = arm.active_joints[j]
         unit = 'm' if arm.is_prismatic(name) else 'rad'
+        words = ['tudor', 'excite', arm.source, '--floor', '0', '--out', 'plan']
         raise SimulationError(f'at {trajectory.t[k]:.4g} s the trajectory has ' + (
             f'{name!r} at {q[k, j]:.4g} {unit}, but its limits are {hard.lower[j]:.4g} to '
             f'{hard.upper[j]:.4g} {unit}' if hard.outside(q)[k, j] else f'a speed of {name!r} of '
             f'{dq[k, j]:.4g} {unit}/s, but its limit is {hard.velocity[j]:.4g} {unit}/s')
-            + f'; plan a motion within the limits with `tudor excite {arm.source}`')
+            + f'; plan one within the limits: `{shlex.join(words)}`')
     t = trajectory.t - trajectory.t[0]
     check_budget(f'a trajectory of {t[-1]:g} s at steps of {dt:g} s', t[-1] / dt,
                  48.0 * len(arm.joints), 'give a shorter trajectory')

@@ -34,7 +34,7 @@ from tudor_dynamics.bags.messages import IMU, joint_signals, Signals
 from tudor_dynamics.bags.trajectory import read_trajectory
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
-from tudor_dynamics.files import whole, write_figure
+from tudor_dynamics.files import check_target, whole, write_figure
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
@@ -114,10 +114,10 @@ def limit_axes(axes: Any, position: FloatArray) -> None:
 MAX_FRAMES = 600
 
 
-def check_target(path: Path) -> None:
+def check_animation(path: Path, *, overwrite: bool = True, name: str = 'path') -> None:
     """Say before a run whether its animation can be written."""
-    if path.suffix.lower() not in ('.gif', '.mp4'):
-        raise SimulationError(f'{path}: expected a file name that ends with .gif or .mp4')
+    check_target(path, overwrite=overwrite, name=name, endings=('.gif', '.mp4'),
+                 kind=SimulationError)
     if path.suffix.lower() == '.mp4' and shutil.which('ffmpeg') is None:
         raise SimulationError(f'{path}: .mp4 needs ffmpeg, which is not installed; use .gif')
 
@@ -424,7 +424,7 @@ class SimulatedRun(Shown):
     def animate(self, path: str | Path) -> None:
         """Draw the run in real time to ``.gif``, or with ffmpeg ``.mp4``, at up to 25 frames/s."""
         path, run = Path(path), self.run
-        check_target(path)
+        check_animation(path)
         rate = min(25.0, MAX_FRAMES / max(float(run.t[-1] - run.t[0]), 1e-6))
         frames = np.unique(np.searchsorted(run.t, np.arange(run.t[0], run.t[-1], 1.0 / rate)))
         figure = Figure(figsize=(5.2, 4.8))

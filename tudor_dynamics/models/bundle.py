@@ -408,7 +408,7 @@ def save_bundle(
     check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
     check_type(path, (str, Path), 'path', 'a directory to be made')
     path = Path(path)
-    check_target(path, overwrite=overwrite)
+    check_target(path, overwrite=overwrite, name='path')
     described = bundle.arm.spec.model_dump(mode='json', exclude_defaults=True)
     urdf = {} if bundle.arm.urdf is None else {'arm.urdf': bundle.arm.urdf.encode()}
     if urdf:
@@ -457,15 +457,9 @@ def _contents(
     return outputs
 
 
-def check_target(path: Path, *, overwrite: bool) -> None:
+def check_target(path: Path, *, overwrite: bool, name: str = 'out') -> None:
     """Refuse to write over what is there, before hours of work and not after."""
-    if not path.exists() and not path.is_symlink():
-        return
-    if not overwrite:
-        raise ModelError(f'{path}: exists already; give another folder, or tudor fit --overwrite')
-    if not (path / 'model.yaml').is_file():
-        raise ModelError(f'{path}: exists already and is not a model bundle, so it is not '
-                         'overwritten; give another folder')
+    files.check_target(path, overwrite=overwrite, name=name, mark='model.yaml', kind=ModelError)
 
 
 def _analytical(bundle: ModelBundle) -> dict[str, AnalyticalModel]:

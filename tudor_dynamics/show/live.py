@@ -35,6 +35,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tudor_dynamics.errors import complain, printable, UsageError
+from tudor_dynamics.files import SIGNATURE
 from tudor_dynamics.online.detector import time_of_day
 from tudor_dynamics.online.settings import CLOCK_JUMP
 from tudor_dynamics.typing import FloatArray
@@ -228,7 +229,7 @@ def page_of(view: LiveView, *, whole: bool = True) -> str:
 def picture_of(view: LiveView) -> str:
     """Give a picture, as SVG; rich would load its font from the network."""
     return re.sub(r'@font-face {.*?}', '', drawn(view).export_svg(title='tudor watch'),
-                  flags=re.DOTALL)
+                  flags=re.DOTALL) + f'<!-- {SIGNATURE} -->'
 
 
 @contextmanager

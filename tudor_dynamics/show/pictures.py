@@ -28,7 +28,6 @@ import numpy as np
 from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.schedule import Schedule
-from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_figure
 from tudor_dynamics.show.figures import Plot
 from tudor_dynamics.signals.motion_profile import states
@@ -94,13 +93,6 @@ def draw(plot: Plot) -> Figure:
         for text in figure.legend(handles, names, loc='outside upper right', ncols=3).get_texts():
             text.set_parse_math(False)
     return figure
-
-
-def picture_path(path: str | Path) -> Path:
-    """Refuse a file name that no plot can be written to."""
-    if Path(path).suffix not in SUFFIXES:
-        raise UsageError(f'{path}: expected a picture, a file that ends in {", ".join(SUFFIXES)}')
-    return Path(path)
 
 
 def write_picture(
