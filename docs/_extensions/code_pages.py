@@ -127,8 +127,8 @@ FORMATS: tuple[tuple[str, str, tuple[type, ...]], ...] = (
      '`source` (parameter, estimate, topic, model); `apart`, by topic how much later its newest '
      'stamp is than that of the joint states [s]; `state`, the diagnostics with `message`; '
      '`settings`, the parameters; `digest` of the model; `made`, versions. The key `tudor_states` '
-    'has, by part (model, load, observer, method), its `state` at two `stamp`s before the first '
-    'event, and `thresholds`, those of `~/calibrate`. '
+     'has, by part (model, load, observer, method), its `state` at two `stamp`s before the first '
+     'event, and `thresholds`, those of `~/calibrate`. '
      'The topic `tudor_asked` has, in order: the load that was heard [kg], and 1 where another '
      'load was announced, or the monitor was reset. `tudor why` reads it.', ()),
     ('Recordings', 'rosbag2, MCAP or SQLite, of the topics that the arm description names. '

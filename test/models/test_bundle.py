@@ -323,7 +323,7 @@ def test_overwrite(tmp_path: Path) -> None:
     """A bundle is replaced on request alone, anything else never; the message says what to do."""
     path = tmp_path / 'model'
     save_bundle(_bundle(), path)
-    with pytest.raises(ModelError, match='exists already; choose another path=, or add overwrite='):
+    with pytest.raises(ModelError, match='exists already; choose another path=, or add overwrite'):
         save_bundle(_bundle(), path)
     (path / 'report.html').write_text('old')
     save_bundle(_bundle(facts={'new': True}), path, overwrite=True)
