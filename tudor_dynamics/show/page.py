@@ -31,7 +31,7 @@ import numpy as np
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.detection import (
-    best_of, EVENT_FIGURES, EVENT_NAMES, event_notes, event_rows, MethodResult)
+    EVENT_FIGURES, EVENT_NAMES, event_notes, event_rows, MethodResult)
 from tudor_dynamics.identification.doctor.between import Evaluated
 from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, RUN_IN, Start
 from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, STARTS
@@ -443,6 +443,6 @@ def collision_page(
                 for bag in range(min(len(bags), MOST)) for item in results]
     return rendered(
         'collisions', arm=bundle.arm.name, bags=bags, results=results, per_hour=allowed,
-        best=best_of(results), roc=roc_figure(curves) if curves else None, pictures=pictures,
+        best=results[0], roc=roc_figure(curves) if curves else None, pictures=pictures,
         made=made, notes=event_notes(results), names=EVENT_NAMES, figures=EVENT_FIGURES,
         tables=[(bag, *event_rows(results, place)) for place, bag in enumerate(bags)])
