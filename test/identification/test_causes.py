@@ -127,10 +127,10 @@ def test_most_samples_lost_before_a_long_event() -> None:
 def excursion(strain: dict[float, float], effort: dict[float, float]) -> Scene:
     """Give an event by strains at 0 s, with ratios from some times on, before it 0.1."""
     def series(ratios: dict[float, float]) -> list[SimpleNamespace]:
-        begun = [-10.0, *ratios]
+        levels, begun = [0.1, *ratios.values()], np.array([*ratios])
         return [SimpleNamespace(
             residual=SimpleNamespace(motion=SimpleNamespace(stamp=10**18 + 10**7 * k)),
-            collision=np.array([[0.1, *ratios.values()][np.searchsorted(begun, 0.01 * k + 1e-6) - 1]]))
+            collision=np.array([levels[int(np.sum(begun < 0.01 * k + 1e-6))]]))
             for k in range(-1000, 50)]
     event = SimpleNamespace(onset=10**18, stamp=10**18 + 10**7, method='strain')
     seen = SimpleNamespace(event=event, seconds=0.01, ratio=1.05, contact=None)
