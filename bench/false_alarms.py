@@ -89,7 +89,7 @@ def leave_motions_out(data, only):
                 print(f'  {name} {left} {item.method}: {item.score.false_alarms} events, largest '
                       f'ratio {item.watched[0].ratio.max():.2f}', flush=True)
         for method, watched in found.items():
-            of_all = score(watched, [item.alarms for item in watched])
+            of_all = score(watched)
             kept = of_all.kept(1.0)
             broken += not kept['low'] <= 1.0 <= kept['high']
             rows.append((name, method, of_all.false_alarms, f'{60 * of_all.hours:.1f} min',

@@ -450,15 +450,15 @@ def detect(
     bags : str, path, or sequence of them
         Bags of the same arm, or parts of them: ``BAG@60-100%``.
     settings : MonitorSettings
-        Kind of model and false alarms allowed; every method that there are thresholds for is
-        given all of these.
+        Kind of model and false alarms allowed: all methods that there are thresholds for share
+        them as in a monitor, and each alone is given all.
 
     Returns
     -------
     list of MethodResult
-        For each method (``strain``, ``effort``, ``momentum``) its ``score``, the ``watched`` bags
-        with events and pushes, and ``roc``: factor on the threshold, false alarms per hour [1/h],
-        detection rate.
+        For ``all`` methods together, where there are several, then for each alone (``strain``,
+        ``effort``, ``momentum``) the ``score``, the ``watched`` bags with events and pushes, and
+        ``roc``: factor on the threshold, false alarms per hour [1/h], detection rate.
 
     Raises
     ------
@@ -468,7 +468,7 @@ def detect(
     """
     check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
     check_type(settings, MonitorSettings, 'settings', "such as MonitorSettings(kind='elastic')")
-    recordings = [(choice.path, load(choice, bundle.arm, bundle.preprocessing).recording)
+    recordings = [(choice.path, load(choice, bundle.arm, None).recording)
                   for choice in choices(bags)]
     return evaluate_collisions(bundle, recordings, settings,
                                [find_truth(path) for path, _ in recordings])
@@ -506,7 +506,7 @@ def roc(
 
     """
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
-    data = [load(choice, arm, arm.spec.preprocessing) for choice in choices(bags)]
+    data = [load(choice, arm, None) for choice in choices(bags)]
     if truth and len(truth) != len(data):
         raise UsageError(f'truth has {len(truth)} tables of pushes for {len(data)} bags; '
                          'give one for each bag')

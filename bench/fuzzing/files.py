@@ -353,8 +353,10 @@ class Truths:
                                                 recording, ()))
         else:
             truth = find_truth(str(path), 'applied_wrench')
-        watched = WatchedBag('bag', self._stamp, self._ratio, truth, ())
-        found = score([watched], [self._stamp[self._ratio > 0.9]])
+        events = [SimpleNamespace(event=SimpleNamespace(stamp=int(stamp)))
+                  for stamp in self._stamp[self._ratio > 0.9]]
+        watched = WatchedBag('bag', self._stamp, self._ratio, truth, tuple(events), self._stamp)
+        found = score([watched])
         return truth, found, list(roc_of([watched], found.hours))
 
     def compare(self, path, found):

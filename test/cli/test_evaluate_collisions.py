@@ -16,24 +16,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime
 import json
 from pathlib import Path
 import re
 
+import numpy as np
+from printed import unwrapped
 import pytest
+import tudor_dynamics as td
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
+from tudor_dynamics.models.bundle import load_bundle
+from tudor_dynamics.online.black_box import messages_of, replayed
+from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 
 
 @pytest.mark.shared
 def test_recorded_pushes(
     root: Path, shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Six of seven pushes within 80 ms (median), no false alarm; all methods side by side."""
+    """Six of seven pushes within 80 ms (median), no false alarm; each is a touch to why, too."""
     bags = shared_data / 'bags'
     assert main(['fit', *(str(bags / f'arm_200g_free_{i}') for i in (1, 2, 3)), '--models',
                  'analytical', '--arm', str(root / 'config/two_blade_arm.yaml'), '--out',
@@ -43,13 +51,21 @@ def test_recorded_pushes(
                  str(bags / 'arm_200g_free_4'), '--collisions', '--report',
                  str(tmp_path / 'r.html'), '--json']) == 0
     found = json.loads(capsys.readouterr().out)['collisions']
-    assert set(found) == {'strain', 'effort', 'momentum'}
-    strain = found['strain']
-    assert strain['pushes'] == 7 and strain['found'] >= 6
-    assert strain['latency_median'] <= 0.08
+    assert list(found) == ['all', 'strain', 'effort', 'momentum']
+    for together in (found['all'], found['strain']):
+        assert together['pushes'] == 7 and together['found'] >= 6
+        assert together['latency_median'] <= 0.08
     assert all(item['false_alarms'] == 0 for item in found.values())
     assert found['effort']['found'] >= 5 and found['momentum']['found'] >= 5
     assert 'pushes found of 7' in (tmp_path / 'r.html').read_text()
+    # what the node does, event by event, the weakest of them included
+    why = ['why', str(bags / 'arm_200g_pushes'), '--model', str(tmp_path / 'm'), '--json']
+    assert main(why) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [(item['onset'], item['ratio']) for item in said] == [
+        (item['onset'], item['ratio']) for item in found['all']['event_list']]
+    assert min(item['ratio'] for item in said) < 1.1
+    assert {item['cause'] for item in said} == {'touch'}
 
 
 def test_gaps_are_no_free_time(
@@ -70,6 +86,57 @@ def test_gaps_are_no_free_time(
     assert strain['hours'] + strain['unjudged'] == pytest.approx(whole.t[-1] / 3600.0, rel=0.1)
     assert main([*command[:3], str(root / 'bags/two_blade_test'), *command[4:]]) == 0
     assert 'not judged' not in capsys.readouterr().out
+
+
+def thinned(bag: Path, out: Path, loss: float | None) -> None:
+    """Lose all messages for 0.27 s in each 0.9 s, or each message with a probability."""
+    raw = open_bag(bag).read(list(open_bag(bag).topics))
+    random, kept = np.random.default_rng(3), []
+    for item in raw.values():
+        t = (item.log_time - next(iter(raw.values())).log_time[0]) * 1e-9
+        there = t % 0.9 > 0.27 if loss is None else random.random(len(t)) > loss
+        there |= item.topic.endswith('applied_wrench')
+        kept.append(replace(item, log_time=item.log_time[there], data=[
+            data for data, stays in zip(item.data, there, strict=True) if stays]))
+    write_bag(out, kept)
+
+
+@pytest.mark.parametrize('loss', [None, 0.05])
+def test_a_busy_machine_is_judged_as_by_the_monitor(
+    root: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    loss: float | None,
+) -> None:
+    """The same samples and events as by the monitor from the same messages; the rest is said."""
+    thinned(root / 'bags/two_blade_pushes', tmp_path / 'bag', loss)
+    bundle = load_bundle(model)
+    monitor = Monitor(bundle, MonitorSettings(methods=()))
+    judged, events = set(), []
+    for _, found in replayed(messages_of(open_bag(tmp_path / 'bag'), bundle.arm), bundle.arm,
+                             monitor):
+        judged |= {excess.residual.motion.stamp for _, excess in found.excesses}
+        events += found.events
+    assert len(judged) > 400 and events
+    together = td.detect(bundle, tmp_path / 'bag')[0]
+    watched, = together.watched
+    assert together.method == 'all' and watched.stamp.tolist() == sorted(judged)
+    assert [(item.event.onset, item.event.stamp, item.event.ratios)
+            for item in watched.sightings] == [(item.onset, item.stamp, item.ratios)
+                                               for item in events]
+    assert watched.not_judged == pytest.approx(0.85 if loss is None else 0.0, abs=0.02)
+    words = ['evaluate', '--model', str(model), str(tmp_path / 'bag'), '--collisions']
+    assert main(words) == 0
+    said = unwrapped(capsys.readouterr().out)
+    assert said.startswith('all methods together, as a monitor runs, find')
+    assert ('% of the time was not judged: gaps' in said) == (loss is None)
+    # of a bag of gaps, no fit can learn what free motion is
+    assert main([*words, '--free']) == 0
+    said = unwrapped(capsys.readouterr().out)
+    assert ('most was not judged; record that motion without gaps' in said) == (loss is None)
+    assert ('tudor fit' in said) == (loss is not None)
+    table = tmp_path / 'pushes.csv'
+    table.write_text('1,2\n', encoding='utf-8')
+    assert [*td.roc({'built in': bundle}, tmp_path / 'bag', bundle.arm, [table])] == [
+        f'built in: {name}' for name in ('all', 'strain', 'effort', 'momentum')]
 
 
 def test_the_page_has_the_events_of_the_terminal(

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from tudor_dynamics.identification import causes
 from tudor_dynamics.identification.causes import (
-    _clock, _gap, _losses, _touch, _training, CAUSES, Scene)
+    _clock, _gap, _losses, _low, _together, _touch, _training, CAUSES, Scene)
 from tudor_dynamics.load.live import LoadFound
 from tudor_dynamics.online.black_box import Heard
 
@@ -122,6 +122,39 @@ def test_most_samples_lost_before_a_long_event() -> None:
         shown = replace(whole, messages=kept,
                         seen=SimpleNamespace(event=whole.seen.event, seconds=1.0))
         assert bool(_gap(shown)) == gap and 'samples of /link_strains' in _losses(shown)
+
+
+def excursion(strain: dict[float, float], effort: dict[float, float]) -> Scene:
+    """Give an event by strains at 0 s, with ratios from some times on, before it 0.1."""
+    def series(ratios: dict[float, float]) -> list[SimpleNamespace]:
+        levels, begun = [0.1, *ratios.values()], np.array([*ratios])
+        return [SimpleNamespace(
+            residual=SimpleNamespace(motion=SimpleNamespace(stamp=10**18 + 10**7 * k)),
+            collision=np.array([levels[int(np.sum(begun < 0.01 * k + 1e-6))]]))
+            for k in range(-1000, 50)]
+    event = SimpleNamespace(onset=10**18, stamp=10**18 + 10**7, method='strain')
+    seen = SimpleNamespace(event=event, seconds=0.01, ratio=1.05, contact=None)
+    return Scene(seen, [], SimpleNamespace(
+        log=SimpleNamespace(events=[seen]), contacts=[],
+        excesses={'strain': series(strain), 'effort': series(effort)}),
+        None, 0, '', None, {}, False)
+
+
+@pytest.mark.parametrize(('strain', 'effort', 'unlike', 'touched'), [
+    # a push that grows for 0.25 s; the drives show it, most of it before it is certain
+    ({-0.25: 0.99, 0.0: 1.05, 0.05: 0.1}, {-0.2: 0.9, -0.12: 0.3}, False, True),
+    ({-0.25: 0.99, 0.0: 1.05, 0.05: 0.1}, {}, False, False),  # the drives show nothing
+    ({-0.25: 0.99, 0.0: 1.05, 0.05: 0.1}, {-3.0: 0.9, -2.5: 0.1}, False, False),  # nor then
+    ({-4.0: 0.9, -3.0: 0.1, 0.0: 1.05}, {}, True, False)])  # motion that is so always
+def test_how_an_event_begins_is_no_free_motion(
+    strain: dict[float, float], effort: dict[float, float], unlike: bool, touched: bool,
+) -> None:
+    """A weak push is called by what gauges and drives show of it, not by its own begin."""
+    shown = excursion(strain, effort)
+    assert (bool(_training(shown)), bool(_together(shown))) == (unlike, touched)
+    assert not _touch(shown)
+    looks = [look for look, *_ in CAUSES]
+    assert looks.index(_training) < looks.index(_together) < looks.index(_low)
 
 
 def stand_ins(

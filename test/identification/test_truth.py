@@ -31,8 +31,9 @@ from tudor_dynamics.bags.storage import RawMessages
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.detection import (
-    find_truth, FREE, KnownPush, push_of, roc_of, score, table_of_pushes, Truth, truth_of_file,
-    WatchedBag)
+    DetectedEvent, find_truth, FREE, KnownPush, push_of, roc_of, score, table_of_pushes, Truth,
+    truth_of_file, WatchedBag)
+from tudor_dynamics.online.detector import CollisionEvent
 
 
 def button(stamp: NDArray[np.int64], *value: bool) -> RawMessages:
@@ -84,31 +85,35 @@ def test_truth_of_a_bool(tmp_path: Path) -> None:
         find_truth(str(bag), '/joint_states')
 
 
+def watched_at(stamp: np.ndarray, places: list[int], truth: Truth) -> WatchedBag:
+    """Give a bag that was judged throughout, with an event at each of some samples."""
+    found = (CollisionEvent(int(time), int(time), 'strain', 'link') for time in stamp[places])
+    return WatchedBag('a', stamp, np.zeros(len(stamp)), truth, tuple(
+        DetectedEvent(event, 0.0, 'g', 1.0, 0.1) for event in found), stamp)
+
+
 def test_a_bag_without_truth_is_unknown(tmp_path: Path) -> None:
     """Nothing is known where there is no topic: an event there is neither right nor false."""
     bag = make_bag(tmp_path / 'bag', joint_states())
     truth = find_truth(str(bag))
     assert not truth.known and truth.pushes == ()
     stamp = times(1000)
-    watched = [WatchedBag('a', stamp, np.zeros(1000), truth, ()),
-               WatchedBag('b', stamp, np.zeros(1000), Truth('x', (KnownPush(
-                   int(stamp[500]), int(stamp[550])),)), ())]
-    alarms = [stamp[[10, 20]], stamp[[30, 505]]]
-    alone = score(watched[:1], alarms[:1])
+    watched = [watched_at(stamp, [10, 20], truth), watched_at(stamp, [30, 505], Truth(
+        'x', (KnownPush(int(stamp[500]), int(stamp[550])),)))]
+    alone = score(watched[:1])
     assert (alone.events, alone.false_alarms, alone.false_alarms_per_hour, alone.hours) == (
         2, None, None, 0.0)
-    both = score(watched, alarms)
+    both = score(watched)
     assert (both.events, both.pushes, both.found, both.false_alarms) == (4, 1, 1, 1)
     assert both.latency_median == pytest.approx(0.05)
-    free = score([WatchedBag('a', stamp, np.zeros(1000), FREE, ())], alarms[:1])
+    free = score([watched_at(stamp, [10, 20], FREE)])
     assert free.false_alarms == 2
     # an event before a push is a false alarm
-    soon = score(watched[1:], [stamp[[495]]])
+    soon = score([watched_at(stamp, [495], watched[1].truth)])
     assert (soon.found, soon.false_alarms) == (0, 1)
     # unless the push is marked by eye, perhaps a moment too late: then it is found at once
-    by_eye = replace(watched[1], truth=Truth('x', (replace(
-        watched[1].truth.pushes[0], early=100_000_000),)))
-    early, soon = (score([by_eye], [stamp[[place]]]) for place in (485, 495))
+    by_eye = Truth('x', (replace(watched[1].truth.pushes[0], early=100_000_000),))
+    early, soon = (score([watched_at(stamp, [place], by_eye)]) for place in (485, 495))
     assert (early.found, early.false_alarms) == (0, 1)
     assert (soon.found, soon.false_alarms, soon.latency_median) == (1, 0, 0.0)
 
@@ -117,16 +122,23 @@ def test_time_that_was_not_judged_is_not_free() -> None:
     """A sample stands for its period; a gap counts neither as free nor as a push."""
     stamp = times(3001)  # 30 s at 100 Hz
     judged = stamp[(stamp < stamp[500]) | (stamp >= stamp[1500])]
-    item = WatchedBag('a', judged, np.zeros(len(judged)), FREE, ())
-    free = score([item], [judged[:0]])
+    item = WatchedBag('a', judged, np.zeros(len(judged)), FREE, (), stamp)
+    free = score([item])
     assert 3600.0 * free.hours == pytest.approx(20.0)
     assert 3600.0 * free.unjudged == pytest.approx(10.0)
     # of a push and its 2 s afterwards, half lies in the gap
     push = KnownPush(int(stamp[1300]), int(stamp[1500]))
-    pushed = score([replace(item, truth=Truth('x', (push,)))], [judged[:0]])
+    pushed = score([replace(item, truth=Truth('x', (push,)))])
     assert 3600.0 * pushed.hours == pytest.approx(18.0)
-    whole = score([WatchedBag('a', stamp, np.zeros(3001), Truth('x', (push,)), ())], [stamp[:0]])
+    whole = score([watched_at(stamp, [], Truth('x', (push,)))])
     assert 3600.0 * whole.hours == pytest.approx(26.0) and whole.unjudged == 0.0
+    assert item.not_judged == pytest.approx(1 / 3, abs=0.001)
+    assert watched_at(stamp, [], FREE).not_judged == 0.0
+    # what is not judged at the end counts, what settles at the begin does not
+    assert replace(item, stamp=stamp[500:2501]).not_judged == pytest.approx(0.2, abs=0.001)
+    assert replace(item, stamp=stamp[:0]).not_judged == 1.0
+    # one sample in each 0.9 s is no time that is judged, however even they are
+    assert replace(item, stamp=stamp[::90]).not_judged == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize(('count', 'low', 'high'), [
@@ -134,12 +146,12 @@ def test_time_that_was_not_judged_is_not_free() -> None:
 def test_how_many_times_what_was_promised_came(count: int, low: float, high: float) -> None:
     """The interval is the exact one of a Poisson count (Garwood, 1936), here of half an hour."""
     stamp = np.array([0, 1_800_000_000_000])
-    item = WatchedBag('a', stamp, np.zeros(2), FREE, ())
-    kept = score([item], [np.zeros(count, dtype=np.int64)]).kept(2.0)
+    item = watched_at(stamp, [0] * count, FREE)
+    kept = score([item]).kept(2.0)
     assert kept is not None and kept['promised'] == pytest.approx(1.0)
     assert kept['ratio'] == pytest.approx(count)
     assert (kept['low'], kept['high']) == pytest.approx((low, high), rel=2e-3)
-    assert score([replace(item, truth=Truth())], [stamp]).kept(2.0) is None
+    assert score([replace(item, truth=Truth())]).kept(2.0) is None
 
 
 def test_a_table_of_pushes(tmp_path: Path) -> None:
@@ -190,7 +202,7 @@ def test_curve_of_all_thresholds() -> None:
     ratio[310], ratio[905], ratio[1510] = 3.0, 0.8, 0.4
     ratio[[20, 21, 22]] = 2.0  # one false event
     ratio[1300] = 0.5
-    item = WatchedBag('a', stamp, ratio, Truth('marks', pushes), ())
+    item = WatchedBag('a', stamp, ratio, Truth('marks', pushes), (), stamp)
     roc = roc_of([item], 0.01)
     at = {round(float(factor), 6): (int(found), int(false)) for factor, found, false in zip(
         roc.factor, roc.found, roc.false, strict=True)}

@@ -125,9 +125,9 @@ def drifting(recording: Recording) -> Recording:
 
 
 def hurried(recording: Recording) -> Recording:
-    """Let the arm go on 2.5 times as fast, with the efforts and strains of the slow motion."""
+    """Let a move go on 2.5 times as fast, with the efforts and strains of the slow motion."""
     samples = np.arange(len(recording.stamp))
-    place = np.concatenate([samples[:K], np.arange(K, samples[-1], 2.5)])
+    place = np.concatenate([samples[:K + 100], np.arange(K + 100, samples[-1], 2.5)])
 
     def taken(values: FloatArray) -> FloatArray:
         return np.column_stack([np.interp(place, samples, column) for column in values.T])
@@ -324,11 +324,12 @@ def test_each_cause_comes_again(
     """Whatever made the monitor alarm: the same event to the last bit, and its cause by name."""
     records = played(world, model, make(free), tmp_path, change, first=0, last=None, busy=busy,
                      **params)
-    (bag,) = tmp_path.iterdir()
-    found = causes(build_parser('why').parse_args(['why', str(bag)]))
+    found = [item for bag in sorted(tmp_path.iterdir())  # several on a slow machine
+             for item in causes(build_parser('why').parse_args(['why', str(bag)]))]
     assert [item.event.event.onset for item in found] == [item['onset'] for item in records]
     assert all(item.same for item in found)
-    assert cause in {item.name for item in found}
+    assert {item.name for item in found} == {cause}, [
+        (item.name, item.event.time, item.evidence) for item in found]
 
 
 def test_a_touch_beside_a_busy_machine(

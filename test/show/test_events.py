@@ -39,7 +39,8 @@ def watched(name: str = 'run', *, found: bool = True, settled: float = 1.0) -> W
     event = CollisionEvent(at(4.1), at(4.2), 'strain', 'link2', {'g': 9.0}, {'g': 3.0})
     sightings = (DetectedEvent(event, 4.2, 'g', 3.0, 0.4, 0),) if found else ()
     return WatchedBag(name, (BEGIN + np.round(t * 1e9)).astype(np.int64), ratio,
-                      Truth('marks', (KnownPush(at(4.0), at(4.5)),)), sightings)
+                      Truth('marks', (KnownPush(at(4.0), at(4.5)),)), sightings,
+                      np.array([at(0.01 * k) for k in range(1000)]))
 
 
 def result(*bags: WatchedBag, method: str = 'strain') -> MethodResult:
@@ -71,7 +72,7 @@ def test_nothing_found_and_nothing_watched() -> None:
     """No triangle; a bag without samples has no picture."""
     panel, = event_figure(result(watched(found=False)), 0)['panels']
     assert len(panel['traces'][1]['x']) == 0
-    empty = WatchedBag('run', np.zeros(0, np.int64), np.zeros(0), Truth(), ())
+    empty = WatchedBag('run', np.zeros(0, np.int64), np.zeros(0), Truth(), (), np.array([at(0.0)]))
     assert event_figure(result(empty), 0)['panels'] == []
 
 

@@ -34,7 +34,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import check_target, dump_npz, provenance
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
-    best_of, evaluate_collisions, EVENT_NAMES, event_notes, event_table, find_truth, FREE,
+    ALL, evaluate_collisions, EVENT_NAMES, event_notes, event_table, find_truth, FREE,
     MethodResult, Truth, truth_of_file, UTC, within)
 from tudor_dynamics.identification.doctor.between import examine_evaluation
 from tudor_dynamics.identification.next_steps import changes, fit_with, touched
@@ -48,6 +48,7 @@ from tudor_dynamics.online.monitor import MonitorSettings
 
 
 LONGEST_DEBOUNCE = 60.0  # a push that lasts longer is none [s]
+HALF = 0.5  # where less is judged, no stretch may be so long that a fit can use it
 TOO_WIDE = 10.0  # times what was promised: where even more would be no surprise, nothing is known
 
 
@@ -59,8 +60,6 @@ def run_collisions(args: argparse.Namespace) -> int:
         raise UsageError(f'--false-alarms {args.false_alarms:g} --debounce {args.debounce:g}: '
                          'expected a rate above 0 per hour and a time of 0 to '
                          f'{LONGEST_DEBOUNCE:g} s')
-    if sum((bool(args.pushes), bool(args.truth), args.free)) > 1:
-        raise UsageError('--pushes, --truth and --free exclude each other; give one of them')
     if args.pushes and len(args.pushes) != len(args.bags):
         raise UsageError(f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give '
                          'one table for each bag, in the order of the bags')
@@ -82,7 +81,7 @@ def run_collisions(args: argparse.Namespace) -> int:
         data, truths = [], []
         for place, choice in enumerate(choices):
             step(f'read {choice}')
-            data.append(load(choice, bundle.arm, bundle.preprocessing))
+            data.append(load(choice, bundle.arm, None))
             truths.append(_truth(args, place, data[-1], bundle))
         seen = warn_of_training(bundle, data)
         step('replay through the detector')
@@ -127,10 +126,11 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
     for item in results:
         score = item.score
         known = score.false_alarms is not None
+        latencies = ('-' if value is None else f'{1e3 * value:.0f}'
+                     for value in (score.latency_median, score.latency_p95))
         table.add_row(
             item.method, str(score.events),
-            f'{score.found} of {score.pushes}' if known else '-',
-            _milliseconds(score.latency_median), _milliseconds(score.latency_p95),
+            f'{score.found} of {score.pushes}' if known else '-', *latencies,
             str(score.false_alarms) if known else '-', f'{60 * score.hours:.1f}' if known else '-')
     print_table(table)
     for place, bag in enumerate(results[0].watched):
@@ -148,15 +148,15 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
 def _print_verdict(
     results: Sequence[MethodResult], args: argparse.Namespace, bundle: ModelBundle,
 ) -> None:
-    """Say what the best method finds, how many times what was promised came, and what to do."""
-    judged = [item for item in results if item.score.pushes and item.score.hours]
-    if judged:
-        top = best_of(judged)
-        level = Grade.USABLE if top.score.found else Grade.DO_NOT_USE
-        if top.score.found == top.score.pushes and not top.score.false_alarms:
+    """Say what a monitor finds, how many times what was promised came, and what to do."""
+    name, score = results[0].method, results[0].score
+    if score.pushes and score.hours:
+        level = Grade.USABLE if score.found else Grade.DO_NOT_USE
+        if score.found == score.pushes and not score.false_alarms:
             level = Grade.GOOD
-        say_verdict(level, f'{top.method} finds {top.score.found} of {top.score.pushes} pushes',
-                    f'; false alarms in {60 * top.score.hours:.1f} min: {top.score.false_alarms}')
+        who = 'all methods together, as a monitor runs, find' if name == ALL else f'{name} finds'
+        say_verdict(level, f'{who} {score.found} of {score.pushes} pushes',
+                    f'; false alarms in {60 * score.hours:.1f} min: {score.false_alarms}')
     broken = False
     for item in results:
         kept = item.score.kept(args.false_alarms)
@@ -167,26 +167,24 @@ def _print_verdict(
             times = (f'too short to judge ({60.0 * item.score.hours:.2g} min)' if grade is None
                      else f'{kept["ratio"]:.3g} times as many (90 % interval {kept["low"]:.3g} to '
                      f'{kept["high"]:.3g})')
-            lost = 100.0 * item.score.unjudged / (item.score.hours + item.score.unjudged)
-            say_verdict(grade, times, f'; {lost:.0f} % of the time was not judged' * (lost > 1.0),
-                        f'{item.method}: false alarms in {item.score.hours:.3g} h: '
-                        f'{item.score.false_alarms}, {kept["promised"]:.3g} promised: ')
+            say_verdict(grade, times, of=f'{item.method}: false alarms in {item.score.hours:.3g} '
+                        f'h: {item.score.false_alarms}, {kept["promised"]:.3g} promised: ')
     if broken and args.free:
-        command = fit_with(bundle, args.bags, args.model, args.payload)
-        say('more than was promised: this motion is of another kind or day; thresholds learn '
-            'it from these bags' + ':' * bool(command))
+        gaps = [bag.bag for bag in results[0].watched if bag.not_judged > HALF]
+        command = '' if gaps else fit_with(bundle, args.bags, args.model, args.payload)
+        say('more than was promised: ' + (
+            f'{", ".join(gaps)}: most was not judged; record that motion without gaps' if gaps else
+            'this motion is of another kind or day; thresholds learn it from these bags'
+            + ':' * bool(command)))
         if command:
             say_command(command)
-
-
-def _milliseconds(value: float | None) -> str:
-    return '-' if value is None else f'{1e3 * value:.0f}'
 
 
 def collision_values(item: MethodResult, allowed: float) -> dict[str, Any]:
     """Give figures, events and curve of one method as plain values."""
     return {**item.score.as_dict(), 'kept': item.score.kept(allowed),
             'largest_ratio': {bag.bag: float(bag.ratio.max(initial=0.0)) for bag in item.watched},
+            'not_judged': {bag.bag: bag.not_judged for bag in item.watched},
             'truth': {bag.bag: bag.truth.source or None for bag in item.watched},
             'event_list': [{'bag': bag.bag, **seen.as_dict()}
                            for bag in item.watched for seen in bag.sightings],
@@ -242,6 +240,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                        help='time for which a threshold must be exceeded (default: 0.01 s)')
     group.add_argument('--kind', choices=tuple(KINDS), default='analytical',
                        help='model whose residuals are watched (default: analytical)')
+    group = group.add_mutually_exclusive_group()
     group.add_argument('--pushes', nargs='+', default=[], metavar='FILE.csv',
                        help='tables of begin,end[,tolerance] in seconds since the beginning of '
                             'the bag, one for each bag')

@@ -28,7 +28,7 @@ from tudor_dynamics.bags.storage import Bag
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FREE
 from tudor_dynamics.identification.settings import (
-    BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_AFTER, JUST_BEFORE, LATE_LOAD, LEAP,
+    BEGINS, BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_AFTER, JUST_BEFORE, LATE_LOAD, LEAP,
     LEAP_SAMPLES, LEAST_TOUCH, LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, SAME_ONSET,
     SHARED_TOUCH, STARTED, STOOD_BEFORE, SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
@@ -92,10 +92,10 @@ class Scene:
         return [excess for excess in self.replay.excesses.get(method or self.seen.event.method, ())
                 if begin <= (excess.residual.motion.stamp - onset) * 1e-9 <= end]
 
-    def largest(self, end: float, method: str) -> float:
-        """Give the largest ratio to the thresholds of a method around the onset and until [s]."""
+    def largest(self, end: float, method: str, before: float = JUST_BEFORE) -> float:
+        """Give the largest ratio to the thresholds of a method since before the onset [s]."""
         return max((float(excess.collision.max())
-                    for excess in self.excesses(-JUST_BEFORE, end, method)), default=0.0)
+                    for excess in self.excesses(-before, end, method)), default=0.0)
 
     def readings(self, output: str, channel: str, begin: float, end: float) -> FloatArray:
         """Give the readings of a channel between two times since the onset [s]."""
@@ -206,14 +206,11 @@ def _faster(scene: Scene) -> str:
 
 
 def _training(scene: Scene) -> str:
-    # other events and what follows them say nothing of free motion
-    onset = scene.seen.event.onset
-    others = [item.event.onset for item in scene.replay.log.events
-              if item.event.onset < onset - 1e8]
-    often = max((float(excess.collision.max())
-                 for excess in scene.excesses(-LONG_BEFORE, -JUST_BEFORE)
-                 if not any(-1.0 < (excess.residual.motion.stamp - other) * 1e-9 < 3.0
-                            for other in others)), default=0.0)
+    # how events begin, this one too, and what follows them say nothing of free motion
+    onsets = [item.event.onset for item in scene.replay.log.events]
+    often = max((float(excess.collision.max()) for excess in scene.excesses(-LONG_BEFORE, 0.0)
+                 if not any(-BEGINS < (excess.residual.motion.stamp - onset) * 1e-9 < 3.0
+                            for onset in onsets)), default=0.0)
     if not scene.unlike and often < UNLIKE:
         return ''
     return '; '.join(filter(None, (scene.unlike, f'up to {often:.2f} of a threshold was reached '
@@ -231,9 +228,15 @@ def _touch(scene: Scene) -> str:
         return ''
     if found and found['seconds'] >= LEAST_TOUCH:
         return f'{contact_text(found)}, for {found["seconds"]:.2f} s'
-    most = {method: scene.largest(until, method) for method in scene.replay.excesses}
+    return _together(scene, JUST_BEFORE)
+
+
+def _together(scene: Scene, before: float = BEGINS) -> str:
+    """Find what both gauges and drives show in a moment: by chance that is far rarer than each."""
+    until = max(scene.seen.seconds, BRIEF)
+    most = {method: scene.largest(until, method, before) for method in scene.replay.excesses}
     other = max((ratio for method, ratio in most.items()
-                 if SOURCE[method] != SOURCE[event.method]), default=0.0)
+                 if SOURCE[method] != SOURCE[scene.seen.event.method]), default=0.0)
     return '' if other < SHARED_TOUCH else 'gauges and drives show it together: ' + ', '.join(
         f'{method} {ratio:.2f} of its threshold' for method, ratio in most.items())
 
@@ -262,6 +265,7 @@ def _low(scene: Scene) -> str:
 
 
 GAP = 'gap', 'look at drivers and network: the diagnostics count what is lost'
+TOUCH = 'touch', 'look at the arm, then call the service reset of the monitor'
 TRAINING = 'motion outside training', 'fit with such motion, or calibrate the monitor in it'
 LOW = 'threshold too low', 'allow fewer false_alarms_per_hour, or fit more motion without contact'
 CAUSES: tuple[tuple[Callable[[Scene], str], str, str], ...] = (
@@ -271,8 +275,7 @@ CAUSES: tuple[tuple[Callable[[Scene], str], str, str], ...] = (
     (_gauge, 'gauge', 'look at cable and amplifier; tudor evaluate names one that has changed'),
     (_load, 'load', 'set payload_source to estimate, or announce loads (expect_payload)'),
     (_usual, *LOW), (_faster, *TRAINING),
-    (_touch, 'touch', 'look at the arm, then call the service reset of the monitor'),
-    (_losses, *GAP), (_training, *TRAINING), (_low, *LOW))
+    (_touch, *TOUCH), (_losses, *GAP), (_training, *TRAINING), (_together, *TOUCH), (_low, *LOW))
 """What is looked for, in this order, its name, and what to do."""
 
 

@@ -268,14 +268,16 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
 
 
 def load(
-    choice: BagChoice, arm: Arm, preprocessing: PreprocessingSpec, *, learn: bool = False,
+    choice: BagChoice, arm: Arm, preprocessing: PreprocessingSpec | None, *, learn: bool = False,
     payload: float | None = None, whole: bool = False,
 ) -> BagData:
-    """Read and filter a bag, payload in [kg]; jittery stamps of an even sampling become even."""
+    """Read a bag, payload in [kg]; without preprocessing as a monitor hears it, stamp by stamp."""
     read = read_recording(choice.path, arm, need_output=True, need_motion=learn)
-    full, timing = retimed(read)
+    full, timing = (read, None) if preprocessing is None else retimed(read)
     bag = BagData(replace(choice, duration=float(full.t[-1])), cut(full, choice), (),
                   full.payload if payload is None else payload, timing)
+    if preprocessing is None:
+        return bag
     if whole:
         return replace(bag, stretches=tuple(prepare(bag.recording, preprocessing)))
     if note := standstill_note(bag.recording):

@@ -39,7 +39,7 @@ from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
 from tudor_dynamics.online.detector import CollisionEvent, Level, time_of_day
-from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
+from tudor_dynamics.online.monitor import Found, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.online.settings import BLOCK
 from tudor_dynamics.online.streams import Predictor, StateFilter
 from tudor_dynamics.typing import FloatArray, Shown
@@ -237,13 +237,14 @@ class DetectedEvent:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WatchedBag(Shown):
-    """One bag as one method saw it."""
+    """One bag as one method, or all together, saw it."""
 
     bag: str  # path of the bag
     stamp: NDArray[np.int64]  # samples with a residual, (samples,) [ns]
     ratio: FloatArray  # (samples,): largest ratio that held for the debounce time
     truth: Truth  # pushes that there were
     sightings: tuple[DetectedEvent, ...]  # what was found
+    heard: NDArray[np.int64]  # all samples of the bag [ns]
 
     @property
     def alarms(self) -> NDArray[np.int64]:
@@ -252,11 +253,18 @@ class WatchedBag(Shown):
 
     def unjudged(self, begin: int, end: int) -> int:
         """Give the time between stamps that is in gaps, more than a period after a sample [ns]."""
-        step = np.diff(self.stamp)
-        last = np.flatnonzero(step > gap_limit(self.stamp) * 1e9)
-        since = self.stamp[last] + (int(np.median(step)) if len(last) else 0)
+        last = np.flatnonzero(np.diff(self.stamp) > gap_limit(self.heard) * 1e9)
+        since = self.stamp[last] + int(np.median(np.diff(self.heard)))
         gaps = np.minimum(self.stamp[last + 1], end) - np.maximum(since, begin)
         return int(np.maximum(gaps, 0).sum())
+
+    @property
+    def not_judged(self) -> float:
+        """Give the share of the bag since the first judged sample that is not; 1 without any."""
+        if not len(self.stamp):
+            return 1.0
+        first, last, end = int(self.stamp[0]), int(self.stamp[-1]), int(self.heard[-1])
+        return (self.unjudged(first, last) + end - last) / max(end - first, 1)
 
 
 def push_of(stamp: int, pushes: Sequence[KnownPush]) -> int | None:
@@ -267,12 +275,13 @@ def push_of(stamp: int, pushes: Sequence[KnownPush]) -> int | None:
     return begun[-1]
 
 
-def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) -> CollisionScore:
-    """Judge alarms by the pushes: alarms [ns]."""
+def score(watched: Sequence[WatchedBag]) -> CollisionScore:
+    """Judge alarms by the pushes."""
     latencies, pushes, false, free, lost = [], 0, 0, 0.0, 0
-    for item, times in zip(watched, alarms, strict=True):
+    for item in watched:
         if not item.truth.known:
             continue
+        times = item.alarms
         first, last = item.stamp[[0, -1]].tolist() if len(item.stamp) else (0, 0)
         gaps = item.unjudged(first, last)
         span, lost = (last - first - gaps) * 1e-9, lost + gaps
@@ -289,7 +298,7 @@ def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) ->
     hours = free / 3600.0
     known = any(item.truth.known for item in watched)
     return CollisionScore(
-        sum(len(times) for times in alarms),
+        sum(len(item.sightings) for item in watched),
         pushes, len(latencies), len(latencies) / pushes if pushes else None,
         float(np.median(latencies)) if latencies else None,
         float(np.percentile(latencies, 95)) if latencies else None,
@@ -378,11 +387,14 @@ def roc_of(watched: Sequence[WatchedBag], hours: float, grid: FloatArray = FACTO
 
 # -- How well collisions are found: recordings replayed past every method of detection
 
+ALL = 'all'  # in place of a method: those of a monitor, which share the false alarms allowed
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class MethodResult(Shown):
-    """Result of one method."""
+    """Result of one method, or of all together."""
 
-    method: str  # `strain`, `effort` or `momentum`
+    method: str  # `strain`, `effort` or `momentum` alone; `all` for all as the monitor runs
     score: CollisionScore  # figures at the thresholds asked for
     watched: tuple[WatchedBag, ...]  # bags that were replayed
     roc: Roc  # what other thresholds would have found
@@ -394,8 +406,7 @@ class EventLog:
 
     first: int  # stamp of the first sample of the bag [ns]
     truth: Truth  # pushes that there were
-    stamps: list[int] = field(default_factory=list)
-    ratios: list[float] = field(default_factory=list)
+    ratios: dict[str, list[tuple[int, float]]] = field(default_factory=dict)  # of each method
     events: list[DetectedEvent] = field(default_factory=list)
     under_way: DetectedEvent | None = None  # the last of the events, until it is over
     # Contacts of the last moments: a touch begins before the detector is sure.
@@ -406,8 +417,7 @@ class EventLog:
         now = self.under_way
         for method, excess in found.excesses:
             stamp, ratio = excess.residual.motion.stamp, float(excess.collision.max())
-            self.stamps.append(stamp)
-            self.ratios.append(ratio)
+            self.ratios.setdefault(method, []).append((stamp, ratio))
             if now is not None and ratio >= 1.0 and method == now.event.method:
                 now.seconds = (stamp - now.event.onset) * 1e-9
                 if ratio > now.ratio:
@@ -427,70 +437,69 @@ class EventLog:
             now.touched.add(*found.contacts)
         self.under_way = now if watch.level is Level.COLLISION else None
 
+    def watched(self, name: str, heard: NDArray[np.int64], debounce: float) -> WatchedBag:
+        """Give the bag as it was seen, of several methods the larger ratio."""
+        held: dict[int, float] = {}
+        for found in self.ratios.values():
+            at, ratio = (np.array(values) for values in zip(*found, strict=True))
+            since = np.searchsorted(at, at - round(debounce * 1e9))
+            for k, (stamp, a) in enumerate(zip(at.tolist(), since.tolist(), strict=True)):
+                held[stamp] = max(held.get(stamp, 0.0), float(ratio[a:k + 1].min()))
+        stamps = np.array(sorted(held), dtype=np.int64)
+        return WatchedBag(name, stamps, np.array([held[stamp] for stamp in stamps.tolist()]),
+                          self.truth, tuple(self.events), heard)
+
 
 def watch_bag(
     bundle: ModelBundle, settings: dict[str, MonitorSettings], name: str, recording: Recording,
     truth: Truth,
 ) -> dict[str, WatchedBag]:
-    """Replay one bag past all methods: one filter and one predictor, a detector for each."""
+    """Replay one bag past monitors, by name: one filter and predictor, a detector for each."""
     bundle = bundle.beside_robot()
     common = next(iter(settings.values()))
     front, predictor = (StateFilter(bundle.preprocessing, common.gap),
                         Predictor(bundle, common.kind))
-    watches = {method: Watch(bundle, alone) for method, alone in settings.items()}
-    outputs = {SOURCE[method] for method in settings}
-    logs = {method: EventLog(int(recording.stamp[0]), truth) for method in settings}
+    watches = {key: Watch(bundle, one) for key, one in settings.items()}
+    logs = {key: EventLog(int(recording.stamp[0]), truth) for key in settings}
     for k, stamp in enumerate(recording.stamp.tolist()):
         motion = front.step(stamp, recording.q[k],
                             None if recording.dq is None else recording.dq[k])
-        predicted = None if motion is None else predictor.step(motion, outputs)
+        predicted = None if motion is None else predictor.step(motion)
         if recording.strain is not None:
             predictor.add_strain(stamp, recording.strain[k])
-        for method, watch in watches.items():
-            values = getattr(recording, SOURCE[method])[k]
-            for found in (Found() if motion is None else watch.add_motion(motion, predicted),
-                          watch.add_measured(SOURCE[method], stamp, values)):
-                logs[method].add(found, watch)
-    result = {}
-    for method, alone in settings.items():
-        log = logs[method]
-        at, ratio = np.array(log.stamps, dtype=np.int64), np.array(log.ratios)
-        since = np.searchsorted(at, at - round(alone.detector.debounce * 1e9))
-        held = np.array([ratio[a:k + 1].min() for k, a in enumerate(since.tolist())])
-        result[method] = WatchedBag(name, at, held, truth, tuple(log.events))
-    return result
+        for key, watch in watches.items():
+            if motion is not None:
+                logs[key].add(watch.add_motion(motion, predicted), watch)
+            for output in watch.outputs:
+                if (values := getattr(recording, output)) is not None:
+                    logs[key].add(watch.add_measured(output, stamp, values[k]), watch)
+    return {key: log.watched(name, recording.stamp, settings[key].detector.debounce)
+            for key, log in logs.items()}
 
 
 def evaluate_collisions(
     bundle: ModelBundle, bags: Sequence[tuple[str, Recording]], settings: MonitorSettings,
     truths: Sequence[Truth],
 ) -> list[MethodResult]:
-    """Evaluate every method for which there are models, thresholds and signals."""
-    chosen = {}  # for each method that can be judged the settings with which it works alone
-    for method in METHODS:
-        alone = replace(settings, methods=(method,))
-        if method in Watch(bundle, alone).stages and all(
-                getattr(recording, SOURCE[method]) is not None for _, recording in bags):
-            chosen[method] = alone
+    """Evaluate all methods together, then each that has models, thresholds and signals alone."""
+    every = replace(settings, methods=())
+    stages = Watch(bundle, every).stages
+    chosen = {method: replace(settings, methods=(method,)) for method in stages if all(
+        getattr(recording, SOURCE[method]) is not None for _, recording in bags)}
     if not chosen:
         raise UsageError('the model has no collision thresholds for efforts or strains of these '
                          'bags; fit again with more bags in which nothing touches the arm')
-    results = []
+    if len(stages) > 1:  # also where some have no signals: their share of false alarms is theirs
+        chosen = {ALL: every, **chosen}
     seen = [watch_bag(bundle, chosen, path, recording, within(truth, recording))
             for (path, recording), truth in zip(bags, truths, strict=True)]
-    for method in chosen:
-        watched = tuple(item[method] for item in seen)
-        found = score(watched, [item.alarms for item in watched])
-        results.append(MethodResult(method, found, watched, roc_of(watched, found.hours)))
-    return results
-
-
-def best_of(results: Sequence[MethodResult]) -> MethodResult:
-    """Choose the method that finds most pushes, of those the one of the fewest false alarms."""
-    return max(results, key=lambda item: (item.score.found, -(item.score.false_alarms or 0)))
+    by_method = {method: tuple(item[method] for item in seen) for method in chosen}
+    return [MethodResult(method, found, watched, roc_of(watched, found.hours))
+            for method, watched in by_method.items() for found in [score(watched)]]
 
 
 UTC = 'began\nUTC'
+NOTABLE = 0.01  # share of a bag that is not judged, from which on it is said
 EVENT_NAMES = ('method', 'channel', 'push', 'link')
 EVENT_FIGURES = ('began\n[s]', UTC, 'ratio', 'force\n[N]', 'place\n[mm]')
 
@@ -501,7 +510,7 @@ def event_table(
     """Give when a bag begins, the names of known figures of its events, and rows of texts."""
     found = sorted(((item.method, seen, item.watched[place].truth) for item in results
                     for seen in item.watched[place].sightings), key=lambda row: row[1].time)
-    first = found[0][1].event.stamp - round(1e9 * found[0][1].time) if found else 0
+    first = int(results[0].watched[place].heard[0])
     rows: list[tuple[str, ...]] = []
     for method, seen, truth in found:
         push, contact = '?' if not truth.known else 'none: false', seen.contact
@@ -529,9 +538,12 @@ def _force_and_place(contact: dict[str, Any] | None) -> tuple[str, str]:
 
 
 def event_notes(results: Sequence[MethodResult]) -> list[str]:
-    """Say what of forces and places is not known, each reason once."""
-    return list(dict.fromkeys(f'{item.method}: {seen.note}' for item in results
-                              for bag in item.watched for seen in bag.sightings if seen.note))
+    """Say what was not judged, and what of forces and places is not known, each reason once."""
+    return [f'{bag.bag}: {100.0 * bag.not_judged:.0f} % of the time was not judged: gaps, and '
+            'filters that settle after them' for bag in results[0].watched
+            if bag.not_judged > NOTABLE
+            ] + list(dict.fromkeys(f'{item.method}: {seen.note}' for item in results
+                                   for bag in item.watched for seen in bag.sightings if seen.note))
 
 
 class Detector(Protocol):
@@ -553,12 +565,12 @@ def roc_of_detector(
                               f'expected {recording.stamp.shape}: one number per sample, no inf')
         judged = ~np.isnan(said)
         watched.append(WatchedBag(path, recording.stamp[judged], said[judged],
-                                  within(truth, recording), ()))
+                                  within(truth, recording), (), recording.stamp))
     grid = np.concatenate([item.ratio for item in watched])
     if not (grid > 0.0).any():
         raise SignalError('the detector returned no value above zero; return one during pushes')
-    hours = score(watched, [np.empty(0, np.int64)] * len(watched)).hours
-    return roc_of(watched, hours, np.quantile(grid[grid > 0.0], np.linspace(0.0, 1.0, 101)))
+    grid = np.quantile(grid[grid > 0.0], np.linspace(0.0, 1.0, 101))
+    return roc_of(watched, score(watched).hours, grid)
 
 
 def within(truth: Truth, recording: Recording) -> Truth:

@@ -446,9 +446,7 @@ def event_figure(result: MethodResult, bag: int) -> Plot:
     watched, sightings = result.watched[bag], result.watched[bag].sightings
     if not len(watched.stamp):
         return {'columns': 1, 'panels': []}
-    # events have their time since the first sample of the bag, which settling leaves out
-    origin = (sightings[0].event.stamp - round(sightings[0].time * 1e9) if sightings
-              else int(watched.stamp[0]))
+    origin = int(watched.heard[0])
     t, ratio = decimated(
         np.asarray((watched.stamp - origin) * 1e-9), np.maximum(watched.ratio, LOWEST))
     top = 2.0 * max(float(watched.ratio.max(initial=0.0)), 1.5)
@@ -464,7 +462,8 @@ def event_figure(result: MethodResult, bag: int) -> Plot:
 def roc_figure(curves: Mapping[str, Roc]) -> Plot:
     """Draw pushes found against false events per hour, with intervals of 90 %."""
     traces = []
-    for (method, roc), look in zip(curves.items(), ('analytical', 'elm', 'elastic'), strict=False):
+    for (method, roc), look in zip(
+            curves.items(), ('analytical', 'elm', 'elastic', 'measured'), strict=False):
         low, high = roc.found_interval()
         traces += [trace(look, roc.per_hour(), roc.share(), method, stairs=True, low=low,
                          high=high),

@@ -32,7 +32,7 @@ from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.detection import (
-    best_of, EVENT_NAMES, event_notes, event_table, MethodResult)
+    EVENT_NAMES, event_notes, event_table, MethodResult)
 from tudor_dynamics.identification.doctor.between import Evaluated
 from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, RUN_IN, Start
 from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, STARTS
@@ -416,7 +416,7 @@ def collision_page(
     return rendered(
         'collisions', arm=bundle.arm.name, picture=arm_figure(
             bundle.arm, np.median(np.vstack([bag.recording.q for bag in data]), axis=0)),
-        bags=bags, results=results, per_hour=allowed, best=best_of(results), pictures=pictures,
+        bags=bags, results=results, per_hour=allowed, best=results[0], pictures=pictures,
         roc=roc_figure(curves) if curves else None, made=made, notes=event_notes(results),
         names=EVENT_NAMES,
         tables=[(bag, *event_table(results, place)) for place, bag in enumerate(bags)])
