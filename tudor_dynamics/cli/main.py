@@ -178,9 +178,9 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     return parser
 
 
-def _with_options(text: str, parser: argparse.ArgumentParser, only: str | None) -> str:
+def _with_options(text: str, only: str | None) -> str:
     """Write the arguments of the library in an error as options."""
-    commands: Any = parser._actions[-1].choices
+    commands: Any = build_parser(only)._actions[-1].choices
     known = commands[only]._option_string_actions if only else {}
     return ARGUMENT.sub(lambda found: option if (
         option := f'--{found[1].replace("_", "-")}') in known else found[1], text)
@@ -220,12 +220,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         warnings.simplefilter('default', TudorWarning)
         try:
             # parsing loads the subcommand's modules, which takes half a second
-            parser = build_parser(only)
-            code = _run(parser.parse_args(arguments), arguments)
+            code = _run(build_parser(only).parse_args(arguments), arguments)
             sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
             return code
         except TudorError as err:
-            complain(f'{name}: {_with_options(str(err), parser, only)}')
+            complain(f'{name}: {_with_options(str(err), only)}')
             return WRONG_INPUT
         except BrokenPipeError:
             forget_output()
