@@ -168,7 +168,9 @@ class ElasticFile:
         joint = self.joint_of.get(body)
         last = body == len(self.driven.mechanism.body_int) - 1
         if joint in self.arm.held_joints:
-            place = place * self._held(joint, floats)
+            move = floats[at.AXIS:at.AXIS + 3] * self.arm.held_joints[joint]
+            place = place * (pin.SE3(np.eye(3), move) if self.arm.is_prismatic(joint)
+                             else pin.SE3(pin.exp3(move), np.zeros(3)))
         if joint is None and not last and floats[at.MASS] <= 0.0:
             self.nodes[body, 0] = parent, place
             return
@@ -193,12 +195,6 @@ class ElasticFile:
         owner = self.joint_of[int(ints[at.PARENT])]
         self.parts[owner] = self.parts.get(owner, 0) + 1
         return f'{owner}_part{self.parts[owner]}'
-
-    def _held(self, joint: str, floats: FloatArray) -> pin.SE3:
-        axis, there = floats[at.AXIS:at.AXIS + 3], self.arm.held_joints[joint]
-        if self.arm.is_prismatic(joint):
-            return pin.SE3(np.eye(3), there * axis)
-        return pin.SE3(pin.exp3(there * axis), np.zeros(3))
 
     def _joints(self, element: ElementTree.Element, joint: str, axis: FloatArray) -> None:
         """Put the drive's side and the gear into one body: the link turns by their sum."""
