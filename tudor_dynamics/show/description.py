@@ -139,7 +139,9 @@ def link_inertias(arm: Arm, bodies: Mapping[str, FloatArray]) -> dict[str, pin.I
         new = pseudo_inertia(parameters)
         total = np.sum(old, axis=0)
         total = total + LEAST * np.trace(new) * np.eye(4)
-        way = _transport(total, new)
+        root = _root(total)
+        inverse = np.linalg.inv(root)
+        way = inverse @ _root(root @ new @ root) @ inverse  # symmetric, ``way total way = new``
         shares = [way @ part @ way.T for part in old]
         shares[0] = shares[0] + new - np.sum(shares, axis=0)  # rounding, or all where all is new
         for frame, share in zip(frames, shares, strict=True):
@@ -147,13 +149,6 @@ def link_inertias(arm: Arm, bodies: Mapping[str, FloatArray]) -> dict[str, pin.I
                 inertia = pin.PseudoInertia.FromMatrix(share).toInertia()
                 found[frame.name] = frame.placement.actInv(inertia)
     return found
-
-
-def _transport(before: FloatArray, after: FloatArray) -> FloatArray:
-    """Give the symmetric A with ``A before A = after``."""
-    root = _root(before)
-    inverse = np.linalg.inv(root)
-    return np.asarray(inverse @ _root(root @ after @ root) @ inverse)
 
 
 def _root(matrix: FloatArray) -> FloatArray:
