@@ -191,7 +191,11 @@ class OutputCoverage:
         if self._blind is not None and new.time - self._blind >= COVERAGE_TIME and not (
                 patient and share == settling):
             causes = causes or {'no_measurement': 1.0}
-            why = self._silent(new) or self._apart(new, old)
+            silent = [
+                stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
+                if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
+            why = self._apart(new, old) if not silent else (
+                f'no message came on {" nor on ".join(silent)}: start what publishes there')
             return CoverageReport(
                 CoverageLevel.NONE, f'collisions cannot be detected in any sample of {self.output}'
                 f'{f", because {why}" if why else self._main(causes, motions)}', 1.0, causes)
@@ -205,13 +209,6 @@ class OutputCoverage:
         level = CoverageLevel.ENOUGH if not faults else (
             CoverageLevel.NONE if full and lasting >= UNJUDGED_ERROR else CoverageLevel.PARTIAL)
         return CoverageReport(level, ALSO.join(faults), share, causes)
-
-    def _silent(self, new: _Counts) -> str:
-        """Name the topics on which nothing came for a second; empty for none."""
-        silent = [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
-                  if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
-        return '' if not silent else (
-            f'no message came on {" nor on ".join(silent)}: start what publishes there')
 
     def _main(self, causes: dict[str, float], motions: dict[str, float]) -> str:
         """Name the cause that explains most, what it means, and the topics it is about."""
