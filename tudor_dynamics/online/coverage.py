@@ -138,14 +138,6 @@ class OutputCoverage:
 
     def look(self, now: float) -> CoverageReport:
         """Compare the counts with those of a second ago: now [s]."""
-        new = self._count(now)
-        self._follow(new, self._past[-1] if self._past else new)
-        self._past.append(new)
-        while len(self._past) > 2 and now - self._past[1].time >= COVERAGE_TIME:
-            self._past.popleft()
-        return self._judge(new, self._past[0])
-
-    def _count(self, now: float) -> _Counts:
         motion: Counter[str] = Counter()
         measured: Counter[str] = Counter()
         for counts in self._motions:
@@ -154,8 +146,13 @@ class OutputCoverage:
             for cause, n in counts.items():
                 if cause in MEANING:
                     (motion if cause in OF_MOTIONS else measured)[cause] += n
-        return _Counts(now, motion, measured, tuple(stream.count for stream in self.streams),
-                       tuple(stream.stamp for stream in self.streams))
+        new = _Counts(now, motion, measured, tuple(stream.count for stream in self.streams),
+                      tuple(stream.stamp for stream in self.streams))
+        self._follow(new, self._past[-1] if self._past else new)
+        self._past.append(new)
+        while len(self._past) > 2 and now - self._past[1].time >= COVERAGE_TIME:
+            self._past.popleft()
+        return self._judge(new, self._past[0])
 
     def _follow(self, new: _Counts, last: _Counts) -> None:
         """Keep since when samples come, since when none was judged, and how stamps lie apart."""
