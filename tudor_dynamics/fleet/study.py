@@ -215,21 +215,15 @@ def _known(task: Task, bags: Sequence[SurveyedBag], warm: dict[str, float] | Non
     """Take up what was found in the bags of a date, or search for it and keep it."""
     file = task.store / task.name(bags[0], '.json', json.dumps(
         ['elastic', source_digest(SEARCHED_WITH), warm, [task.name(bag, '') for bag in bags[1:]]]))
-    known = _read(file)
-    if known is None:
+    known: Physical = ()
+    with suppress(OSError, ValueError, TypeError):  # nothing whole is there
+        content = json.loads(read_bounded(file, many_bags.LARGEST))
+        known = tuple(PhysicalParameter(**item) for item in content)
+    if not known:
         known = identify(task.arm, records_of([task.read(bag) for bag in bags]),
                          warm=warm).physical
         write_whole(file, json.dumps([asdict(item) for item in known]).encode())
     return known
-
-
-def _read(file: Path) -> Physical | None:
-    """Read what a search has found; None where nothing whole is there."""
-    try:
-        content = json.loads(read_bounded(file, many_bags.LARGEST))
-        return tuple(PhysicalParameter(**item) for item in content) or None
-    except (OSError, ValueError, TypeError):
-        return None
 
 
 # -- From the plan of a fleet to what is compared: the same choices for all arms, part by part
