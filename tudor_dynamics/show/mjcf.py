@@ -225,7 +225,11 @@ class ElasticFile:
                 frame = pin.SE3.Identity()
             if begin in hinges:
                 self._hinge(element, body, f'{joint}_bend{hinges.index(begin) + 1}', floats)
-            add_inertial(element, frame.act(_rod(floats, end - begin)))
+            piece = end - begin  # x along it, from the origin
+            mass, polar = float(floats[at.DENSITY]) * piece, float(floats[at.POLAR]) * piece
+            across = mass * piece**2 / 12.0 + 0.5 * polar
+            add_inertial(element, frame.act(pin.Inertia(
+                mass, np.array([0.5 * piece, 0.0, 0.0]), np.diag([polar, across, across]))))
             if begin in gauges:
                 self._gauge(element, frame, gauges[begin])
         self.nodes[body, 1] = element, frame * pin.SE3(
@@ -262,13 +266,6 @@ def _rotor(drives: dict[str, ElasticDrive], joint: str) -> float:
 def _placement(floats: FloatArray, rotation: int, place: int) -> pin.SE3:
     return pin.SE3(floats[rotation:rotation + 9].reshape(3, 3).copy(),
                    floats[place:place + 3].copy())
-
-
-def _rod(floats: FloatArray, length: float) -> pin.Inertia:
-    """Give a piece of a beam: x along it, from the origin."""
-    mass, polar = float(floats[at.DENSITY]) * length, float(floats[at.POLAR]) * length
-    across = mass * length**2 / 12.0 + 0.5 * polar
-    return pin.Inertia(mass, np.array([0.5 * length, 0.0, 0.0]), np.diag([polar, across, across]))
 
 
 # -- Write an identified arm as MJCF, for MuJoCo
