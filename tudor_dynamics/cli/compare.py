@@ -24,7 +24,7 @@ from tudor_dynamics.cli.console import new_table, print_json, print_table, say, 
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.identification.validation import Grade
-from tudor_dynamics.models.comparison import BodyRow, compare_bodies, errors_on, Side, side_of
+from tudor_dynamics.models.comparison import compare_bodies, errors_on, Side, side_of
 from tudor_dynamics.typing import FloatArray
 
 EXAMPLES = """\
@@ -71,7 +71,13 @@ def run(args: argparse.Namespace) -> int:
         which = 'alike' if max(a, b) < ALIKE * min(a, b) else f'better by {"AB"[b < a]}'
         say_verdict(Grade.GOOD, f'{args.bag} is explained {which}',
                     f': relative error of efforts {a:.3g} % by A, {b:.3g} % by B')
-    _print(one, other, rows)
+    say(f'A: {one.name}', f'B: {other.name}')
+    table = new_table('bodies', names=('joint',), figures=(
+        'mass A [kg]', 'B', 'centres apart [mm]', 'inertia A [kg m^2]', 'B'))
+    for row in rows:
+        table.add_row(row.joint, *(f'{value:.4g}' for value in row.mass),
+                      f'{1e3 * row.apart:.1f}', *(f'{value:.4g}' for value in row.inertia))
+    print_table(table)
     if errors is not None:
         table = new_table(f'relative error on {args.bag} [%]', names=('joint',),
                           figures=('A', 'B'))
@@ -95,13 +101,3 @@ def _errors(one: Side, other: Side, bag: str) -> tuple[FloatArray, FloatArray]:
                              remedy='give a BAG with their efforts, or leave BAG out')
         found.append(np.asarray(errors_on(side, measure, data.stretches)))
     return found[0], found[1]
-
-
-def _print(one: Side, other: Side, rows: list[BodyRow]) -> None:
-    say(f'A: {one.name}', f'B: {other.name}')
-    table = new_table('bodies', names=('joint',), figures=(
-        'mass A [kg]', 'B', 'centres apart [mm]', 'inertia A [kg m^2]', 'B'))
-    for row in rows:
-        table.add_row(row.joint, *(f'{value:.4g}' for value in row.mass),
-                      f'{1e3 * row.apart:.1f}', *(f'{value:.4g}' for value in row.inertia))
-    print_table(table)

@@ -17,12 +17,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from tudor_dynamics.bags.trajectory import Sent, write_trajectories
+from tudor_dynamics.bags.trajectory import write_trajectories
 from tudor_dynamics.cli.console import (
     add_trajectories, changed_trajectories, check_trajectories, new_table, print_table, say)
 from tudor_dynamics.models.bundle import KINDS, load_bundle
@@ -73,14 +72,7 @@ def run(args: argparse.Namespace) -> int:
     done = changed_trajectories(args, lambda wanted: ahead.along(
         wanted if args.rate is None else denser(wanted, args.rate)))
     write_trajectories(Path(args.out), done, overwrite=args.overwrite)
-    _print(ahead, done)
-    say(f'{sum(len(item.trajectory.t) for item in done)} points, payload {ahead.payload:g} kg: '
-        f'{args.out}')
-    return 0
-
-
-def _print(ahead: Feedforward, done: Sequence[Sent]) -> None:
-    """Show what is asked of each joint at most, and at the end, where the controller holds."""
+    # what is asked of each joint at most, and at the end, where the controller holds
     table = new_table('efforts ahead of the motion', names=('joint', 'unit'), figures=(
         'largest', 'at [s]', 'held at\nthe end'))
     for name, unit in zip(ahead.joints, ahead.units, strict=True):
@@ -95,3 +87,6 @@ def _print(ahead: Feedforward, done: Sequence[Sent]) -> None:
                 best, at = float(effort[k]), float(trajectory.t[k])
         table.add_row(name, unit, f'{best:.4g}', f'{at:.3f}', f'{last:.4g}')
     print_table(table)
+    say(f'{sum(len(item.trajectory.t) for item in done)} points, payload {ahead.payload:g} kg: '
+        f'{args.out}')
+    return 0

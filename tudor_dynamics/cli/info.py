@@ -101,15 +101,6 @@ def _range(channel: ChannelReport | None) -> str:
     return f'{channel.minimum:.4g} .. {channel.maximum:.4g}'
 
 
-def _topic_row(topic: TopicReport) -> list[str]:
-    rate = '' if topic.rate is None else f'{topic.rate:.4g}'
-    jitter = '' if topic.jitter is None else f'{topic.jitter * 1e3:.3g}'
-    gaps = f'{topic.gaps} ({topic.longest_gap:.3g} s)' if topic.gaps else '0'
-    again = f'{topic.duplicates} / {topic.backward}'
-    name = f'{printable(topic.name)}\n  {printable(topic.type.replace("/msg/", "/"))}'
-    return [name, topic.clock, str(topic.count), rate, jitter, gaps, again]
-
-
 def _channel_table(topic: TopicReport) -> Table:
     fields = ', '.join(topic.fields) or 'no values'
     table = new_table(f'{printable(topic.name)}: {printable(fields)}', names=(
@@ -141,7 +132,12 @@ def show(report: BagReport, console: Console, findings: Sequence[Finding] = ()) 
     table = new_table('', names=('topic\n  type', 'clock'), figures=(
         'messages', 'rate\n[Hz]', 'jitter\n[ms]', 'gaps', 'double\n/ back'))
     for topic in report.topics:
-        table.add_row(*_topic_row(topic))
+        rate = '' if topic.rate is None else f'{topic.rate:.4g}'
+        jitter = '' if topic.jitter is None else f'{topic.jitter * 1e3:.3g}'
+        gaps = f'{topic.gaps} ({topic.longest_gap:.3g} s)' if topic.gaps else '0'
+        table.add_row(f'{printable(topic.name)}\n  {printable(topic.type.replace("/msg/", "/"))}',
+                      topic.clock, str(topic.count), rate, jitter, gaps,
+                      f'{topic.duplicates} / {topic.backward}')
     print_table(table)
     for topic in report.topics:
         if topic.names:

@@ -62,7 +62,26 @@ def run(args: argparse.Namespace) -> int:
     if not draft.unknown:
         arm_from_dict(draft.content, base=out.parent, source=str(out))  # says what is wrong
     write_whole(out, text_of(draft).encode())
-    _say(draft, out, args.bags)
+    content = draft.content
+    active = content.get('active_joints', [joint['name'] for joint in content['joints']])
+    efforts = sorted({f'[{joint["effort"]["unit"]}] on {joint["effort"]["topic"]}'
+                      for joint in content['joints'] if 'topic' in joint.get('effort', ())})
+    gauges = [gauge['name'] for gauge in content.get('gauges', ())]
+    say(f'{out}: {len(active)} of {len(content["joints"])} joints move; efforts '
+        f'{", ".join(efforts) or "none"}; gauges {", ".join(gauges) or "none"}')
+    if 'unit' in draft.remarks:
+        say(f'unit of the efforts: {draft.remarks["unit"]}')
+    for note in draft.notes:
+        say(note)
+    left = [spelled(content, path) for path in draft.unknown]
+    if left:
+        say(f"left as '?', write them in: {', '.join(left)}")
+    else:
+        model = Path('model')
+        words = ['tudor', 'fit', *args.bags, '--arm', str(out), '--out',
+                 str(other_name(model) if model.exists() else model)]
+        say('next:')
+        say_command(shlex.join(words))
     return 0
 
 
@@ -83,26 +102,3 @@ def _ask(draft: Draft) -> None:
                 answer(draft, path, convert(said))
             except ValueError as err:
                 say(f'  {said}: {err}')
-
-
-def _say(draft: Draft, out: Path, bags: list[str]) -> None:
-    content = draft.content
-    active = content.get('active_joints', [joint['name'] for joint in content['joints']])
-    efforts = sorted({f'[{joint["effort"]["unit"]}] on {joint["effort"]["topic"]}'
-                      for joint in content['joints'] if 'topic' in joint.get('effort', ())})
-    gauges = [gauge['name'] for gauge in content.get('gauges', ())]
-    say(f'{out}: {len(active)} of {len(content["joints"])} joints move; efforts '
-        f'{", ".join(efforts) or "none"}; gauges {", ".join(gauges) or "none"}')
-    if 'unit' in draft.remarks:
-        say(f'unit of the efforts: {draft.remarks["unit"]}')
-    for note in draft.notes:
-        say(note)
-    left = [spelled(content, path) for path in draft.unknown]
-    if left:
-        say(f"left as '?', write them in: {', '.join(left)}")
-    else:
-        model = Path('model')
-        words = ['tudor', 'fit', *bags, '--arm', str(out), '--out',
-                 str(other_name(model) if model.exists() else model)]
-        say('next:')
-        say_command(shlex.join(words))

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 
 from tudor_dynamics.arm.description import load_arm
@@ -73,7 +72,20 @@ def run(args: argparse.Namespace) -> int:
             str(bag.choice): {**item.as_dict(), **({} if mass is None else {'true_mass': mass})}
             for bag, item, mass in zip(bags, found, known, strict=True)}})
     else:
-        _print(bags, found, known)
+        for bag, item, mass in zip(bags, found, known, strict=True):
+            say_verdict(Grade.DO_NOT_USE if _doubtful(item, mass) else Grade.GOOD, item.sentence,
+                        of=f'{bag.choice}: ')
+            if item.known:
+                say(f'  {item.known:g} kg of it are in the model')
+            if mass is not None:
+                say(f'  known: {mass:g} kg, error {item.mass - mass:+.4g} kg')
+        table = new_table('residual without the load and with it', names=('bag', 'output'),
+                          figures=('without %', 'with %'))
+        for bag, item in zip(bags, found, strict=True):
+            for one in item.outputs:
+                table.add_row(str(bag.choice), one.output, f'{100 * one.before:.1f}',
+                              f'{100 * one.after:.1f}')
+        print_table(table)
     return int(any(map(_doubtful, found, known)))
 
 
@@ -81,22 +93,3 @@ def _doubtful(item: PayloadEstimate, mass: float | None) -> bool:
     """Say whether a bag has no information, or the truth is elsewhere."""
     return item.verdict is Presence.UNKNOWN or (
         mass is not None and not abs(item.mass - mass) <= FAR * item.mass_std)
-
-
-def _print(
-    bags: Sequence[BagData], found: Sequence[PayloadEstimate], known: Sequence[float | None],
-) -> None:
-    for bag, item, mass in zip(bags, found, known, strict=True):
-        say_verdict(Grade.DO_NOT_USE if _doubtful(item, mass) else Grade.GOOD, item.sentence,
-                    of=f'{bag.choice}: ')
-        if item.known:
-            say(f'  {item.known:g} kg of it are in the model')
-        if mass is not None:
-            say(f'  known: {mass:g} kg, error {item.mass - mass:+.4g} kg')
-    table = new_table('residual without the load and with it', names=('bag', 'output'),
-                      figures=('without %', 'with %'))
-    for bag, item in zip(bags, found, strict=True):
-        for one in item.outputs:
-            table.add_row(str(bag.choice), one.output, f'{100 * one.before:.1f}',
-                          f'{100 * one.after:.1f}')
-    print_table(table)

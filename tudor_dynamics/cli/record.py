@@ -84,17 +84,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_running(parser)
 
 
-def _check(args: argparse.Namespace) -> None:
-    check_running(args)
-    if not 1 <= args.stimuli <= 100_000:
-        raise UsageError(f'--stimuli {args.stimuli}: give 1 to 100000')
-    if min(args.pushes, args.loads, args.seed) < 0:
-        raise UsageError(f'--pushes {args.pushes} --loads {args.loads} --seed {args.seed}: none '
-                         'can be negative')
-    if not 2.0 < args.seconds <= 3600.0:
-        raise UsageError(f'--seconds {args.seconds}: give more than 2 and at most 3600 s')
-
-
 def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
     trajectory = None
     ideal = Imperfections.names() if 'all' in args.ideal else args.ideal
@@ -112,7 +101,14 @@ def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
 def run(args: argparse.Namespace) -> int:
     """Simulate and record."""
     begun = time.perf_counter()
-    _check(args)
+    check_running(args)
+    if not 1 <= args.stimuli <= 100_000:
+        raise UsageError(f'--stimuli {args.stimuli}: give 1 to 100000')
+    if min(args.pushes, args.loads, args.seed) < 0:
+        raise UsageError(f'--pushes {args.pushes} --loads {args.loads} --seed {args.seed}: none '
+                         'can be negative')
+    if not 2.0 < args.seconds <= 3600.0:
+        raise UsageError(f'--seconds {args.seconds}: give more than 2 and at most 3600 s')
     arm = load_arm(args.arm)
     refuse_interfaces(arm, 'a bag that is written here')
     out = Path(args.out)

@@ -74,7 +74,14 @@ def run(args: argparse.Namespace) -> int:
     if args.bag is None:
         if args.picture or args.model or args.json:
             raise UsageError('--picture, --model and --json need a BAG; give a BAG, or omit them')
-        return _topics(args)
+        if find_spec('rclpy') is None:
+            raise UsageError('live topics need ROS 2',
+                             remedy='source its setup.bash, or give a BAG')
+        command = ['-m', 'tudor_dynamics.nodes', 'watch', '--ros-args', '--log-level', 'error',
+                   '-p', f'web:={args.web or 0}']
+        if args.namespace:
+            command += ['-r', f'__ns:=/{args.namespace.strip("/")}']
+        os.execv(sys.executable, [sys.executable, *command])
     if not args.model:
         raise UsageError('watching a bag needs a model of its arm', remedy='give --model MODEL')
     if not args.speed >= 0.0:
@@ -84,16 +91,6 @@ def run(args: argparse.Namespace) -> int:
     if args.picture:
         check_target(args.picture, overwrite=args.overwrite, name='picture', endings=('.svg',))
     return _bag(args)
-
-
-def _topics(args: argparse.Namespace) -> int:
-    if find_spec('rclpy') is None:
-        raise UsageError('live topics need ROS 2', remedy='source its setup.bash, or give a BAG')
-    command = ['-m', 'tudor_dynamics.nodes', 'watch', '--ros-args', '--log-level', 'error',
-               '-p', f'web:={args.web or 0}']
-    if args.namespace:
-        command += ['-r', f'__ns:=/{args.namespace.strip("/")}']
-    os.execv(sys.executable, [sys.executable, *command])
 
 
 def _bag(args: argparse.Namespace) -> int:

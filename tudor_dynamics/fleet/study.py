@@ -29,7 +29,7 @@ from pathlib import Path
 
 from pydantic import Field, field_validator, ValidationError
 
-from tudor_dynamics.arm.description import Arm, load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import Name, Spec, validation_message
 from tudor_dynamics.errors import FitError, quiet, TudorError, UsageError
 from tudor_dynamics.files import load_yaml, read_bounded, read_text, source_digest, write_whole
@@ -215,21 +215,15 @@ def _known(task: Task, bags: Sequence[SurveyedBag], warm: dict[str, float] | Non
     """Take up what was found in the bags of a date, or search for it and keep it."""
     file = task.store / task.name(bags[0], '.json', json.dumps(
         ['elastic', source_digest(SEARCHED_WITH), warm, [task.name(bag, '') for bag in bags[1:]]]))
-    known = _read(file)
-    if known is None:
+    known: Physical = ()
+    with suppress(OSError, ValueError, TypeError):  # nothing whole is there
+        content = json.loads(read_bounded(file, many_bags.LARGEST))
+        known = tuple(PhysicalParameter(**item) for item in content)
+    if not known:
         known = identify(task.arm, records_of([task.read(bag) for bag in bags]),
                          warm=warm).physical
         write_whole(file, json.dumps([asdict(item) for item in known]).encode())
     return known
-
-
-def _read(file: Path) -> Physical | None:
-    """Read what a search has found; None where nothing whole is there."""
-    try:
-        content = json.loads(read_bounded(file, many_bags.LARGEST))
-        return tuple(PhysicalParameter(**item) for item in content) or None
-    except (OSError, ValueError, TypeError):
-        return None
 
 
 # -- From the plan of a fleet to what is compared: the same choices for all arms, part by part
@@ -276,7 +270,13 @@ class _Study:
     def __init__(self, plan: FleetPlan, run: StudySettings, progress: Progress) -> None:
         self.plan, self.run, self.progress = plan, run, progress
         self.unused: list[Unused] = []
-        self.arms = self._described()
+        read = lru_cache(load_arm)  # load_plan has seen to it that each has a description
+        self.arms = {item.name: read(run.base / str(item.arm or plan.arm)) for item in plan.arms}
+        (first, one), *_ = self.arms.items()
+        for name, arm in self.arms.items():
+            if arm.channels != one.channels:
+                raise UsageError(f'arm {name!r} has other joints or gauges than {first!r}; arms '
+                                 'of a plan have the same', remedy='make a plan for each kind')
         self.dates: dict[When, _Date] = {}
 
     def done(self) -> Fleet:
@@ -311,17 +311,6 @@ class _Study:
         named.sort(key=lambda item: (order.index(item.arm), item.kind, -abs(item.sigmas)))
         return Fleet(self.plan.name, tuple(order), tuple(seen), tuple(named),
                      tuple(str(choice) for choice in chosen.made), models, tuple(self.unused))
-
-    def _described(self) -> dict[str, Arm]:
-        read = lru_cache(load_arm)  # load_plan has seen to it that each has a description
-        arms = {item.name: read(self.run.base / str(item.arm or self.plan.arm))
-                for item in self.plan.arms}
-        (first, one), *_ = arms.items()
-        for name, arm in arms.items():
-            if arm.channels != one.channels:
-                raise UsageError(f'arm {name!r} has other joints or gauges than {first!r}; arms '
-                                 'of a plan have the same', remedy='make a plan for each kind')
-        return arms
 
     def _see(self) -> None:
         """Find the bags of each date, and see what they are."""

@@ -166,13 +166,6 @@ CANDIDATES = 2  # best starts, of different shares, that are improved further
 COARSE = 5e-3  # inner step while starts are compared [s]
 
 
-def _pieces(records: Sequence[Record]) -> list[Record]:
-    """Take the beginnings of a few records, from the liveliest to the calmest."""
-    order = sorted(records, key=lambda r: -float(np.std(r.strain)))
-    chosen = [order[i] for i in np.unique(np.linspace(0, len(order) - 1, PIECES).astype(int))]
-    return [record.head(EXCERPT / len(chosen)).decimated(2.0 * COARSE) for record in chosen]
-
-
 def shared(arm: Arm, names: tuple[str, ...], x: FloatArray, share: float | None) -> FloatArray:
     """Give gears a share, unless None, of the compliance that each has with the link after it."""
     x = x.copy()
@@ -196,7 +189,10 @@ def compare_starts(
     width: FloatArray, progress: Progress,
 ) -> tuple[list[FloatArray], tuple[Start, ...]]:  # and those tried
     """Find where to start: logarithms (names,), the best as described, then of other shares."""
-    pieces = _pieces(records)
+    # beginnings of a few records, from the liveliest to the calmest
+    lively = sorted(records, key=lambda r: -float(np.std(r.strain)))
+    taken = [lively[i] for i in np.unique(np.linspace(0, len(lively) - 1, PIECES).astype(int))]
+    pieces = [record.head(EXCERPT / len(taken)).decimated(2.0 * COARSE) for record in taken]
     scan = Problem(arm, pieces, names, {}, center, width, inner=COARSE)
     some = tuple(name for name in names if kind_of(name).early)
     index = np.array([names.index(name) for name in some], dtype=np.intp)

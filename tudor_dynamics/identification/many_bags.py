@@ -451,7 +451,12 @@ class ManyBags:
         if recorded is not arm:
             self.arm = recorded
             bags, test_bags = self._sample(self.training), self._sample(self.test)
-        self.outputs = self._outputs([*bags, *test_bags])
+        every = [*bags, *test_bags]
+        self.outputs = tuple(output for output in OUTPUTS
+                             if 2 * sum(bag.has(output) for bag in every) > len(every))
+        if not self.outputs:
+            raise FitError('neither efforts nor strains can be read from more than half of the '
+                           'bags', remedy='check the bags with `tudor info BAG`')
         self.held = [bag for bag in bags if all(map(bag.has, self.outputs))]
         self.held_test = [bag for bag in test_bags if all(map(bag.has, self.outputs))]
 
@@ -592,15 +597,6 @@ class ManyBags:
         """Read some bags, evenly among all; those that cannot be read are named later."""
         return spread_sample(seen, lambda item: load(
             item.choice, self.arm, self.spec, learn=True, payload=item.payload))
-
-    def _outputs(self, bags: Sequence[BagData]) -> tuple[str, ...]:
-        """Give the outputs that most bags have."""
-        outputs = tuple(output for output in OUTPUTS
-                        if 2 * sum(bag.has(output) for bag in bags) > len(bags))
-        if not outputs:
-            raise FitError('neither efforts nor strains can be read from more than half of the '
-                           'bags', remedy='check the bags with `tudor info BAG`')
-        return outputs
 
     def _count(self, text: str) -> Callable[[int], None]:
         """Report each bag that is done."""

@@ -131,13 +131,9 @@ def marks(model: Model, arm: Arm, bag: BagData) -> tuple[str, ...]:
     """Look in a model of efforts for what no arm can be: negative inertias, a weight far off."""
     still = _at_rest(bag, settings.PHYSICS_POSES)
     rest = model.predict(still)
-    return (*_inertias(model, still, rest), *_weights(model, arm, still, rest))
-
-
-def _inertias(model: Model, still: FloatArray, rest: FloatArray) -> list[str]:
-    """Accelerate each joint by itself: a positive mass matrix answers with the same sign."""
     n = rest.shape[1]
     found = []
+    # each joint is accelerated by itself: a positive mass matrix answers with the same sign
     for joint, name in enumerate(model.channels):
         pushed = still.copy()
         pushed[:, 2 * n + joint] = 1.0
@@ -147,7 +143,7 @@ def _inertias(model: Model, still: FloatArray, rest: FloatArray) -> list[str]:
             found.append(f'the inertia about {name} is negative at {100.0 * share:.0f} % '
                          f'of the poses (least {inertia.min():.2g} in effort per acceleration), '
                          'which is impossible: record faster motion of this joint')
-    return found
+    return (*found, *_weights(model, arm, still, rest))
 
 
 def _weights(model: Model, arm: Arm, still: FloatArray, rest: FloatArray) -> list[str]:

@@ -133,17 +133,13 @@ def _row(frames: FloatArray, kinds: NDArray, joint: int, b: int, moving: FloatAr
         put_vector(virtual[b], 0, axis if kinds[b, 1] != 0 else ZERO)
         put_vector(virtual[b], 3, ZERO if kinds[b, 1] != 0 else axis)
     else:
-        _carry(moving[b], virtual[kinds[b, 0]], virtual[b])
+        # what the parent's speed and spin have the body take part in
+        own, above = moving[b], virtual[kinds[b, 0]]
+        spin = vector_at(above, 3)
+        swept = cross(spin, vector_at(own, _OFFSET))
+        put_vector(virtual[b], 0, turn_back(own, add(vector_at(above, 0), swept)))
+        put_vector(virtual[b], 3, turn_back(own, spin))
     _power(moving[b], virtual[b], row)
-
-
-@compiled
-def _carry(own: FloatArray, above: FloatArray, virtual: FloatArray) -> None:
-    """Give a body the speed and spin that its parent's have it take part in."""
-    spin = vector_at(above, 3)
-    swept = cross(spin, vector_at(own, _OFFSET))
-    put_vector(virtual, 0, turn_back(own, add(vector_at(above, 0), swept)))
-    put_vector(virtual, 3, turn_back(own, spin))
 
 
 @compiled

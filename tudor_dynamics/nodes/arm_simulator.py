@@ -172,12 +172,7 @@ class ArmSimulatorNode(TudorNode):
             publisher.publish(joint_state(stamp, names, effort=sample.current[index]))
         for publisher, index, names in self._strains:
             publisher.publish(joint_state(stamp, names, position=sample.strain[index]))
-        self._joints.publish(self._own_message(stamp, sample))
-        if self._wrench.get_subscription_count():
-            self._wrench.publish(wrench_stamped(stamp, self._base, sample.force))
-
-    def _own_message(self, stamp: Any, sample: Any) -> JointState:
-        """Make the message of positions, with efforts and strains where they come with them."""
+        # positions, with efforts and strains where they come with them
         gauges = self._own_strains
         missing = np.full(len(gauges), np.nan)
         q, dq = self._held.copy(), np.zeros(len(self._all))
@@ -189,7 +184,10 @@ class ArmSimulatorNode(TudorNode):
             effort[[self._active[k] for k in self._own_efforts]] = (
                 sample.current[self._own_efforts])
             fields['effort'] = np.concatenate([effort, missing])
-        return joint_state(stamp, self._all + [self._gauges[k] for k in gauges], **fields)
+        self._joints.publish(joint_state(
+            stamp, self._all + [self._gauges[k] for k in gauges], **fields))
+        if self._wrench.get_subscription_count():
+            self._wrench.publish(wrench_stamped(stamp, self._base, sample.force))
 
     def verdict(self) -> tuple[bytes, str]:
         """Say whether the simulation keeps up."""

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import TudorError
@@ -106,19 +106,15 @@ class FeedforwardNode(ModelNode):
             if found is None:
                 return
             for k, point in enumerate(message.points):
-                self._fill(point, found, k)
+                assert found.effort is not None
+                point.effort = floats(found.effort[k])
+                if self.value('positions') == 'motor':
+                    assert found.dq is not None and found.ddq is not None
+                    point.positions = floats(found.q[k])
+                    point.velocities = floats(found.dq[k])
+                    point.accelerations = floats(found.ddq[k])
         self._trajectories.publish(message)
         self.meter.end(begun)
-
-    def _fill(self, point: JointTrajectoryPoint, found: Trajectory, k: int) -> None:
-        """Write efforts into a point, and where the motors have to be if they are led."""
-        assert found.effort is not None
-        point.effort = floats(found.effort[k])
-        if self.value('positions') == 'motor':
-            assert found.dq is not None and found.ddq is not None
-            point.positions = floats(found.q[k])
-            point.velocities = floats(found.dq[k])
-            point.accelerations = floats(found.ddq[k])
 
     def _on_state(self, message: JointSample) -> None:
         begun = self.meter.begin()

@@ -90,8 +90,15 @@ class ReferenceGeneratorNode(MovingNode):
 
     def build(self) -> tuple[Arm, Collection[str]]:
         arm = self._arm = self.described_arm('the key limits')
+        path, model = self.value('gain_schedule'), self.value('model')
+        shaping = Shaping(
+            self.value('shaping'), load_schedule(path, arm) if path else None,
+            self.value('shaping_frequency'), self.value('shaping_damping'))
+        if model and shaping.kind == 'elastic':
+            shaping.refine = refiner_of(arm, load_bundle(model, arm=arm).beside_robot())
+            shaping.beside = ThreadPoolExecutor(1)
         source = ReferenceSource(arm, self.value('reaction'), self.value('retreat_time'),
-                                 self.value('timeout'), self._shaping())
+                                 self.value('timeout'), shaping)
         if self.value('mode') == 'aprbs':
             source.wander(self.value('seed'))
         self._names = list(arm.active_joints)
@@ -131,17 +138,6 @@ class ReferenceGeneratorNode(MovingNode):
         """Brake, for good."""
         self.stop()
         return super().on_shutdown(state)
-
-    def _shaping(self) -> Shaping:
-        path, model = self.value('gain_schedule'), self.value('model')
-        shaping = Shaping(
-            self.value('shaping'), load_schedule(path, self._arm) if path else None,
-            self.value('shaping_frequency'), self.value('shaping_damping'))
-        if model and shaping.kind == 'elastic':
-            bundle = load_bundle(model, arm=self._arm).beside_robot()
-            shaping.refine = refiner_of(self._arm, bundle)
-            shaping.beside = ThreadPoolExecutor(1)
-        return shaping
 
     def apply(self) -> None:
         if self.source is not None:

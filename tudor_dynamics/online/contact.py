@@ -355,7 +355,12 @@ class ContactEstimator(Shown):
             self._spread[:] = usual
             self._offset *= math.exp(-dt / OFFSET_MEMORY)
             if self._front.modes and self._size < self._free:
-                self._learn(dt, moment)
+                # how the residual of a moving, untouched arm rings, in all gauges together
+                off = np.clip(np.where(np.isfinite(moment), moment, 0.0), -self._deviation,
+                              self._deviation)
+                floor = np.diag((RINGING_FLOOR / self._widening * self._deviation)**2)
+                self._ringing += min(dt / RINGING_MEMORY, 1.0) * (
+                    RINGING_SAMPLES * (np.outer(off, off) + floor) - self._ringing)
         elif self._size < self._free:
             off = moment - self._offset
             self._offset += min(dt / OFFSET_MEMORY, 1.0) * off
@@ -363,14 +368,6 @@ class ContactEstimator(Shown):
             self._spread += min(dt / STANDING_MEMORY, 1.0) * (
                 np.minimum(off**2, 4.0 * self._spread) - self._spread)
         return np.minimum(1.0, self._spread / usual + (STANDING_DEVIATION / self._widening)**2)
-
-    def _learn(self, dt: float, moment: FloatArray) -> None:
-        """Learn how the residual of a moving, untouched arm rings, in all gauges together."""
-        off = np.clip(np.where(np.isfinite(moment), moment, 0.0), -self._deviation,
-                      self._deviation)
-        floor = np.diag((RINGING_FLOOR / self._widening * self._deviation)**2)
-        self._ringing += min(dt / RINGING_MEMORY, 1.0) * (
-            RINGING_SAMPLES * (np.outer(off, off) + floor) - self._ringing)
 
     def _correct(self, dt: float, moment: FloatArray, share: FloatArray) -> FloatArray:
         front = self._front

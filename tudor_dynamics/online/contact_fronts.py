@@ -31,7 +31,7 @@ from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.load.settings import GAIN_STD, UNKNOWN_STD
 from tudor_dynamics.mechanics import chain as at
-from tudor_dynamics.mechanics.chain import add, Chain, times
+from tudor_dynamics.mechanics.chain import add, times
 from tudor_dynamics.mechanics.equations import put_force, unsaid
 from tudor_dynamics.mechanics.mechanism import beam_axes, GaugePlace, Mechanism
 from tudor_dynamics.models.base import MemorylessModel, Model
@@ -265,14 +265,6 @@ class RigidFront:
 # What a force on a link of an elastic arm does to its gauges, compiled.
 
 @compiled
-def _put(chain: Chain, body: int, side: int, place: float, across: float, along: float) -> None:
-    here = chain.moving[body]
-    x = (here[at.WORLD], here[at.WORLD + 3], here[at.WORLD + 6])
-    y = (here[at.WORLD + side], here[at.WORLD + 3 + side], here[at.WORLD + 6 + side])
-    put_force(chain, body, place, add(times(across, y), times(along, x)))
-
-
-@compiled
 def _generalised(driven: Driven, column: NDArray) -> None:
     vectors, free = driven.equations.vectors, driven.equations.free
     residual(vectors, driven.gears, driven.chain, True)
@@ -290,7 +282,10 @@ def pressing_columns(
     m, none = pushed.shape[0], np.zeros(pushed.shape[0])
     for column, (place, across, along) in enumerate(
             ((inner, sign, 0.0), (outer, sign, 0.0), (inner, 0.0, 1.0))):
-        _put(driven.chain, body, side, place, across, along)
+        here = driven.chain.moving[body]
+        x = (here[at.WORLD], here[at.WORLD + 3], here[at.WORLD + 6])
+        y = (here[at.WORLD + side], here[at.WORLD + 3 + side], here[at.WORLD + 6 + side])
+        put_force(driven.chain, body, place, add(times(across, y), times(along, x)))
         _generalised(driven, pushed[:, column])
         driven.chain.wrench[:] = 0.0
     _generalised(driven, none)

@@ -138,14 +138,6 @@ class OutputCoverage:
 
     def look(self, now: float) -> CoverageReport:
         """Compare the counts with those of a second ago: now [s]."""
-        new = self._count(now)
-        self._follow(new, self._past[-1] if self._past else new)
-        self._past.append(new)
-        while len(self._past) > 2 and now - self._past[1].time >= COVERAGE_TIME:
-            self._past.popleft()
-        return self._judge(new, self._past[0])
-
-    def _count(self, now: float) -> _Counts:
         motion: Counter[str] = Counter()
         measured: Counter[str] = Counter()
         for counts in self._motions:
@@ -154,8 +146,13 @@ class OutputCoverage:
             for cause, n in counts.items():
                 if cause in MEANING:
                     (motion if cause in OF_MOTIONS else measured)[cause] += n
-        return _Counts(now, motion, measured, tuple(stream.count for stream in self.streams),
-                       tuple(stream.stamp for stream in self.streams))
+        new = _Counts(now, motion, measured, tuple(stream.count for stream in self.streams),
+                      tuple(stream.stamp for stream in self.streams))
+        self._follow(new, self._past[-1] if self._past else new)
+        self._past.append(new)
+        while len(self._past) > 2 and now - self._past[1].time >= COVERAGE_TIME:
+            self._past.popleft()
+        return self._judge(new, self._past[0])
 
     def _follow(self, new: _Counts, last: _Counts) -> None:
         """Keep since when samples come, since when none was judged, and how stamps lie apart."""
@@ -191,7 +188,11 @@ class OutputCoverage:
         if self._blind is not None and new.time - self._blind >= COVERAGE_TIME and not (
                 patient and share == settling):
             causes = causes or {'no_measurement': 1.0}
-            why = self._silent(new) or self._apart(new, old)
+            silent = [
+                stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
+                if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
+            why = self._apart(new, old) if not silent else (
+                f'no message came on {" nor on ".join(silent)}: start what publishes there')
             return CoverageReport(
                 CoverageLevel.NONE, f'collisions cannot be detected in any sample of {self.output}'
                 f'{f", because {why}" if why else self._main(causes, motions)}', 1.0, causes)
@@ -205,13 +206,6 @@ class OutputCoverage:
         level = CoverageLevel.ENOUGH if not faults else (
             CoverageLevel.NONE if full and lasting >= UNJUDGED_ERROR else CoverageLevel.PARTIAL)
         return CoverageReport(level, ALSO.join(faults), share, causes)
-
-    def _silent(self, new: _Counts) -> str:
-        """Name the topics on which nothing came for a second; empty for none."""
-        silent = [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
-                  if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
-        return '' if not silent else (
-            f'no message came on {" nor on ".join(silent)}: start what publishes there')
 
     def _main(self, causes: dict[str, float], motions: dict[str, float]) -> str:
         """Name the cause that explains most, what it means, and the topics it is about."""

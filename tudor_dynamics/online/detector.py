@@ -174,7 +174,12 @@ class ExcessStage:
     def step(self, residual: Residual, first: bool = False) -> Excess:
         """Compare one sample."""
         if self._counts[COUNT] == len(self._past):
-            self._make_room()
+            begin, count = self._counts[BEGIN], self._counts[COUNT]
+            kept = self._past[begin:].copy()
+            if len(kept) > len(self._past) // 2:
+                self._past = np.empty((2 * len(self._past), self._past.shape[1]))
+            self._past[:len(kept)] = kept
+            self._counts[[BEGIN, COUNT]] = 0, count - begin
         out = np.empty((6, self._channels.shape[1]))
         judge(residual.motion.stamp, first, self.thresholds.step, residual.motion.row,
               residual.value, self._counts, self._joints, self._channels, self._profile,
@@ -182,14 +187,6 @@ class ExcessStage:
         self.memory.step(residual.motion.stamp)
         return Excess(residual, out[ONSET], out[TO_CONTACT], out[TO_COLLISION], out[SUDDEN],
                       out[THRESHOLD])
-
-    def _make_room(self) -> None:
-        begin, count = self._counts[BEGIN], self._counts[COUNT]
-        kept = self._past[begin:].copy()
-        if len(kept) > len(self._past) // 2:
-            self._past = np.empty((2 * len(self._past), self._past.shape[1]))
-        self._past[:len(kept)] = kept
-        self._counts[[BEGIN, COUNT]] = 0, count - begin
 
 
 @compiled

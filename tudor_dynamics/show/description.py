@@ -127,7 +127,12 @@ LEAST = 1e-12
 def link_inertias(arm: Arm, bodies: Mapping[str, FloatArray]) -> dict[str, pin.Inertia]:
     """Share bodies out among the links of the arm's URDF: bodies (10,)."""
     assert arm.urdf is not None
-    described = _described(ElementTree.fromstring(arm.urdf))
+    described = {}  # of each link, in its own frame, as Pinocchio reads it
+    for link in ElementTree.fromstring(arm.urdf).iter('link'):
+        alone = ElementTree.Element('robot', name='one')
+        ElementTree.SubElement(alone, 'link', name='one').extend(link.findall('inertial'))
+        text = ElementTree.tostring(alone, encoding='unicode')
+        described[str(link.get('name'))] = pin.buildModelFromXML(text).inertias[0]
     model = arm.model
     found: dict[str, pin.Inertia] = {}
     for joint, parameters in bodies.items():
@@ -139,7 +144,9 @@ def link_inertias(arm: Arm, bodies: Mapping[str, FloatArray]) -> dict[str, pin.I
         new = pseudo_inertia(parameters)
         total = np.sum(old, axis=0)
         total = total + LEAST * np.trace(new) * np.eye(4)
-        way = _transport(total, new)
+        root = _root(total)
+        inverse = np.linalg.inv(root)
+        way = inverse @ _root(root @ new @ root) @ inverse  # symmetric, ``way total way = new``
         shares = [way @ part @ way.T for part in old]
         shares[0] = shares[0] + new - np.sum(shares, axis=0)  # rounding, or all where all is new
         for frame, share in zip(frames, shares, strict=True):
@@ -149,27 +156,9 @@ def link_inertias(arm: Arm, bodies: Mapping[str, FloatArray]) -> dict[str, pin.I
     return found
 
 
-def _transport(before: FloatArray, after: FloatArray) -> FloatArray:
-    """Give the symmetric A with ``A before A = after``."""
-    root = _root(before)
-    inverse = np.linalg.inv(root)
-    return np.asarray(inverse @ _root(root @ after @ root) @ inverse)
-
-
 def _root(matrix: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
-
-
-def _described(root: ElementTree.Element) -> dict[str, pin.Inertia]:
-    """Let Pinocchio read the inertia of each link, in the frame of the link."""
-    found = {}
-    for link in root.iter('link'):
-        alone = ElementTree.Element('robot', name='one')
-        ElementTree.SubElement(alone, 'link', name='one').extend(link.findall('inertial'))
-        text = ElementTree.tostring(alone, encoding='unicode')
-        found[str(link.get('name'))] = pin.buildModelFromXML(text).inertias[0]
-    return found
 
 
 # -- Write what was identified into the user's URDF, and touch nothing else in it

@@ -168,7 +168,9 @@ class ElasticFile:
         joint = self.joint_of.get(body)
         last = body == len(self.driven.mechanism.body_int) - 1
         if joint in self.arm.held_joints:
-            place = place * self._held(joint, floats)
+            move = floats[at.AXIS:at.AXIS + 3] * self.arm.held_joints[joint]
+            place = place * (pin.SE3(np.eye(3), move) if self.arm.is_prismatic(joint)
+                             else pin.SE3(pin.exp3(move), np.zeros(3)))
         if joint is None and not last and floats[at.MASS] <= 0.0:
             self.nodes[body, 0] = parent, place
             return
@@ -193,12 +195,6 @@ class ElasticFile:
         owner = self.joint_of[int(ints[at.PARENT])]
         self.parts[owner] = self.parts.get(owner, 0) + 1
         return f'{owner}_part{self.parts[owner]}'
-
-    def _held(self, joint: str, floats: FloatArray) -> pin.SE3:
-        axis, there = floats[at.AXIS:at.AXIS + 3], self.arm.held_joints[joint]
-        if self.arm.is_prismatic(joint):
-            return pin.SE3(np.eye(3), there * axis)
-        return pin.SE3(pin.exp3(there * axis), np.zeros(3))
 
     def _joints(self, element: ElementTree.Element, joint: str, axis: FloatArray) -> None:
         """Put the drive's side and the gear into one body: the link turns by their sum."""
@@ -229,7 +225,11 @@ class ElasticFile:
                 frame = pin.SE3.Identity()
             if begin in hinges:
                 self._hinge(element, body, f'{joint}_bend{hinges.index(begin) + 1}', floats)
-            add_inertial(element, frame.act(_rod(floats, end - begin)))
+            piece = end - begin  # x along it, from the origin
+            mass, polar = float(floats[at.DENSITY]) * piece, float(floats[at.POLAR]) * piece
+            across = mass * piece**2 / 12.0 + 0.5 * polar
+            add_inertial(element, frame.act(pin.Inertia(
+                mass, np.array([0.5 * piece, 0.0, 0.0]), np.diag([polar, across, across]))))
             if begin in gauges:
                 self._gauge(element, frame, gauges[begin])
         self.nodes[body, 1] = element, frame * pin.SE3(
@@ -266,13 +266,6 @@ def _rotor(drives: dict[str, ElasticDrive], joint: str) -> float:
 def _placement(floats: FloatArray, rotation: int, place: int) -> pin.SE3:
     return pin.SE3(floats[rotation:rotation + 9].reshape(3, 3).copy(),
                    floats[place:place + 3].copy())
-
-
-def _rod(floats: FloatArray, length: float) -> pin.Inertia:
-    """Give a piece of a beam: x along it, from the origin."""
-    mass, polar = float(floats[at.DENSITY]) * length, float(floats[at.POLAR]) * length
-    across = mass * length**2 / 12.0 + 0.5 * polar
-    return pin.Inertia(mass, np.array([0.5 * length, 0.0, 0.0]), np.diag([polar, across, across]))
 
 
 # -- Write an identified arm as MJCF, for MuJoCo

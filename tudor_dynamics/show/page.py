@@ -166,9 +166,6 @@ def before_after(result: FitResult) -> dict[str, Any] | None:
         'assumed': full.assumed}
 
 
-TITLES = {'effort': 'Effort', 'strain': 'Strain'}
-
-
 def render(
     result: FitResult, assessment: Assessment | None = None, planned: Comparison | None = None,
     made: Mapping[str, str] | None = None, last: LastFit | None = None,  # made: provenance
@@ -251,7 +248,7 @@ def over_time(arm: Arm, output: str, judged: Mapping[str, Validation]) -> dict[s
     first = next(iter(judged.values()))
     stretch = liveliest(first.traces[0], [bag for _, bag in first.cases])
     return {
-        'key': output, 'title': TITLES[output], 'bag': first.traces[0].bag,
+        'key': output, 'title': output.capitalize(), 'bag': first.traces[0].bag,
         'signals': [(name, signal_figure(arm, output, judged, name, stretch))
                     for name in first.channels],
         'errors': error_figure(arm, output, judged)}

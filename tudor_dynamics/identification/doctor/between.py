@@ -260,20 +260,17 @@ def copies(bags: Sequence[BagData]) -> list[Finding]:
     """Find bags that hold the same motion, in whatever storage and under whatever name."""
     findings = []
     for one, other in combinations(bags, 2):
-        share = _in_common(one.recording.q, other.recording.q)
+        q = one.recording.q
+        moves = np.flatnonzero(np.any(np.diff(q, axis=0) != 0.0, axis=1))
+        # samples of a still arm are alike in all recordings
+        rows = np.ascontiguousarray(q[moves[::max(1, len(moves) // settings.COMPARED)]])
+        known = {row.tobytes() for row in np.ascontiguousarray(other.recording.q)}
+        share = float(np.mean([row.tobytes() in known for row in rows])) if len(rows) else 0.0
         if share > settings.SAME_SHARE:
             findings.append(found(
                 'same_recording', f'{one.choice} and {other.choice} hold the same samples',
                 str(other.choice), size=share, now=share))
     return findings
-
-
-def _in_common(one: FloatArray, other: FloatArray) -> float:
-    moves = np.flatnonzero(np.any(np.diff(one, axis=0) != 0.0, axis=1))
-    # samples of a still arm are alike in all recordings
-    rows = np.ascontiguousarray(one[moves[::max(1, len(moves) // settings.COMPARED)]])
-    known = {row.tobytes() for row in np.ascontiguousarray(other)}
-    return float(np.mean([row.tobytes() in known for row in rows])) if len(rows) else 0.0
 
 
 @dataclass(frozen=True, eq=False)

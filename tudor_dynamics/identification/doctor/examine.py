@@ -52,9 +52,23 @@ BROKEN = ('constant', 'held', 'dying', 'saturated', 'alternating', 'copied_chann
 
 def suspects(arm: Arm) -> tuple[list[Finding], Arm]:
     """Look at a description alone: findings, and the arm with remedies that can be guessed."""
-    findings, mended = _table(arm)
-    of_gauges, mended = _gauges(mended)
-    return findings + of_gauges, mended
+    findings, arm = _table(arm)
+    mended = arm
+    gauges = [gauge.model_dump(mode='json') for gauge in arm.gauges]
+    for gauge, content in zip(arm.gauges, gauges, strict=True):
+        length = link_length(arm, gauge)
+        if not gauge.distance > (1.001 * length if length else settings.LONGEST_ARM):
+            continue
+        limit = length or settings.LONGEST_ARM
+        kind, what = 'gauge_beyond_link', (
+            f'distance of gauge {gauge.name!r} is {gauge.distance:.4g} m, but the link of joint '
+            f'{gauge.joint!r} is no longer than {limit:.4g} m')
+        if gauge.distance > 1.0 and gauge.distance / 1000.0 <= limit:
+            kind, what = 'gauge_in_millimetres', f'{what}: the distance seems to be in mm'
+            content['distance'] = gauge.distance / 1000.0
+            mended = _rebuilt(arm, {'gauges': gauges})
+        findings.append(found(kind, what, channels=(gauge.name,), size=gauge.distance))
+    return findings, mended
 
 
 def _table(arm: Arm) -> tuple[list[Finding], Arm]:
@@ -83,25 +97,6 @@ def _table(arm: Arm) -> tuple[list[Finding], Arm]:
     return findings, _rebuilt(arm, {'kinematics': {
         **arm.spec.kinematics.model_dump(mode='json'),
         'dh': np.stack([a, alpha, d, theta], axis=1).tolist()}})
-
-
-def _gauges(arm: Arm) -> tuple[list[Finding], Arm]:
-    findings, mended = [], arm
-    gauges = [gauge.model_dump(mode='json') for gauge in arm.gauges]
-    for gauge, content in zip(arm.gauges, gauges, strict=True):
-        length = link_length(arm, gauge)
-        if not gauge.distance > (1.001 * length if length else settings.LONGEST_ARM):
-            continue
-        limit = length or settings.LONGEST_ARM
-        kind, what = 'gauge_beyond_link', (
-            f'distance of gauge {gauge.name!r} is {gauge.distance:.4g} m, but the link of joint '
-            f'{gauge.joint!r} is no longer than {limit:.4g} m')
-        if gauge.distance > 1.0 and gauge.distance / 1000.0 <= limit:
-            kind, what = 'gauge_in_millimetres', f'{what}: the distance seems to be in mm'
-            content['distance'] = gauge.distance / 1000.0
-            mended = _rebuilt(arm, {'gauges': gauges})
-        findings.append(found(kind, what, channels=(gauge.name,), size=gauge.distance))
-    return findings, mended
 
 
 def link_length(arm: Arm, gauge: GaugeSpec) -> float | None:

@@ -54,7 +54,16 @@ class Physics:
         self.arm, self.mechanism, self.springs = arm, mechanism, springs
         self.motors = {motor.joint: motor for motor in arm.spec.motors}
         self.links = {link.joint: link for link in arm.spec.links}
-        self.parts = self._parts()
+        self.parts: dict[str, LumpedMass] = {}
+        joint_of = {body: joint for joint, body in mechanism.body_of.items()}
+        *bodies, payload = range(len(mechanism.body_int))
+        for body in bodies:
+            owner = joint_of.get(int(mechanism.body_int[body, at.PARENT]))
+            part = self._part(body)
+            if body not in joint_of and owner is not None and part.mass > 0.0:
+                count = sum(name.startswith(f'{owner},') for name in self.parts)
+                self.parts[f'{owner},{count + 1}'] = part
+        self.parts[''] = self._part(payload)
         self.lag = 0.0
         self.owners: dict[Owner, tuple[str, ...]] = {
             'link': tuple(mechanism.beams), 'part': tuple(name for name in self.parts if name),
@@ -65,18 +74,6 @@ class Physics:
             flexible = self.links[joint].flexible
             # below zero: linear beams, which nothing draws in
             self.beam(joint)[at.STRETCH] = 0.0 if flexible and flexible.stretch else -1.0
-
-    def _parts(self) -> dict[str, LumpedMass]:
-        mechanism, found = self.mechanism, dict[str, LumpedMass]()
-        joint_of = {body: joint for joint, body in mechanism.body_of.items()}
-        *bodies, payload = range(len(mechanism.body_int))
-        for body in bodies:
-            joint = joint_of.get(int(mechanism.body_int[body, at.PARENT]))
-            part = self._part(body)
-            if body not in joint_of and joint is not None and part.mass > 0.0:
-                count = sum(name.startswith(f'{joint},') for name in found)
-                found[f'{joint},{count + 1}'] = part
-        return {**found, '': self._part(payload)}
 
     def _part(self, body: int) -> LumpedMass:
         floats = self.mechanism.body_float[body]
