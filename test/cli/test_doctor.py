@@ -23,7 +23,6 @@ from subprocess import SubprocessError
 import time
 from types import SimpleNamespace
 
-from printed import unwrapped
 import pytest
 from tudor_dynamics.cli import doctor
 from tudor_dynamics.cli.main import main
@@ -161,28 +160,6 @@ def test_the_kernel_answers() -> None:
     """The call is one that Linux has; in a container it may be forbidden."""
     assert doctor.ctypes.CDLL(None).adjtimex(doctor.ctypes.create_string_buffer(256)) in range(
         -1, 6)
-
-
-@pytest.mark.parametrize(('default', 'most', 'rate', 'said', 'todo'), [
-    ('212992', '212992', 100.0, '213 kB, 1 kHz needs 384 kB: sudo sysctl -w', False),
-    ('212992', '4194304', 1000.0, '213 kB, 1 kHz needs 384 kB', True),
-    ('524288', '4194304', 1000.0, '524 kB, 1 kHz needs 384 kB', False),
-    ('524288', '4194304', 2000.0, '524 kB, 1 kHz needs 384 kB', True),
-    ('none', '212992', 1000.0, 'not known', False)])
-def test_receive_buffers(
-    default: str, most: str, rate: float, said: str, todo: bool, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:
-    """Those that Fast DDS takes are named where they are small, with what makes them larger."""
-    (tmp_path / 'rmem_default').write_text(default)
-    (tmp_path / 'rmem_max').write_text(most)
-    monkeypatch.setattr(doctor, 'BUFFERS', tmp_path)
-    machine(monkeypatch, heard=json.dumps({'/joint_states': {**FINE, 'rate': rate}}))
-    assert main(['doctor']) == todo
-    out = capsys.readouterr().out
-    assert said in unwrapped(out)
-    assert all(len(line) <= 80 for line in out.splitlines() if 'net.core' in line)
-    assert ('loses samples: sudo sysctl -w net.core.rmem_default=' in unwrapped(out)) == todo
 
 
 FINE = {'publishers': 1, 'rate': 500.0, 'gap': 0.004, 'age': 0.002}

@@ -58,10 +58,6 @@ FIRST_YEAR = 2024  # a clock that is set is not before it
 OLDEST, YOUNGEST = 0.1, -0.01  # ages of stamps that clocks in step give [s]
 PAUSE = 0.1  # within which a stream that runs sends again [s]
 OTHER_CLOCK = 3e6  # age from which on stamps are of a simulation or a bag [s]
-NEEDED = 384_000
-"""What the kernel keeps of three topics at 1 kHz for a node that is 0.1 s late: 300 messages of
-1280 bytes, which one of 7 joints takes there [bytes]."""
-BUFFERS = Path('/proc/sys/net/core')
 UNSYNCHRONISED = 5  # what adjtimex answers while nothing sets the clock of the kernel
 LONGEST = 1_000_000  # characters of the output that a bug report keeps
 
@@ -149,23 +145,8 @@ def live_topics() -> Iterator[Check]:
         yield Check('live topics', 'not heard', f'rclpy does not run ({err}): mend the '
                     'installation of ROS 2')
         return
-    yield _buffer(max((found.get('rate', 0.0) for found in heard.values()), default=0.0))
     yield from ([_live_topic(topic, **found) for topic, found in heard.items()]
                 or [Check('live topics', 'no joint states')])
-
-
-def _buffer(rate: float) -> Check:
-    """Compare what sockets may keep for a late node with what topics of a rate [Hz] send."""
-    names = 'rmem_default', 'rmem_max'  # Fast DDS takes the first, others ask for up to the second
-    try:
-        size = min(int((BUFFERS / name).read_text()) for name in names)
-    except (OSError, ValueError):
-        return Check('receive buffer', 'not known: see `sysctl net.core.rmem_max`')
-    more = 'sudo sysctl -w ' + ' '.join(f'net.core.{name}={NEEDED}' for name in names)
-    found = f'{size / 1e3:.0f} kB, 1 kHz needs {NEEDED / 1e3:.0f} kB'
-    if size >= NEEDED * rate / 1000.0:
-        return Check('receive buffer', found + f': {more}' * (size < NEEDED))
-    return Check('receive buffer', found, f'a node that is 0.1 s late loses samples: {more}')
 
 
 def _live_topic(

@@ -25,7 +25,7 @@ from tudor_dynamics.cli.console import (
     add_out, add_running, check_running, finite, new_table, print_json, print_table, say, steps)
 from tudor_dynamics.errors import FitError, UsageError
 from tudor_dynamics.files import check_target, write_whole
-from tudor_dynamics.fleet.comparison import Fleet, page_of, WORDS
+from tudor_dynamics.fleet.comparison import page_of, WORDS
 from tudor_dynamics.fleet.study import load_plan, study, StudySettings
 from tudor_dynamics.parallel import on_cluster
 
@@ -89,12 +89,7 @@ def run(args: argparse.Namespace) -> int:
     write_whole(numbers, json.dumps(content, indent=1).encode())
     if args.json:
         print_json({**content, 'seconds': round(time.perf_counter() - begun, 3)})
-    else:
-        _print(fleet, out)
-    return 1 if fleet.named else 0
-
-
-def _print(fleet: Fleet, out: Path) -> None:
+        return 1 if fleet.named else 0
     table = new_table(f'{fleet.name}: {len(fleet.arms)} arms', names=('arm', 'why', 'what'),
                       figures=('value', 'expected', 'standard errors'))
     for item in fleet.named:
@@ -104,8 +99,6 @@ def _print(fleet: Fleet, out: Path) -> None:
         print_table(table)
     else:
         say(f'{fleet.name}: {len(fleet.arms)} arms, alike and unchanged as far as these bags show')
-    for choice in fleet.choices:
-        say(f'chosen for all: {choice}')
-    for bag in fleet.unused:
-        say(f'left out: {bag}')
-    say(f'page: {out / "fleet.html"}')
+    say(*(f'chosen for all: {choice}' for choice in fleet.choices),
+        *(f'left out: {bag}' for bag in fleet.unused), f'page: {out / "fleet.html"}')
+    return 1 if fleet.named else 0

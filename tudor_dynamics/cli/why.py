@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 import re
 import warnings
@@ -71,14 +70,31 @@ def run(args: argparse.Namespace) -> int:
         say(f'{args.bag}: the newest bag of an event')
     with bar(None, 'replay'):
         found = causes(args)
+    code = 0 if found and all(cause.evidence for cause in found) else 1
     if args.json:
         print_json([{
             **cause.event.as_dict(), 'method': cause.event.event.method, 'cause': cause.name,
             'evidence': cause.evidence, 'remedy': cause.remedy, 'same': cause.same}
             for cause in found])
-    else:
-        _print(found, verbose=args.verbose)
-    return 0 if found and all(cause.evidence for cause in found) else 1
+        return code
+    if not found:
+        say_verdict(Grade.USABLE, 'no such event comes when the messages pass the monitor again',
+                    '; times are in UTC')
+    for cause in found:
+        seen = cause.event
+        say_verdict(Grade.GOOD if cause.evidence else Grade.USABLE, cause.name,
+                    of=f'{time_of_day(seen.event.onset)}: ')
+        say(f'  {seen.channel} of {seen.event.link}, by {seen.event.method}: '
+            f'{seen.ratio:.2f} times its threshold, for {1e3 * seen.seconds:.0f} ms',
+            *(f'  {text}' for text in (cause.evidence, cause.remedy, seen.note) if text))
+        if args.verbose:
+            say('  when it became certain, in thresholds: ' + ', '.join(
+                f'{name} {ratio:.2f}' for name, ratio in seen.event.ratios.items()))
+        if cause.same is not None:
+            say('  the replay gives the event of the node to the last bit' if cause.same else
+                '  the replay comes near to the event of the node, not to the last bit: model '
+                'or payload differ, or the bag is of another version or of less than 25 s')
+    return code
 
 
 def causes(args: argparse.Namespace) -> list[Cause]:
@@ -107,24 +123,3 @@ def causes(args: argparse.Namespace) -> list[Cause]:
     found = explain(bag, bundle, settings, str(params.get('payload_source', 'parameter')), payload,
                     records)
     return [cause for cause in found if args.at in time_of_day(cause.event.event.onset)]
-
-
-def _print(found: Sequence[Cause], *, verbose: bool) -> None:
-    """Print a paragraph for each event."""
-    if not found:
-        say_verdict(Grade.USABLE, 'no such event comes when the messages pass the monitor again',
-                    '; times are in UTC')
-    for cause in found:
-        seen = cause.event
-        say_verdict(Grade.GOOD if cause.evidence else Grade.USABLE, cause.name,
-                    of=f'{time_of_day(seen.event.onset)}: ')
-        say(f'  {seen.channel} of {seen.event.link}, by {seen.event.method}: '
-            f'{seen.ratio:.2f} times its threshold, for {1e3 * seen.seconds:.0f} ms',
-            *(f'  {text}' for text in (cause.evidence, cause.remedy, seen.note) if text))
-        if verbose:
-            say('  when it became certain, in thresholds: ' + ', '.join(
-                f'{name} {ratio:.2f}' for name, ratio in seen.event.ratios.items()))
-        if cause.same is not None:
-            say('  the replay gives the event of the node to the last bit' if cause.same else
-                '  the replay comes near to the event of the node, not to the last bit: model '
-                'or payload differ, or the bag is of another version or of less than 25 s')
