@@ -277,7 +277,8 @@ def collisions(fits: Fits, payload: float) -> Cached:
         models = fit(campaign.arm, training, test, td.FitSettings(kinds=('analytical',)),
                      bare=False)
         campaign.progress(PUSHES, 0.2)
-        return Cached({'methods': _found(models, pushed)})
+        return Cached({'methods': {method: item for method, item in _found(models, pushed).items()
+                                   if method != 'all'}})  # of a monitor, not of the paper
 
     depends = {**campaign.described(payload, damped=True), 'pushes': campaign.plan.pushes}
     methods = campaign.stages.result('collisions', depends, rigid).content['methods']

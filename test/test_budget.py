@@ -56,7 +56,7 @@ def test_every_command(
 
 @pytest.mark.parametrize(('settings', 'cause'), [
     ({'elm_hidden': 10**9}, '1000000000 neurons'),
-    ({'elm_seed': -1}, 'elm_seed is -1; give 0')])
+    ({'elm_seed': -1}, 'elm_seed= -1: give 0')])
 def test_learning_machines(tmp_path: Path, settings: dict, cause: str) -> None:
     """Neurons are counted before they are made."""
     from tudor_dynamics.library import FitSettings

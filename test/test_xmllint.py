@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FILES = ['package.xml',
          *sorted(f'config/{file.name}' for file in (ROOT / 'config').glob('*.urdf'))]
 
-KEYLESS = 'lazy_loader', 'plotly'
+KEYLESS = 'lazy_loader', 'llvmlite', 'markupsafe', 'plotly'
 # Where the name on PyPI is not that of the rosdep key after "python3-".
 KEYS = {'backports.zstd': 'python3-rosbags-pip', 'pin': 'pinocchio', 'pyyaml': 'python3-yaml',
         'rosbags': 'python3-rosbags-pip'}

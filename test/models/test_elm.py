@@ -142,7 +142,7 @@ def test_decimated_blocks() -> None:
 def test_impossible_settings(settings: dict[str, float]) -> None:
     """No neurons, or a ridge that is none, are refused."""
     (name, value), = settings.items()
-    expected = rf'^elm_{name} is {value}; give [01] or more'
+    expected = rf'^elm_{name}= {value}: give [01] or more'
     with pytest.raises(FitError, match=expected):
         ExtremeLearningMachine(CHANNELS, **settings).fit(*_data())  # type: ignore[arg-type]
 

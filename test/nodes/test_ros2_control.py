@@ -54,7 +54,7 @@ def started(root: Path) -> Iterator[Any]:
     processes: list[subprocess.Popen] = []
 
     def start(heading: str) -> list[subprocess.Popen]:
-        for line in page(root, heading, 'sh ros')[0].splitlines():
+        for line in page(root, heading, 'sh ros')[0].replace('\\\n', ' ').splitlines():
             words = shlex.split(line)
             assert words[:3] == ['ros2', 'run', 'tudor_dynamics'] and words[4] == '--ros-args'
             processes.append(launch(words[3], *words[5:], cwd=root))

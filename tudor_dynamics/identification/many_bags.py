@@ -585,7 +585,7 @@ class ManyBags:
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
         if wrong and self.streaming.strict:
             raise FitError(f'{len(wrong)} bags cannot be used, but strict= needs all; the first: '
-                           f'bag {wrong[0]}', remedy='leave such bags out, or strict=')
+                           f'bag {wrong[0]}', remedy='leave out such bags, or leave out strict=')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
             warnings.warn(f'bag {item}; the fit leaves this bag out', TudorWarning, stacklevel=2)
         self.unused += wrong
