@@ -176,7 +176,7 @@ def check_target(
         raise kind('exists already', place=path,
                    remedy=remedy if overwrite is None else f'{remedy}, or add overwrite=')
     if mark and not (path / mark).is_file() or not mark and path.is_dir():
-        raise kind('exists already and is not what would be written, so it is not replaced',
+        raise kind('exists already and was not written by this command, so it is kept',
                    place=path, remedy=remedy)
     return path
 

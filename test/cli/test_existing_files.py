@@ -104,7 +104,7 @@ def test_every_command(
 
     assert refused().endswith(REFUSED.format(option))
     if target.is_dir():
-        assert 'exists already and is not' in refused('--overwrite')
+        assert 'exists already and was not written by' in refused('--overwrite')
         assert (target / 'years_of_work').exists()
         (target / kind).touch()
         if name == 'excite':  # a plan that fits no arm is one all the same

@@ -201,7 +201,7 @@ def test_nothing_is_written_over(
     assert 'exists already; choose another --out, or add --overwrite' in line
     assert (fitted / 'model.yaml').read_bytes() == before
     line = one_line(capsys, *words, '--out', root / 'config', '--overwrite')
-    assert 'so it is not replaced' in line and (root / 'config/tudor.yaml').is_file()
+    assert 'so it is kept' in line and (root / 'config/tudor.yaml').is_file()
 
 
 def test_overlapping_parts_are_refused(

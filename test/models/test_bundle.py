@@ -332,7 +332,7 @@ def test_overwrite(tmp_path: Path) -> None:
     other = tmp_path / 'thesis'
     other.mkdir()
     (other / 'chapter1.tex').write_text('years')
-    with pytest.raises(ModelError, match='is not what would be written, so it is not replaced'):
+    with pytest.raises(ModelError, match='was not written by this command, so it is kept'):
         check_target(other, overwrite=True)
     assert sorted(p.name for p in tmp_path.iterdir()) == ['model', 'thesis']
 

@@ -96,8 +96,8 @@ def choose_clock(
             map(len, delays)) else 0
         for name, states in topics.items():
             if not states.stamped and len(states.stamp):
-                notes.add(f'messages on {name} have no stamp, so their log time is used, less '
-                          f'{delay * 1e-6:.3g} ms, by which stamped messages are logged late; for '
+                notes.add(f'messages on {name} have no stamp; their log time less '
+                          f'{delay * 1e-6:.3g} ms, the usual delay of logging, is used; for '
                           f'exact times, publish a message type with a header on {name}')
         return {name: states.stamp if states.stamped else states.log_time - delay
                 for name, states in topics.items()}

@@ -388,8 +388,8 @@ class Plant(Shown):
         elif status == gen.SINGULAR:
             loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
                      if not self.tables.prescribed[index]]
-            msg = (f'{name}: the mass matrix is singular: {" or ".join(map(repr, loose))}, or a '
-                   'beam, moves no mass; give each link a mass, or the key hub_inertia')
+            msg = (f'{name}: the mass matrix is singular, as {" or ".join(map(repr, loose))} or a '
+                   'beam moves no mass; give its entry in links a mass, or hub_inertia')
         elif status == gen.TOO_BENT:
             msg = (f'{name}: at t = {t:.6g} s a link is bent by more than '
                    f'{settings.MAX_ROTATION} rad, where a linear beam means nothing; energy '

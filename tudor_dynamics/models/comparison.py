@@ -262,7 +262,8 @@ def side_of(path: str | Path) -> Side:
     bodies = described_bodies(arm)
     if not any(body[0] > 0.0 for body in bodies.values()):
         raise UsageError('describes no masses, so there is nothing to compare', place=path,
-                         remedy='give a description whose URDF has masses, or a model bundle')
+                         remedy='give a description whose URDF has masses, or the folder that '
+                                'tudor fit wrote')
     return Side(str(path), arm, bodies)
 
 

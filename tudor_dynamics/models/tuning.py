@@ -279,7 +279,7 @@ class Wish:
         payloads = self.payloads
         if not payloads or any(not math.isfinite(p) or p < 0.0 for p in payloads) or list(
                 payloads) != sorted(set(payloads)):
-            raise UsageError(f'payloads {list(payloads)}: expected masses of 0 kg or more, '
+            raise UsageError(f'payloads= {list(payloads)}: expected masses of 0 kg or more, '
                              'each larger than the one before')
 
 

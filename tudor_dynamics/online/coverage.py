@@ -54,8 +54,8 @@ class SensorHealth:
 
 
 MEANING = {
-    'settling': 'filters settle after the first message on {on}, or after a pause: wait some '
-                'seconds; if this lasts, find the pauses with `ros2 topic hz`',
+    'settling': 'filters settle after the first message, or a pause, on {on}: wait some seconds; '
+                'if this lasts, look for pauses with `ros2 topic hz {on}`',
     'gap': 'messages on {on} are lost: compare `ros2 topic hz` with the rate of the driver; equal '
            'rates mean that this computer is too busy, others that the network loses them',
     'not_finite': 'messages on {on} have NaN or infinite values: check the driver',

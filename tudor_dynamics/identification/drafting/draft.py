@@ -165,8 +165,8 @@ def chain_of_table(path: Path | None, names: Sequence[str]) -> DraftedChain:
     if not all(joints):
         joints = list(names)
     if len(joints) + flange != len(rows) or not set(joints) <= set(names):
-        raise ArmError(f'{len(rows)} rows, for {", ".join(joints)}, do not match the joints '
-                       f'{", ".join(names)} of the bag',
+        raise ArmError(f'{len(rows)} rows for the joints {", ".join(map(repr, joints))}, but the '
+                       f'bag has the joints {", ".join(map(repr, names))}',
                        place=path, remedy='give one row per joint, base first, each with its name')
     model = model_from_dh([row.values for row in rows], joints,
                           [row.kind or 'revolute' for row in rows], convention)
