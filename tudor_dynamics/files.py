@@ -153,7 +153,7 @@ def _put(new: Path, path: Path, replace: bool) -> None:
 
 SIGNATURE = 'made by tudor_dynamics'
 """What pages, pictures and bug reports hold, so that the next one may take their place."""
-MAX_DRAWN = 1 << 26
+MAX_DRAWN = 1 << 26  # bytes; larger files are not looked through (a report of two bags: 5 MB)
 
 
 def check_target(

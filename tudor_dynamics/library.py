@@ -29,7 +29,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import check_budget, check_type, ModelError, TudorWarning, UsageError
-from tudor_dynamics.files import check_target as checked, provenance, write_figure
+from tudor_dynamics.files import check_target, provenance, write_figure
 from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, check_choices, choices, common_outputs, filtered, load, parse_choice, part,
@@ -52,7 +52,7 @@ from tudor_dynamics.identification.next_steps import (
 from tudor_dynamics.identification.tool import check_efforts
 from tudor_dynamics.identification.validation import cases_of, shown_fit, validated, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
-from tudor_dynamics.models.bundle import check_target, ModelBundle, read_facts, save_bundle
+from tudor_dynamics.models.bundle import check_bundle_target, ModelBundle, read_facts, save_bundle
 from tudor_dynamics.online.monitor import MonitorSettings
 from tudor_dynamics.typing import Progress, Shown
 
@@ -231,7 +231,7 @@ def fit_choices(
     check_choices(training, test)
     last = None if compare is None else (str(compare), read_facts(compare))
     if out is not None:
-        check_target(out, overwrite=overwrite)
+        check_bundle_target(out, overwrite=overwrite)
         with suppress(ModelError):  # what cannot be read is not compared with
             last = last or (f'{out}, replaced', read_facts(out))
     seconds: dict[str, float] = {}
@@ -319,7 +319,7 @@ class Prediction(Shown):
         from tudor_dynamics.show.figures import liveliest, signal_figure
         from tudor_dynamics.show.pictures import draw, style, SUFFIXES
 
-        target = None if path is None else checked(
+        target = None if path is None else check_target(
             path, overwrite=True, name='path', endings=SUFFIXES)
         output = output or ('strain' if 'strain' in self.outputs else next(iter(self.outputs)))
         kinds = self.outputs[_known(self.outputs, output, 'output')]

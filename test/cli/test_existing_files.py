@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from errno import ENOSPC
 import json
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from matplotlib.figure import Figure
 import pytest
 from sample_arms import random_states
 from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags import writer
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import check_target, write_figure
@@ -132,6 +134,24 @@ def test_fewer_stimuli_than_before(tmp_path: Path) -> None:
     assert main([*words, '2']) == 0 and main([*words, '1']) == 2
     assert main([*words, '1', '--overwrite']) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ['campaign.yaml', 'stimulus_01']
+
+
+@pytest.mark.parametrize(('words', 'name'), [
+    (COMMANDS['record'][0], 'stimulus_01'), (COMMANDS['simulate'][0], 'bag')])
+def test_a_bag_goes_when_the_next_one_is_whole(
+    words: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Until then an error, as of a full disk, leaves the old one where it is."""
+    out = tmp_path / 'out'
+    assert main([*words.split(), str(out)]) == 0
+    before = (out / name / 'metadata.yaml').read_bytes()
+
+    def full(*_: object) -> None:
+        raise OSError(ENOSPC, 'No space left on device')
+    monkeypatch.setattr(writer.Writer, 'write', full)
+    assert main([*words.split(), str(out), '--overwrite']) == 2
+    assert (out / name / 'metadata.yaml').read_bytes() == before
+    monkeypatch.undo()
 
 
 def test_a_fleet_goes_on_where_it_was(

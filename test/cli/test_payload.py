@@ -54,7 +54,7 @@ def test_wrong_input(model: Path, root: Path, capsys) -> None:
     """A kind that the bundle has not, and a mass of another bag, are said in a line."""
     bag = str(root / 'bags/two_blade_test')
     assert main(['payload', bag, '--model', str(model), '--kind', 'elastic']) == 2
-    assert 'needs a model of the kind elastic' in capsys.readouterr().err
+    assert 'loads are estimated by a model of the kind elastic' in capsys.readouterr().err
     assert main(['payload', bag, '--model', str(model), '--payload-of', 'other=0.1']) == 2
     assert 'is not a bag that was given' in capsys.readouterr().err
 

@@ -34,7 +34,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import (
-    CausalModels, check_target, load_bundle, MAX_BYTES, ModelBundle, save_bundle, unpack)
+    CausalModels, check_bundle_target, load_bundle, MAX_BYTES, ModelBundle, save_bundle, unpack)
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 import yaml
@@ -333,7 +333,7 @@ def test_overwrite(tmp_path: Path) -> None:
     other.mkdir()
     (other / 'chapter1.tex').write_text('years')
     with pytest.raises(ModelError, match='was not written by this command, so it is kept'):
-        check_target(other, overwrite=True)
+        check_bundle_target(other, overwrite=True)
     assert sorted(p.name for p in tmp_path.iterdir()) == ['model', 'thesis']
 
 

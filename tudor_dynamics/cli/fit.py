@@ -39,7 +39,7 @@ from tudor_dynamics.identification.many_bags import FROM, Streaming, streams, SU
 from tudor_dynamics.identification.next_steps import Assessment
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.library import fit_choices
-from tudor_dynamics.models.bundle import check_target, KINDS
+from tudor_dynamics.models.bundle import check_bundle_target, KINDS
 from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.regressor import output_units, STRAIN_FORMS
 from tudor_dynamics.parallel import on_cluster
@@ -160,7 +160,7 @@ def run(args: argparse.Namespace) -> int:
     """Fit, judge, save, report."""
     check_running(args)
     out = Path(args.out)
-    check_target(out, overwrite=args.overwrite)
+    check_bundle_target(out, overwrite=args.overwrite)
     arm = described(args)
     preprocessing = chosen_preprocessing(args, arm)
     plan = None if args.plan is None else read_plan(args.plan)

@@ -114,20 +114,21 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.out)
     paths = [out / f'stimulus_{number + 1:02d}' for number in range(args.stimuli)]
     check_target(out / 'campaign.yaml', overwrite=args.overwrite)
-    old = {*paths, *out.glob('stimulus_[0-9]*')}  # more than now, of another campaign
-    for path in old:
+    others = {*out.glob('stimulus_[0-9]*')} - {*paths}  # more than now, of another campaign
+    for path in (*paths, *others):
         check_target(path, overwrite=args.overwrite, mark=METADATA)
     # Whatever is wrong with arm or options shows here, and compiled code is ready for all.
     loop = ClosedLoop(with_payload(arm, args.payload), damping=0.0 if args.no_damping else 1.0)
     steps_per_message(loop.dt, args.rate)
     loop.step([0.0] * len(arm.active_joints), [0.0] * len(arm.active_joints))
     specs = _specs(args, arm, loop.dt)
-    for path in old:
-        shutil.rmtree(path, ignore_errors=True)
     total = args.stimuli * int(round(args.seconds / loop.dt))
     with bar(total, 'simulate') as advance, on_cluster(args.cluster):
         results = record_stimuli(args.arm, specs, paths, args.jobs,
-                                 lambda done: advance(completed=done))
+                                 lambda done: advance(completed=done),
+                                 overwrite=args.overwrite)
+    for path in others:
+        shutil.rmtree(path, ignore_errors=True)
     _write_campaign(out / 'campaign.yaml', args, arm, specs, results)
     seconds = time.perf_counter() - begun
     if args.json:

@@ -19,15 +19,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 import re
-import shutil
 import warnings
 
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.storage import METADATA
-from tudor_dynamics.cli.console import (
-    add_out, bar, new_table, print_json, print_table, say)
+from tudor_dynamics.cli.console import add_out, bar, new_table, print_json, print_table, say
 from tudor_dynamics.errors import check_budget, complain, TudorWarning, UsageError
 from tudor_dynamics.files import check_target
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
@@ -203,8 +201,7 @@ def run(args: argparse.Namespace) -> int:
     result = SimulatedRun(arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
     with bar(None, 'writing'):
         if folder is not None:
-            shutil.rmtree(folder / 'bag', ignore_errors=True)  # there by --overwrite alone
-            result.save(folder)
+            result.save(folder, overwrite=args.overwrite)
         for name, path in pictures.items():
             result.plot(name, path, title=result.curves(name).title)
         if args.picture is not None:

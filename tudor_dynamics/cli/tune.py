@@ -21,8 +21,7 @@ import argparse
 import numpy as np
 
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.cli.console import (
-    add_out, bar, new_table, print_json, print_table, say)
+from tudor_dynamics.cli.console import add_out, bar, new_table, print_json, print_table, say
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import check_target
 from tudor_dynamics.models.bundle import elastic_of, load_bundle

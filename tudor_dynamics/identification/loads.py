@@ -134,8 +134,8 @@ def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
                       'analytical')
     found = {output: kinds[chosen] for output, kinds in bundle.models.items() if chosen in kinds}
     if chosen == 'elm' or not found:
-        raise UsageError(f'to estimate loads needs a model of the kind {chosen}, but the kinds of '
-                         f'this model are {", ".join(have)}', remedy='leave out kind=, or ' * bool(
+        raise UsageError(f'loads are estimated by a model of the kind {chosen}; this bundle has '
+                         f'the kinds {", ".join(have)}', remedy='leave out kind=, or ' * bool(
                              kind) + 'fit one with tudor fit --models analytical elastic')
     return found
 

@@ -280,9 +280,10 @@ class StimulusResult(Shown):
 
 
 def record_stimulus(
-    arm: Arm, spec: StimulusSpec, path: Path, progress: Callable[[int], None] | None = None,
+    arm: Arm, spec: StimulusSpec, path: Path, progress: Callable[[int], None] | None = None, *,
+    overwrite: bool = False,
 ) -> StimulusResult:
-    """Simulate one stimulus and write its bag."""
+    """Simulate one stimulus and write its bag; overwrite: in place of the one that is there."""
     carrying = with_payload(arm, spec.payload)
     if spec.loads and carrying.spec.payload is None:
         # a place for what comes
@@ -325,21 +326,24 @@ def record_stimulus(
         series.append(joint_signals('/applied_payload', stamp, ('payload',), carried[:, None]))
     if pushes:
         series.append(push_wrenches(arm, loop.plant.mechanism, pushes, signals, stamp))
-    write_bag(path, series, custom={'payload': f'{spec.payload:g}'})
+    write_bag(path, series, custom={'payload': f'{spec.payload:g}'}, overwrite=overwrite)
     return StimulusResult(str(path), len(stamp), pushes, loop.status_seconds, tuple(
         f'{joint}: the damper was faded out for {seconds:.2f} s ({state})'
         for joint, times in loop.status_seconds.items() for state, seconds in times.items()
         if state not in ('damping', 'starting') and seconds > 0.01))
 
 
-def _record_piece(piece: tuple[Path, str, StimulusSpec, str], count: Count) -> StimulusResult:
-    base, source, spec, path = piece  # who does it need not stand in the same directory
-    return replace(record_stimulus(load_arm(base / source), spec, base / path, count), bag=path)
+def _record_piece(
+    piece: tuple[Path, str, StimulusSpec, str, bool], count: Count,
+) -> StimulusResult:
+    base, source, spec, path, overwrite = piece  # who does it need not stand in the same directory
+    return replace(record_stimulus(
+        load_arm(base / source), spec, base / path, count, overwrite=overwrite), bag=path)
 
 
 def record_stimuli(
     source: str | Path, specs: Sequence[StimulusSpec], paths: Sequence[Path], jobs: int,
-    progress: Callable[[int], None] = lambda _: None,
+    progress: Callable[[int], None] = lambda _: None, *, overwrite: bool = False,
 ) -> list[StimulusResult]:
     """
     Simulate and record several stimuli.
@@ -351,11 +355,13 @@ def record_stimuli(
     specs : sequence of StimulusSpec
         What to record.
     paths : sequence of Path
-        Directory of each bag; must not exist.
+        Directory of each bag.
     jobs : int
         Number of processes; it makes no difference to the bags.
     progress : callable, optional
         Told the number of simulation steps done so far, all stimuli together.
+    overwrite : bool, default=False
+        Replace bags that stand there, each when the new one is whole.
 
     Returns
     -------
@@ -363,6 +369,6 @@ def record_stimuli(
         What was done, in the order of ``specs``.
 
     """
-    pieces = [(Path.cwd(), str(source), spec, str(path))
+    pieces = [(Path.cwd(), str(source), spec, str(path), overwrite)
               for spec, path in zip(specs, paths, strict=True)]
     return in_processes(_record_piece, pieces, jobs, progress)

@@ -408,7 +408,7 @@ def save_bundle(
     check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
     check_type(path, (str, Path), 'path', 'a directory to be made')
     path = Path(path)
-    check_target(path, overwrite=overwrite, name='path')
+    check_bundle_target(path, overwrite=overwrite, name='path')
     described = bundle.arm.spec.model_dump(mode='json', exclude_defaults=True)
     urdf = {} if bundle.arm.urdf is None else {'arm.urdf': bundle.arm.urdf.encode()}
     if urdf:
@@ -457,7 +457,7 @@ def _contents(
     return outputs
 
 
-def check_target(path: Path, *, overwrite: bool, name: str = 'out') -> None:
+def check_bundle_target(path: Path, *, overwrite: bool, name: str = 'out') -> None:
     """Refuse to write over what is there, before hours of work and not after."""
     files.check_target(path, overwrite=overwrite, name=name, mark='model.yaml', kind=ModelError)
 

@@ -350,7 +350,7 @@ class Watch:
         return found
 
     def figures(self, seconds: float) -> dict[str, str]:
-        """Give the share that was judged, and the state of each channel by method; see above."""
+        """Give the share that was judged, and the state of each channel of each method."""
         counts = sum(self.counts.values(), Counter[str]())
         count = counts.total() + sum(
             pairing.drops[cause] for pairing in self.pairing.values() for cause in OF_MOTIONS)
