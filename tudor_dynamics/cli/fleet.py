@@ -74,8 +74,7 @@ def run(args: argparse.Namespace) -> int:
     if out.exists() and not out.is_dir():
         raise UsageError('is not a directory', place=out, remedy='give another --out')
     page, numbers = out / 'fleet.html', out / 'fleet.json'
-    for target in (page,) if page.exists() else (numbers,):  # the page is written first
-        check_target(target, overwrite=args.overwrite)
+    check_target(page if page.exists() else numbers, overwrite=args.overwrite)  # page comes first
     begun = time.perf_counter()
     known = None if args.elastic else 4 * sum(len(arm.bags) for arm in plan.arms) + 3
     with steps(known) as step, on_cluster(args.cluster):

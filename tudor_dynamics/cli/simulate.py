@@ -25,6 +25,7 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.storage import METADATA
+from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.console import add_out, bar, new_table, print_json, print_table, say
 from tudor_dynamics.errors import check_budget, complain, TudorWarning, UsageError
 from tudor_dynamics.files import check_target
@@ -34,8 +35,8 @@ from tudor_dynamics.mechanics.run import (
     count_steps, largest_rotation, modes, PlantRecord, Probe, run_plant)
 from tudor_dynamics.mechanics.settings import LARGEST_ROTATION
 from tudor_dynamics.mechanics.study import (
-    check_animation, force_signal, motion_signal, plot_configuration, signal_names, SimulatedRun,
-    torque_signal)
+    check_animation, force_signal, motion_signal, plot_configuration, run_series, signal_names,
+    SimulatedRun, torque_signal)
 
 EXAMPLES = """\
 examples:
@@ -201,7 +202,9 @@ def run(args: argparse.Namespace) -> int:
     result = SimulatedRun(arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
     with bar(None, 'writing'):
         if folder is not None:
-            result.save(folder, overwrite=args.overwrite)
+            result.save(folder, bag=False)
+            write_bag(folder / 'bag', run_series(result.run, arm, mechanism),
+                      overwrite=args.overwrite)
         for name, path in pictures.items():
             result.plot(name, path, title=result.curves(name).title)
         if args.picture is not None:

@@ -285,8 +285,7 @@ def record_stimulus(
 ) -> StimulusResult:
     """Simulate one stimulus and write its bag; overwrite: in place of the one that is there."""
     carrying = with_payload(arm, spec.payload)
-    if spec.loads and carrying.spec.payload is None:
-        # a place for what comes
+    if spec.loads and carrying.spec.payload is None:  # a body for the loads to be picked up
         carrying = arm.changed(payload=InertiaPart(mass=0.0))
     loop = ClosedLoop(carrying, damping=spec.damping,
                       imperfections=spec.imperfections, seed=spec.noise_seed)

@@ -445,7 +445,7 @@ class SimulatedRun(Shown):
         with whole(path) as scratch:
             FuncAnimation(figure, draw, frames=frames).save(scratch, writer=writer, dpi=80)
 
-    def save(self, folder: str | Path, *, bag: bool = True, overwrite: bool = False) -> None:
+    def save(self, folder: str | Path, *, bag: bool = True) -> None:
         """Write ``run.npz`` into a folder, and ``bag/`` as the real arm would record it."""
         path, arm, mechanism = Path(folder), self.arm, self.mechanism
         path.mkdir(parents=True, exist_ok=True)
@@ -454,7 +454,7 @@ class SimulatedRun(Shown):
             gauges=np.array(arm.gauge_names, dtype=str), beams=np.array(list(mechanism.beams)),
             tip=np.array(mechanism.tip), sensors=np.array(InertialSensors(mechanism).names))
         if bag:
-            write_bag(path / 'bag', run_series(self.run, arm, mechanism), overwrite=overwrite)
+            write_bag(path / 'bag', run_series(self.run, arm, mechanism))
 
 
 def simulate(
