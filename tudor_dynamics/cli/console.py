@@ -69,9 +69,10 @@ def bar(total: int | None, text: str) -> Iterator[Advance]:
         def tell() -> None:
             task, pause = progress.tasks[0], SILENCE
             while not ended.wait(pause):
-                share = '' if task.total is None else f': {task.percentage:.0f} %'
-                complain(f'{task.elapsed:.0f} s: {text.format(task=task)}{share}')
-                pause = PAUSE
+                if said := text.format(task=task):
+                    share = '' if task.total is None else f': {task.percentage:.0f} %'
+                    complain(f'{task.elapsed:.0f} s: {said}{share}')
+                    pause = PAUSE
         if not shown:
             Thread(target=tell, daemon=True).start()
         try:
