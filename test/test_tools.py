@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 from pathlib import Path
 import subprocess
@@ -89,6 +90,8 @@ def test_size_of_a_module(tmp_path: Path) -> None:
     assert (found.lines, found.code, found.docstrings, found.sections) == (24, 6, 10, 4)
     assert (found.public, found.named, found.about, found.small) == (1, 1, 0, 1)
     assert (found.numbers, found.sourced) == (2, 1)
+    starred = 'A, *REST = B = 1, 2, 3'
+    assert list(size.numbers(ast.parse(starred), [starred])) == [('A', starred)]
     text = size.report(tmp_path)
     assert 'exported by the package: 1 names; public: 2' in text
     assert 'numbers: 4 in 2 files, 2 with a source' in text

@@ -105,7 +105,7 @@ def numbers(tree: ast.Module, text: list[str]) -> Iterator[tuple[str, str]]:
             continue
         pairs = [(target, value)]
         if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
-            pairs = list(zip(target.elts, value.elts, strict=True))
+            pairs = list(zip(target.elts, value.elts))  # fewer names where one takes the rest
         first = statement.lineno - 1
         while first > 0 and text[first - 1].startswith('#'):
             first -= 1
