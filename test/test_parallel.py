@@ -103,6 +103,15 @@ def alive(pid: int) -> bool:
 
 
 @pytest.mark.skipif(not Path('/proc/self/task').is_dir(), reason='processes are seen in /proc')
+def test_a_worker_that_compiles_ends_in_silence(root: Path) -> None:
+    """What ends it is raised in a callback of numba as well, which would print it."""
+    program = ('from ctypes import CFUNCTYPE; from tudor_dynamics import parallel; '
+               'parallel._working = True; CFUNCTYPE(None)(parallel._end)()')
+    done = subprocess.run([sys.executable, '-c', program], cwd=root, text=True,
+                          capture_output=True, check=False)
+    assert (done.stdout, done.stderr) == ('', '')
+
+
 def test_workers_end_with_their_parent(root: Path, tmp_path: Path) -> None:
     """Killed, a recording leaves neither workers nor anything half written, nor says a word."""
     errors = (tmp_path / 'errors').open('w+')

@@ -27,6 +27,7 @@ from pathlib import Path
 import re
 import shutil
 import signal
+import sys
 from tempfile import TemporaryDirectory
 import threading
 import time
@@ -199,6 +200,7 @@ def _watch_parent(parent: int, folder: str) -> None:
 
 def _end(*_: object) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # comes again until the process has ended
+    sys.unraisablehook = lambda _: None  # where a callback of numba takes what is raised
     if not _working:  # nothing is half written, and the pool would print what is raised
         os._exit(1)
     raise SystemExit(1)
