@@ -32,6 +32,7 @@ import zipfile
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from packaging.version import Version
 import pytest
 from tudor_dynamics._version import __version__
 
@@ -161,6 +162,21 @@ def test_what_make_compiles(root: Path, tmp_path: Path, target: str, compiles: b
     said = run('make', '-n', target, f'VENV={tmp_path}', cwd=root)
     assert ('compiling inner loops' in said) == compiles
     assert not compiles or said.index('pip install') < said.index('compiling inner loops')
+
+
+def test_one_version_everywhere(root: Path) -> None:
+    """In the package, package.xml, the newest part of the change log, and the tag of a commit."""
+    # package.xml has no candidates of releases: three numbers alone (REP 140)
+    assert ET.parse(root / 'package.xml').findtext('version') == Version(__version__).base_version
+    released = re.findall(r'^(\S+) \(\d{4}-\d\d-\d\d\)\n-+$',
+                          (root / 'CHANGELOG.rst').read_text(), re.MULTILINE)
+    assert released[0] == __version__
+    assert released == sorted(released, key=Version, reverse=True)
+    tags: list[str] = []
+    if (root / '.git').exists() and shutil.which('git'):
+        tags = subprocess.run(['git', 'tag', '--points-at', 'HEAD'], cwd=root, text=True,
+                              capture_output=True, check=False).stdout.split()
+    assert [tag for tag in tags if re.match(r'v?\d+\.', tag)] in ([], [__version__])
 
 
 def test_every_import_is_declared(root: Path) -> None:
