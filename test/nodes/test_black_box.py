@@ -21,6 +21,7 @@ from copy import deepcopy
 from dataclasses import replace
 import json
 from pathlib import Path
+import re
 import shlex
 import shutil
 import signal
@@ -29,9 +30,11 @@ from threading import Thread, TIMEOUT_MAX
 import time
 from typing import Any
 
+from geometry_msgs.msg import InertiaStamped
 from node_processes import finish, launch
 import numpy as np
 from patience import PATIENCE
+from payload_making import LOAD, moving, payload_bundle
 from printed import unwrapped
 import pytest
 from ros_world import feed, GAUGES, World
@@ -330,6 +333,41 @@ def test_each_cause_comes_again(
     assert all(item.same for item in found)
     assert {item.name for item in found} == {cause}, [
         (item.name, item.event.time, item.evidence) for item in found]
+
+
+@pytest.fixture(scope='module')
+def kilograms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a model that knows what a kilogram does."""
+    return payload_bundle(tmp_path_factory.mktemp('payload') / 'model')
+
+
+@pytest.mark.parametrize('busy', [False, True])
+@pytest.mark.parametrize(('source', 'before', 'events'), [
+    ('parameter', 0.0, 1), ('topic', 0.1, 1), ('estimate', 0.0, 2)])
+def test_each_load_comes_again(
+    world: World, kilograms: Path, tmp_path: Path, source: str, before: float, events: int,
+    busy: bool,
+) -> None:
+    """Nobody announces what is picked up, nor what is put down: the same events, called loads."""
+    said = InertiaStamped()
+    said.inertia.m = before
+    world.outputs['payload'] = world.probe.create_publisher(InertiaStamped, 'payload', latched())
+
+    def change(k: int, messages: dict[str, Any]) -> None:
+        messages['joint_states'].name = ['j1', 'j2']
+        if k == 0 and source == 'topic':
+            world.output('payload').publish(said)
+            assert world.spin(lambda: world.nodes[-1].port.load.mass == before)
+    records = played(world, kilograms, moving(10.5, before, put_down=8.5), tmp_path, change,
+                     first=0, last=None, busy=busy, gauges=['g1', 'g2'], payload_source=source)
+    found = [item for bag in sorted(tmp_path.iterdir())
+             for item in causes(build_parser('why').parse_args(['why', str(bag)]))]
+    assert [item.event.event.onset for item in found] == [item['onset'] for item in records]
+    assert [(item.name, item.same) for item in found] == [('load', True)] * events, [
+        (item.name, item.event.time, item.evidence) for item in found]
+    masses = [re.search(r'(\S+) kg at the tip', item.evidence) for item in found]
+    assert [float(mass[1]) for mass in masses if mass] == pytest.approx(
+        [LOAD, before][:events], abs=0.03)
 
 
 def test_a_touch_beside_a_busy_machine(

@@ -19,23 +19,21 @@ from __future__ import annotations
 from dataclasses import replace
 import json
 from pathlib import Path
-import re
 from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
 from papers.following import follow_load
-from payload_making import true_outputs, two_gauge_arm
+from payload_making import (
+    LOAD, moving, payload_bundle, PICKED_UP, RATE, true_outputs, two_gauge_arm)
 import pytest
 from ros_world import feed, values_of, World
 from sample_arms import LENGTH_2, multisine, recording_of
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
-from threshold_making import plain_thresholds
 
-from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.bags.writer import write_bag
@@ -44,9 +42,7 @@ from tudor_dynamics.cli.why import causes
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.identification.causes import explain, replay
 from tudor_dynamics.load.live import carried_load
-from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
-from tudor_dynamics.models.regressor import PayloadRegressor, StrainRegressor
+from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.common.base import latched, WARN
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
@@ -57,47 +53,21 @@ from tudor_dynamics.online.black_box import (
     ASKED, Heard, messages_of, records_of, STATES)
 from tudor_dynamics.online.coverage import CoverageLevel, CoverageReport
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
-from tudor_dynamics.online.threshold_learning import thresholds_to_dict
 from tudor_dynamics.show.live import LiveView, picture_of
 
-RATE, SECONDS, PICKED_UP, LOAD = 100.0, 8.0, 4.0, 0.3
+SECONDS = 8.0
 
 
 @pytest.fixture(scope='module')
 def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give a model of the strains from 0 to 400 g."""
-    arm = two_gauge_arm()
-    t = np.arange(0.0, 60.0, 0.05)
-    moved = multisine(t, 2, 1)
-    inputs = np.vstack([np.column_stack([moved, np.full(len(t), m)]) for m in (0.0, 0.4)])
-    values = np.vstack([true_outputs(arm, moved, m)['strain'] for m in (0.0, 0.4)])
-    rows = PayloadRegressor(StrainRegressor(arm, 'paper'), arm, (0.0, 0.4))
-    model = AnalyticalModel(rows, 2).fit(inputs, values)
-    out = tmp_path_factory.mktemp('payload') / 'model'
-    thresholds = plain_thresholds(arm.gauge_names)
-    facts = {'validation': {'strain': {'analytical': {'training': {'channels': {
-        'g1': {'rmse': 5.0}, 'g2': {'rmse': 3.0}}}}}},
-        'thresholds': {'strain': {'analytical': thresholds_to_dict(thresholds)}}}
-    save_bundle(ModelBundle(arm, PreprocessingSpec(measured_velocity=True),
-                            {'strain': {'analytical': model}}, facts), out)
-    return out
+    return payload_bundle(tmp_path_factory.mktemp('payload') / 'model')
 
 
 @pytest.fixture(scope='module')
 def seen() -> Recording:
     """Pick up a load while the arm moves."""
     return moving(SECONDS)
-
-
-def moving(seconds: float) -> Recording:
-    """Move the arm, which picks up a load after four seconds."""
-    arm = two_gauge_arm()
-    t = np.arange(0.0, seconds, 1.0 / RATE)
-    moved = multisine(t, 2, 3)
-    empty, full = (true_outputs(arm, moved, m)['strain'] for m in (0.0, LOAD))
-    noise = np.random.default_rng(0).standard_normal(empty.shape)
-    strain = np.where(t[:, None] < PICKED_UP, empty, full) + noise
-    return recording_of(moved[:, :2], RATE, dq=moved[:, 2:4], strain=strain)
 
 
 def offline(bundle: Path, seen: Recording) -> list[tuple[float, float]]:
@@ -199,21 +169,6 @@ def test_taken_back(world: World, bundle: Path, seen: Recording) -> None:
         'monitor', lambda item: values_of(item).get('collisions that were loads') == '1'))
     assert status['level'] == 'free' and status['loads announced'] == '0'
     assert node._reset() == 'armed' and node.port.load.mass == 0.0
-
-
-def test_why_it_alarmed(world: World, bundle: Path, seen: Recording, tmp_path: Path) -> None:
-    """Where nobody follows the load, the bag of its event says how heavy it is."""
-    node = world.add(MonitorNode, model=str(bundle), event_bags=str(tmp_path))
-    world.listen('collision', Bool, latched())
-    world.meet('joint_states', 'link_strains')
-    feed(world, seen, lambda: node.meter.count // 2, change=named, batch=1, gauges=['g1', 'g2'])
-    assert world.spin(lambda: [item.data for item in world.heard['collision']] == [False, True])
-    world.end(node)
-    (bag,) = tmp_path.iterdir()
-    (found,) = causes(build_parser('why').parse_args(['why', str(bag)]))
-    assert (found.name, found.same) == ('load', True)
-    kilograms = re.search(r'(\S+) kg at the tip', found.evidence)
-    assert kilograms is not None and float(kilograms[1]) == pytest.approx(LOAD, abs=0.03)
 
 
 def test_the_bag_has_what_was_heard_of_a_load(

@@ -17,18 +17,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
-from payload_making import true_outputs, two_gauge_arm
+from payload_making import LOAD, moving, payload_bundle, PICKED_UP, true_outputs, two_gauge_arm
 import pytest
 from sample_arms import multisine
 from threshold_making import ringing
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.load.live import PayloadStage
+from tudor_dynamics.load.live import carried_load, PayloadStage
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.online.threshold_learning import learn_thresholds, thresholds_to_dict
@@ -85,6 +86,29 @@ def test_a_load_needs_a_method_that_listens_to_its_output(bundle: ModelBundle) -
         monitor.add_joints(10_000_000 * (k + 1), row[:2])
         monitor.add_measured('effort', 10_000_000 * (k + 1), heavier[k])
     assert stage.mass == pytest.approx(0.3, abs=0.05)
+
+
+@pytest.mark.parametrize('source', ['estimate', 'topic'])
+@pytest.mark.parametrize('waiting', [1, 4, 24])
+def test_a_load_counts_for_samples_that_wait(tmp_path: Path, source: str, waiting: int) -> None:
+    """However many wait for their strains while a load becomes known, it is no second event."""
+    whole, seen = load_bundle(payload_bundle(tmp_path / 'model')), moving(6.0)
+    assert seen.dq is not None and seen.strain is not None
+    monitor = Monitor(whole.at(0.0), MonitorSettings(), payload=carried_load(source, whole, 0.0))
+    said, known, onsets = round((PICKED_UP + 0.5) * 100.0), None, []
+    for first in range(0, len(seen.stamp), waiting):
+        part = range(first, min(first + waiting, len(seen.stamp)))
+        for k in part:
+            monitor.add_joints(int(seen.stamp[k]), seen.q[k], seen.dq[k])
+        if source == 'topic' and first <= said < first + waiting:
+            monitor.watch.answer(LOAD, 0.0, 0.0)
+        for k in part:
+            found = monitor.add_measured('strain', int(seen.stamp[k]), seen.strain[k])
+            onsets += [event.onset for event in found.events]
+            known = found.loads[0].mass if found.loads else known
+    assert known == pytest.approx(LOAD, abs=0.03)
+    assert [1e-9 * (onset - int(seen.stamp[0])) for onset in onsets] == [
+        pytest.approx(PICKED_UP, abs=0.02)]
 
 
 def test_the_rate_of_alarms_is_shared_among_methods(bundle: ModelBundle) -> None:

@@ -146,8 +146,7 @@ class MomentumObserver:
         row = motion.row if self._trail is None else self._trail.step(motion.dt, motion.row)
         n = len(self.model.channels)
         momentum, expected = self._expect(row[None], n, self.model.predict)
-        own = None if load is None else load.worth.get('effort')
-        if load is not None and own is not None:
+        if load is not None and (own := load.worth.get('effort')) is not None:
             more = load.mass - load.known
             own_momentum, change = self._expect(motion.row[None], n, own.along)
             if self._begun:  # what has just come moves as the arm does already
@@ -214,6 +213,8 @@ class Watch:
         thresholds: dict[str, MethodThresholds] | None = None, payload: CarriedLoad | None = None,
     ) -> None:
         self.payload = payload
+        # Added when a sample is judged: loads may change while it waits for its readings.
+        self.lacking: CarriedLoad | None = None
         self.bundle, self.settings = bundle, settings
         spec = bundle.preprocessing
         unknown = [name for name in settings.methods if name not in METHODS]
@@ -314,11 +315,8 @@ class Watch:
     @property
     def widened(self) -> dict[str, tuple[float, str]]:
         """How much wider the thresholds of each method are than learned, and the channel."""
-        found = {}
-        for method, stage in self.stages.items():
-            place = int(np.argmax(stage.widening))
-            found[method] = float(stage.widening[place]), stage.thresholds.channels[place]
-        return found
+        return {method: max(zip(stage.widening.tolist(), stage.thresholds.channels, strict=True),
+                            key=lambda item: item[0]) for method, stage in self.stages.items()}
 
     @property
     def outside_training(self) -> str:
@@ -399,24 +397,25 @@ class Watch:
 
     def _judge(self, output: str, pairs: Sequence[PairedSample], found: Found) -> None:
         for pair in pairs:
-            before = len(found.excesses)
+            motion, before = pair.motion, len(found.excesses)
+            if self.lacking is not None and pair.predicted is not None:
+                pair.predicted = self.lacking.add_to({output: pair.predicted}, motion.row)[output]
             self._health[output].step(pair)
             plain = self._residual[output].step(pair)
             if self.ringing is not None and output == 'effort' and plain is not None:
-                motion = plain.motion
                 found.rings.append((motion.stamp, self.ringing.step(
                     motion.dt, motion.row[:len(plain.value)], plain.value)))
             for method in self._methods_of[output]:
-                if pair.motion.dt == 0.0:
+                if motion.dt == 0.0:
                     self._restart[method] = True
                 residual = plain
                 if method == 'momentum':
                     assert self.observer is not None
                     residual = self.observer.step(pair, self.payload)
-                    self._memories['observer'].step(pair.motion.stamp)
+                    self._memories['observer'].step(motion.stamp)
                 if self.contact is not None and method == self.contact.source:
                     estimate = self.contact.step(
-                        pair.motion.stamp, pair.motion.dt == 0.0, pair.motion.row, pair.measured,
+                        motion.stamp, motion.dt == 0.0, motion.row, pair.measured,
                         None if residual is None else residual.value)
                     if estimate is not None:
                         found.contacts.append(estimate)
@@ -427,10 +426,9 @@ class Watch:
                 stage = self.stages.get(method)
                 if stage is None:
                     continue
-                excess = stage.step(residual, self._restart[method])
-                self._restart[method] = False
+                excess = stage.step(residual, self._restart.pop(method, False))
                 found.excesses.append((method, excess))
-                self._judged[method] = residual.motion.stamp
+                self._judged[method] = motion.stamp
                 event = self.detector.step(method, excess)
                 if event is not None and self.payload is not None and self.payload.expecting:
                     self.detector.reset()
@@ -440,7 +438,7 @@ class Watch:
             self.counts[output][
                 'no_thresholds' if not judging else
                 'judged' if len(found.excesses) - before == judging else
-                'settling' if not pair.motion.settled(self.settle) else 'no_prediction'] += 1
+                'settling' if not motion.settled(self.settle) else 'no_prediction'] += 1
 
     def _carry(self, method: str, residual: Residual, found: Found) -> None:
         """Let the load follow; a collision that is one is taken back."""
@@ -500,7 +498,7 @@ class Monitor(Shown):
         self.watch = Watch(bundle, settings, thresholds, payload)
         self.predictor = Predictor(bundle, settings.kind)
         self.wanted = set(self.watch.outputs)
-        self.payload = payload
+        self.watch.lacking = payload
         self.motion: Motion | None = None
         self.predicted: dict[str, FloatArray] | None = None
 
@@ -535,10 +533,10 @@ class Monitor(Shown):
         self.predicted = None
         if self.motion is None:
             return Found()
-        self.predicted = self.predictor.step(self.motion, self.wanted)
-        if self.payload is not None and self.predicted is not None:
-            self.predicted = self.payload.add_to(self.predicted, self.motion.row)
-        return self.watch.add_motion(self.motion, self.predicted)
+        self.predicted = empty = self.predictor.step(self.motion, self.wanted)
+        if self.watch.lacking is not None and empty is not None:
+            self.predicted = self.watch.lacking.add_to(empty, self.motion.row)
+        return self.watch.add_motion(self.motion, empty)
 
     def _check(self, name: str, values: FloatArray) -> None:
         if np.shape(values) != (self._sizes.get(name),):
