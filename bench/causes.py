@@ -50,10 +50,10 @@ ROOT = Path(__file__).parents[1]
 
 RATE, SECONDS, AT = 100.0, 24.0, 14.0
 """Samples a second, length of a recording, and when something happens [s]."""
-LATE = 0.25
-"""By which stamps leap [s]."""
+LATE, DRIFT = 0.25, 0.02
+"""By which stamps leap [s]; slowest drift of an encoder [rad/s]."""
 SPOILED = {'clock': 'clock', 'gauge leaps': 'gauge', 'gauge stuck': 'gauge', 'gap': 'gap',
-           'breakaway': 'friction after standstill'}
+           'breakaway': 'friction after standstill', 'encoder drifts': 'encoder'}
 MOVED = {'touch': 'touch', 'touch at rest': 'touch', 'blow': 'touch', 'load': 'load',
          'fast': 'motion outside training', 'low': 'threshold too low'}
 """What is done, and the cause that is to be named."""
@@ -82,6 +82,10 @@ def messages(
 def spoil(sent: Messages, kind: str, seed: int, k: int) -> None:
     """Let something be wrong from a sample on."""
     gauge, joint = seed % sent.strain.shape[1], seed % sent.current.shape[1]
+    if kind == 'encoder drifts':  # so slowly that commands do not tell
+        rate = DRIFT * (1.0 + seed % 3) * (-1.0) ** (seed // 2)
+        sent.q, sent.dq = sent.q.copy(), None
+        sent.q[k:, joint] += rate * 1e-9 * (sent.stamp[k:] - sent.stamp[k])
     if kind == 'gauge leaps':
         sent.strain[k:, gauge] += 6.0 * sent.strain[:, gauge].std()
     elif kind == 'gauge stuck':

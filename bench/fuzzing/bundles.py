@@ -162,7 +162,7 @@ class Bundles:
             motion = np.tile(motion[:, :1], (1, 3 * n))
         for kind in ('analytical', 'elm'):
             try:
-                stored_thresholds(bundle, kind)
+                stored_thresholds(bundle.facts.get('thresholds'), bundle.arm, kind)
             except TudorError:
                 pass
         predicted = {}

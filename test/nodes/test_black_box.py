@@ -127,6 +127,13 @@ def drifting(recording: Recording) -> Recording:
     return replace(recording, effort=effort)
 
 
+def read_wrong(recording: Recording) -> Recording:
+    """Let an encoder drift by 1.1 deg/s: too slow for a controller to doubt it."""
+    q, time = recording.q.copy(), recording.t
+    q[K:, 0] += 0.02 * (time[K:] - time[K])
+    return replace(recording, q=q)
+
+
 def hurried(recording: Recording) -> Recording:
     """Let a move go on 2.5 times as fast, with the efforts and strains of the slow motion."""
     samples = np.arange(len(recording.stamp))
@@ -316,6 +323,7 @@ def test_the_logged_step_runs_from_any_folder(
     ('clock', as_it_is, late, {}),
     ('gap', as_it_is, thinned, {}), ('unexplained', drifting, complete, {}),
     ('gauge', leaping, complete, {}), ('gauge', stuck, complete, {}),
+    ('encoder', read_wrong, complete, {}),
     ('friction after standstill', breaking_away, complete, {}),
     ('motion outside training', hurried, complete, {}),
     ('threshold too low', as_it_is, complete, {

@@ -22,7 +22,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import count
-import json
 import math
 import os
 from pathlib import Path
@@ -31,6 +30,7 @@ import sys
 from threading import Event, Thread
 from typing import Any
 
+from pydantic import TypeAdapter
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
@@ -119,19 +119,12 @@ def write(path: str | Path, option: str, content: bytes) -> None:
 
 def print_json(content: Any) -> None:
     """Print one JSON object on standard output."""
-    json.dump(finite(content), sys.stdout, indent=2, allow_nan=False, default=str)
-    sys.stdout.write('\n')
+    print(as_json(content))
 
 
-def finite(content: Any) -> Any:
-    """Replace numbers that JSON does not know by null."""
-    if isinstance(content, dict):
-        return {key: finite(item) for key, item in content.items()}
-    if isinstance(content, (list, tuple)):
-        return [finite(item) for item in content]
-    if isinstance(content, float) and not abs(content) < float('inf'):
-        return None
-    return content
+def as_json(content: Any) -> str:
+    """Write JSON, with null for numbers that JSON does not know."""
+    return TypeAdapter(Any).dump_json(content, indent=2, fallback=str).decode()
 
 
 def _percents(score: Score | ChannelScore) -> Iterator[str]:
@@ -210,9 +203,9 @@ def print_table(table: Table, spare: str = '') -> None:
     """Print a table as wide as the terminal, or its figures; spare: a column to give up."""
     # no markup: units in brackets, and names that come from bags, stand as they are
     console = Console(markup=False, highlight=False, emoji=False)
-    if _arrange(table, console.width) > console.width:
+    if _least(table) > console.width:
         table.columns = [column for column in table.columns if column.header != spare]
-    console.width = max(console.width, _arrange(table, console.width))
+    console.width = max(console.width, _least(table))
     title, table.title = table.title, None  # rich would fold it to the width of the figures
     say(*[str(title)] * bool(title))
     with console.capture() as drawn:
@@ -220,22 +213,12 @@ def print_table(table: Table, spare: str = '') -> None:
     print('\n'.join(line.rstrip() for line in drawn.get().splitlines()))
 
 
-def _arrange(table: Table, width: int) -> int:
-    """Share a width out: figures stay whole, the first text is the last to be folded."""
-    for column in table.columns:
-        column.width = max((cell_len(line) for cell in (column.header, *column.cells)
-                            for line in str(cell).splitlines()), default=0)
-    texts = [column for column in table.columns if not column.no_wrap]
-
-    def total() -> int:
-        return sum((column.width or 0) + GAP for column in table.columns) - GAP
-    for group in (texts[1:], texts[:1]):
-        while total() > width:
-            widest = max(group, key=lambda column: column.width or 0, default=None)
-            if widest is None or (widest.width or 0) <= LEAST_TEXT:
-                break
-            widest.width = (widest.width or 0) - 1
-    return total()
+def _least(table: Table) -> int:
+    """Give the width at which figures are whole, and texts have a few characters."""
+    lines = [(column, [cell_len(line) for cell in (column.header, *column.cells)
+                       for line in str(cell).splitlines()]) for column in table.columns]
+    return sum(GAP + max(min(length, LEAST_TEXT) if not column.no_wrap else length
+                         for length in lengths) for column, lengths in lines) - GAP
 
 
 def add_bags_and_model(parser: Any) -> None:

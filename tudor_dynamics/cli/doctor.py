@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 import ctypes
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
@@ -180,17 +181,15 @@ def _clock() -> Check:
 
 
 def _synchronised() -> bool | None:
-    """Ask systemd, chrony and the kernel; None where nobody answers."""
-    said = _said('timedatectl', 'show', '-p', 'NTPSynchronized', '--value')
+    """Ask chrony, which need not tell the kernel, then the kernel; None where nobody answers."""
     leap = re.search('Leap status *: *(.*)', _said('chronyc', '-n', 'tracking'))
-    answers = [said == 'yes'] * bool(said) + ([leap[1] != 'Not synchronised'] if leap else [])
-    if not answers:
-        try:  # without a request in the structure it changes nothing
-            kernel = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(256))
-        except (AttributeError, OSError):  # no such call here
-            kernel = -1
-        answers = [kernel != UNSYNCHRONISED] * (kernel >= 0)
-    return any(answers) if answers else None
+    if leap:
+        return leap[1] != 'Not synchronised'
+    try:  # without a request in the structure it changes nothing
+        kernel = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(256))
+    except (AttributeError, OSError):  # no such call here
+        return None
+    return kernel != UNSYNCHRONISED if kernel >= 0 else None
 
 
 def _said(*call: str) -> str:
@@ -261,13 +260,12 @@ def recorded(path: Path, arguments: Sequence[str], run: Callable[[], int]) -> in
     """Run a command, and write what a bug report needs about it, however it ends."""
     check_target(path, overwrite=None, name='debug')
     said, begun, code = io.StringIO(), time.monotonic(), None
-    streams = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (_Copied(stream, said) for stream in streams)  # type: ignore
     try:
-        code = run()
+        with redirect_stdout(_Copied(sys.stdout, said)), redirect_stderr(
+                _Copied(sys.stderr, said)):
+            code = run()
         return code
     finally:
-        sys.stdout, sys.stderr = streams
         ended = 'ended by the error below' if code is None else f'exit code: {code}'
         write(path, '--debug', report(arguments, said.getvalue(), f'{ended}, after '
                                       f'{time.monotonic() - begun:.1f} s').encode())

@@ -17,12 +17,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 import time
 
 from tudor_dynamics.cli.console import (
-    add_out, add_running, check_running, finite, new_table, print_json, print_table, say, steps)
+    add_out, add_running, as_json, check_running, new_table, print_json, print_table, say, steps)
 from tudor_dynamics.errors import FitError, UsageError
 from tudor_dynamics.files import check_target, write_whole
 from tudor_dynamics.fleet.comparison import page_of, WORDS
@@ -83,9 +82,9 @@ def run(args: argparse.Namespace) -> int:
     if args.strict and fleet.unused:
         raise FitError(f'--strict: {fleet.unused[0]}',
                        remedy=f'take this bag out of {path}, or leave out --strict')
-    content = finite(fleet.as_dict())
+    content = fleet.as_dict()
     write_whole(page, page_of(fleet).encode())
-    write_whole(numbers, json.dumps(content, indent=1).encode())
+    write_whole(numbers, as_json(content).encode())
     if args.json:
         print_json({**content, 'seconds': round(time.perf_counter() - begun, 3)})
         return 1 if fleet.named else 0

@@ -18,20 +18,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import json
 from typing import Any
 
 import numpy as np
 
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.storage import Bag
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FREE
 from tudor_dynamics.identification.settings import (
     BEGINS, BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_AFTER, JUST_BEFORE, LATE_LOAD, LEAP,
-    LEAP_SAMPLES, LEAST_TOUCH, LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, SAME_ONSET,
-    SHARED_TOUCH, STARTED, STOOD_BEFORE, SURE, UNLIKE, USUAL)
+    LEAP_SAMPLES, LEAST_TOUCH, LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, READ_MOST,
+    READ_SHARE, READ_STEP, READ_SUM, READ_WRONG, SAME_ONSET, SHARED_TOUCH, STARTED, STOOD_BEFORE,
+    SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.black_box import (
     ASKED, Heard, messages_of, replayed, STATES, undamaged)
@@ -83,8 +86,9 @@ class Scene:
     arrived: int  # when the message came that made the event certain [ns]
     unlike: str  # why the motion is unlike that of the training; empty where it is not
     stage: ExcessStage  # thresholds of the method, and how many false alarms they allow
-    topics: dict[str, dict[str, list[str]]]  # of each output, with their channels
     follows: bool  # whether the model follows the readings of gauges, also wrong ones
+    arm: Arm
+    models: dict[str, dict[str, Model]]  # of each output, by kind
 
     def excesses(self, begin: float, end: float, method: str = '') -> list[Excess]:
         """Give the samples of a method between two times since the onset [s]."""
@@ -99,7 +103,7 @@ class Scene:
 
     def readings(self, output: str, channel: str, begin: float, end: float) -> FloatArray:
         """Give the readings of a channel between two times since the onset [s]."""
-        topic, names = next((topic, names) for topic, names in self.topics[output].items()
+        topic, names = next((topic, names) for topic, names in self.arm.topics[output].items()
                             if channel in names)
         place, onset = names.index(channel), self.seen.event.onset
         return np.array([message.fields[output][place] for message in self.messages
@@ -174,6 +178,33 @@ def _gauge(scene: Scene) -> str:
         return ''
     return (f'{event.channel} leaps by {leap:.3g} from one sample to the next, {leap / whole:.0%} '
             f'of all it does; no other channel is above {rest:.2f} of its threshold')
+
+
+def _encoder(scene: Scene) -> str:
+    """Find a joint that is not where it says: read elsewhere, the model explains all sensors."""
+    joints = scene.arm.active_joints
+    columns = [np.zeros((1, 1 + len(joints)))]
+    for output, models in scene.models.items():
+        items = scene.excesses(-READ_WRONG, scene.seen.seconds, output)
+        if items and 'analytical' in models:
+            predict = models['analytical'].predict
+            stamp, motion, value, threshold = (np.array(part) for part in zip(*(
+                (item.residual.motion.stamp, item.residual.motion.row, item.residual.value,
+                 item.threshold) for item in items), strict=True))
+            slopes = [(predict(motion + off) - predict(motion - off)) / (2.0 * READ_STEP)
+                      for off in READ_STEP * np.eye(len(joints), motion.shape[1])]
+            # sums over so long: what rings is no weight
+            begins = np.flatnonzero(np.diff(stamp // round(READ_SUM * 1e9), prepend=0))
+            parts = np.dstack([value, *slopes]) / threshold[..., np.newaxis]
+            columns.append(np.add.reduceat(parts, begins).reshape(-1, 1 + len(joints)))
+    all_of_it, *both = (np.vstack(columns).T @ np.vstack(columns) + 1e-30).T
+    turned = np.array([row[0] / row[1 + k] for k, row in enumerate(both)])
+    share = np.where(np.abs(turned) < READ_MOST, turned * all_of_it[1:] / all_of_it[0], 0.0)
+    name, wrong = joints[int(share.argmax())], turned[share.argmax()]
+    return '' if share.max() < READ_SHARE else (
+        f'{name} reads {abs(wrong):.2g} {scene.arm.position_units[name]} too '
+        f'{"little" if wrong > 0.0 else "much"}: that explains {share.max():.0%} of what gauges '
+        'and drives show')
 
 
 def _load(scene: Scene) -> str:
@@ -274,7 +305,9 @@ CAUSES: tuple[tuple[Callable[[Scene], str], str, str], ...] = (
     (_friction, 'friction after standstill', 'fit with bags in which joints start and stop'),
     (_gauge, 'gauge', 'look at cable and amplifier; tudor evaluate names one that has changed'),
     (_load, 'load', 'set payload_source to estimate, or announce loads (expect_payload)'),
-    (_usual, *LOW), (_faster, *TRAINING),
+    (_usual, *LOW),
+    (_encoder, 'encoder', 'compare the pose of the arm with its positions, then mend the encoder'),
+    (_faster, *TRAINING),
     (_touch, *TOUCH), (_losses, *GAP), (_training, *TRAINING), (_together, *TOUCH), (_low, *LOW))
 """What is looked for, in this order, its name, and what to do."""
 
@@ -320,8 +353,7 @@ def explain(
         with undamaged(bag, STATES):
             states = json.loads(bag.metadata.custom.get(STATES, '{}'))
             if states.get('thresholds'):  # of the service `calibrate`
-                learned = stored_thresholds(
-                    replace(bundle, facts={'thresholds': states['thresholds']}), settings.kind)
+                learned = stored_thresholds(states['thresholds'], bundle.arm, settings.kind)
     own, sensed = monitor(source), [item for item in messages if item.topic != ASKED]
     with undamaged(bag, STATES):
         for name, memory in own.memories.items():
@@ -342,7 +374,7 @@ def explain(
         load = _load_found(item, bundle.mass_at(payload) if known is None else known, estimating,
                            follows=source == 'estimate')
         scene = Scene(item, sensed, seen, load, arrived, unlike, own.watch.stages[event.method],
-                      bundle.arm.topics, settings.kind == 'elastic')
+                      settings.kind == 'elastic', bundle.arm, bundle.models)
         name, text, remedy = next(((name, text, remedy) for look, name, remedy in CAUSES
                                    if (text := look(scene))), ('unexplained', '', ''))
         found.append(Cause(item, name, text, remedy, None if record is None else

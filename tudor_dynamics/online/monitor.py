@@ -221,7 +221,8 @@ class Watch:
         if unknown:
             raise ModelError(f'unknown methods {unknown}; set methods to some of {list(METHODS)}')
         if thresholds is None:
-            thresholds = stored_thresholds(bundle, settings.kind)
+            thresholds = stored_thresholds(
+                bundle.facts.get('thresholds'), bundle.arm, settings.kind)
         kinds = bundle.models
         served = tuple(name for name in settings.methods or METHODS
                        if ('analytical' if name == 'momentum' else settings.kind) in kinds.get(

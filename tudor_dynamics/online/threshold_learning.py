@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator, ValidationInfo
 
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.models.base import BundlePart, read, Text
-from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.detector import levels
 from tudor_dynamics.online.settings import (
     BLOCK, CALIBRATION_SAMPLES, CALIBRATION_STRIDE, FRICTION_UNCERTAIN, GROUP, LAGS, LARGEST_SHAPE,
@@ -109,13 +109,11 @@ def thresholds_from_dict(
         np.array(part.usual), np.array(part.reach), np.array(part.stiction))
 
 
-def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresholds]:
-    """Give the thresholds that a bundle has for one kind of model, by methods that have some."""
-    stored = bundle.facts.get('thresholds')
+def stored_thresholds(stored: Any, arm: Arm, kind: str) -> dict[str, MethodThresholds]:
+    """Give what `thresholds_to_dict` made, for one kind of model, by methods that have some."""
     found: dict[str, MethodThresholds] = {}
     if not isinstance(stored, dict):
         return found
-    arm = bundle.arm
     for method, channels in (('strain', arm.gauge_names), ('effort', arm.active_joints),
                              ('momentum', arm.active_joints)):
         kinds = stored.get(method)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 import json
 import math
 from pathlib import Path
@@ -348,8 +347,8 @@ class DetectNode(ModelNode):
             def take() -> None:
                 if self.bundle is bundle is not None and self.watch is not None:
                     self._learned = learned
-                    self.watch.use_thresholds(stored_thresholds(
-                        replace(bundle, facts={'thresholds': learned}), settings.kind), settings)
+                    self.watch.use_thresholds(
+                        stored_thresholds(learned, bundle.arm, settings.kind), settings)
                     self._note = ('thresholds learned by the service ~/calibrate apply until a '
                                   'model is loaded; to learn them for good, record this motion, '
                                   'and add the bag to tudor fit')
