@@ -49,9 +49,9 @@ import yaml
 
 def _check_regular(status: os.stat_result, path: Path) -> None:
     if stat.S_ISDIR(status.st_mode):
-        raise OSError(errno.EISDIR, 'is a directory', str(path))
+        raise OSError(errno.EISDIR, 'it is a directory', str(path))
     if not stat.S_ISREG(status.st_mode):
-        raise OSError(errno.EINVAL, 'is a device, pipe or socket, not a regular file', str(path))
+        raise OSError(errno.EINVAL, 'it is a device, pipe or socket, not a file', str(path))
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -119,7 +119,9 @@ def whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
         yield folder / path.name
         _put(folder / path.name, _replaceable(path), replace)
     except OSError as err:  # a full disk does not say of itself which file it was
-        raise OSError(err.errno, err.strerror or str(err), str(path)) from None
+        cause = ('a file has the name of a folder that is needed' if err.errno == errno.EEXIST
+                 else err.strerror or str(err))
+        raise OSError(err.errno, cause, str(path)) from None
     finally:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
@@ -176,7 +178,7 @@ def check_target(
         raise kind('exists already', place=path,
                    remedy=remedy if overwrite is None else f'{remedy}, or add overwrite=')
     if mark and not (path / mark).is_file() or not mark and path.is_dir():
-        raise kind('exists already and was not written by this command, so it is kept',
+        raise kind('exists already, but was not written by this command, so it is kept',
                    place=path, remedy=remedy)
     return path
 

@@ -224,8 +224,8 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
         reports.append(_topic_report(topics[name]) if name in topics else TopicReport(
             name, info.msgtype, len(log_time), **_times(log_time, 'log')))
         if info.count != len(log_time):
-            bag.notes.add(f'{name}: the bag lists {info.count} messages, but has {len(log_time)}; '
-                          'these are used, record again if more are needed')
+            bag.notes.add(f'the bag lists {info.count} messages on {name}, but has '
+                          f'{len(log_time)}, which are used; record again if more are needed')
         if len(log_time):
             edges += [int(log_time[0]), int(log_time[-1])]
     plan = guess_plan(topics) if arm is None else plan_from_arm(arm)

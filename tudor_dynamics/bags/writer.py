@@ -362,8 +362,8 @@ class LiveWriter:
             shutil.rmtree(self._scratch, ignore_errors=True)
         except FAILURES as err:
             raise BagError(f'{self.path}: {failure or "cannot be finished"}; copy the folder '
-                           f'{made}: it keeps the messages ({reason(err)})') from None
+                           f'{made}, which keeps the messages ({reason(err)})') from None
         if failure:
-            msg = (f'{self.path}: {failure}; recording has ended, the {count} messages that were '
-                   'on disk are kept; free some space, and record under another name')
+            msg = (f'{self.path}: {failure}; recording has ended, and the {count} messages that '
+                   'were on the disk are kept; free some space, and record under another name')
             raise BagError(msg)

@@ -78,8 +78,8 @@ def from_state(trajectory: Trajectory, state: MotionState, begin: float) -> Traj
     """Give the path from a state, at a time since the start [s], through the points after it."""
     left = trajectory.t > begin
     if not left.any():
-        msg = f'{LATE}: the last was due {begin - trajectory.t[-1]:.3g} s ago'
-        raise SignalError(msg, remedy='set header.stamp to the start, or to 0 for now')
+        msg = f'{LATE}: the last one was due {begin - trajectory.t[-1]:.3g} s ago'
+        raise SignalError(msg, remedy='set header.stamp to the time of the start, or to 0 for now')
 
     def joined(first: FloatArray, rest: FloatArray | None) -> FloatArray | None:
         # what the points do not have is not kept of the state
@@ -96,7 +96,8 @@ class Path:
     def __init__(self, state: MotionState, trajectory: Trajectory, begin: float = 0.0) -> None:
         joined = from_state(trajectory, state, begin)
         if joined.dq is not None and np.any(np.abs(joined.dq[-1]) > ROUNDING):
-            raise SignalError('the last point is in motion', remedy='end the trajectory at rest')
+            raise SignalError('the last point has a velocity that is not 0',
+                              remedy='end the trajectory at rest')
         self.begin, self.end = begin, float(trajectory.t[-1])  # since the trajectory's start [s]
         self.target = trajectory.q[-1]
         self._names = trajectory.joints

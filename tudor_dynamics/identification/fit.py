@@ -168,8 +168,8 @@ def check_arm(arm: Arm) -> None:
         raise FitError(f'{arm.source}: the elastic model does not support the key couplings; '
                        'remove that key, or leave elastic out of models=')
     if not arm.gauges:
-        raise FitError(f'{arm.source}: has no gauges, which the elastic model needs; add the key '
-                       'gauges, or leave elastic out of models=')
+        raise FitError(f'{arm.source}: the description has no gauges, which the elastic model '
+                       'needs; add the key gauges, or leave elastic out of models=')
     try:
         DrivenArm(arm)
     except TudorError as err:

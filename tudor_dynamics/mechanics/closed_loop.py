@@ -379,7 +379,8 @@ class ClosedLoop(Shown):
         mechanism, none = self.plant.mechanism, self.arm.spec.payload is None
         if none or not 0.0 <= mass < float('inf'):
             raise SimulationError(f'arm {self.arm.name!r}: ' + (
-                'no payload to change; give the key payload in the arm description' if none else
+                'there is no payload to change; add the key payload to the arm description'
+                if none else
                 f'payload= {mass:g} kg: give 0 or more'))
         mechanism.body_float[mechanism.body_at(mechanism.tip), at.MASS] = mass
 
@@ -436,7 +437,8 @@ class ClosedLoop(Shown):
         wanted = np.stack(given)
         if not np.isfinite(wanted).all():
             step = int(np.argwhere(~np.isfinite(wanted))[:, 1].min())
-            raise SimulationError(f'arm {self.arm.name!r}: reference {step} is not finite')
+            raise SimulationError(f'arm {self.arm.name!r}: references of step {step} of {steps} '
+                                  'are not finite; give numbers')
         begun = self._done
         rows = (begun + steps - 1) // every - (begun - 1) // every
         out = np.empty((rows, 6 * joints + gauges))
@@ -459,8 +461,9 @@ def steps_per_message(dt: float, rate: float) -> int:
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
     if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
         near = 1.0 / (dt * round(min(max(every, 1.0), 100.0)))
-        raise SimulationError(f'rate= {rate:g} Hz does not divide the rate of the loop, '
-                              f'{1.0 / dt:g} Hz (key damper.rate); give {near:g} Hz')
+        raise SimulationError(f'rate= {rate:g} Hz: the loop runs at {1.0 / dt:g} Hz (key '
+                              'damper.rate), which has to be a multiple of this rate; give '
+                              f'{near:.6g} Hz')
     return int(round(every))
 
 

@@ -164,8 +164,8 @@ def drive_row(motor: MotorSpec, dt: float, chosen: Imperfections) -> FloatArray:
     """Lay out the parameters of one motor: dt [s]; returns (PARAMETERS,)."""
     inertia, torque = motor.reflected_inertia, motor.joint_torque_constant
     if inertia <= 0.0:
-        raise SimulationError(f'motors: rotor_inertia of joint {motor.joint!r} is 0; give '
-                              'its true value in the arm description')
+        raise SimulationError(f'the rotor_inertia of joint {motor.joint!r} is 0; give its true '
+                              'value under motors in the arm description')
     # A rigid gear is as stiff as the step allows, well damped.
     stiffest = inertia * (settings.RIGID_GEAR / dt) ** 2
     stiffness, damping = motor.stiffness, motor.damping

@@ -191,7 +191,7 @@ class ExtremeLearningMachine(MemorylessModel):
 
     def _weights(self) -> FloatArray:
         if self.output_weights_ is None:
-            raise NotFittedError('the ELM has no weights yet: call fit, or load a bundle')
+            raise NotFittedError('the ELM has no weights yet; call fit, or load a fitted model')
         return self.output_weights_
 
     def _features(self, motion: FloatArray) -> FloatArray:

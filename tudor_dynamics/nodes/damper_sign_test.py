@@ -78,8 +78,9 @@ class SignTester(Trial):
                 watch = False
         response = self._response(gauge)
         if response is None:
-            raise TudorError(f'gauge {self.arm.gauge_names[gauge]!r}: under 20 strains came in '
-                             f'{seconds:g} s on {self.arm.gauges[gauge].topic}; check its driver')
+            raise TudorError(f'gauge {self.arm.gauge_names[gauge]!r} has sent fewer than 20 '
+                             f'strains in {seconds:g} s on {self.arm.gauges[gauge].topic}; check '
+                             'its driver')
         return response
 
     def _response(self, gauge: int) -> StepResponse | None:
@@ -107,7 +108,7 @@ class SignTester(Trial):
         response = self.listen(self._gauge(joint), RECORD, watch=share > 0.0)
         if abs(self.q[index] - self._goal[index]) > 0.5 * abs(step):
             raise TudorError(f'{joint} is at {self.q[index]:.3g}, not at {self._goal[index]:.3g} '
-                             f'{self.arm.position_units[joint]}: see the diagnostics of {DAMPER}, '
+                             f'{self.arm.position_units[joint]}; see the diagnostics of {DAMPER}, '
                              'then test again')
         return response
 

@@ -205,11 +205,12 @@ class OscillationDamperNode(MovingNode):
         if controller is None or not self.active:
             return level, message
         if controller.state is State.FAULT:
-            return ERROR, f'{controller.cause}; joints stand until you call the service ~/reset'
+            return ERROR, (f'{controller.cause}; then call the service ~/reset, until when the '
+                           'joints stand')
         if clock := self.clocks.fault():
             return ERROR, f'{self._own}: {clock}'
         if controller.blind:
-            return STALE, (f'no joint positions arrive on {self._own}, so no commands are sent: '
+            return STALE, (f'no joint positions arrive on {self._own}, so no commands are sent; '
                            'start the driver of the arm')
         if controller.missing:
             return STALE, (f'{self._own}: {controller.cause}; until then the damper commands '
@@ -218,8 +219,9 @@ class OscillationDamperNode(MovingNode):
             return self.crowded
         gains = controller.gains
         if gains.excited:
-            return ERROR, (f'the damper is off: {gains.excited}; run damper_sign_test, check '
-                           'the gains and the loop delay, then call the service ~/reset')
+            return ERROR, (f'the damper is off, as {gains.excited}; run damper_sign_test, lower '
+                           'damper.joints[].gain if the signs are right, then call the service '
+                           '~/reset')
         if bad := self._gauge_faults(controller):
             return ERROR, ALSO.join(bad)
         if self.crowded:
@@ -230,15 +232,17 @@ class OscillationDamperNode(MovingNode):
         delay = f'{1e3 * (gains.assumed_delay + gains.late):.0f} ms'
         if gains.allowed_share < 1.0:
             off = 'is off' if gains.allowed_share == 0.0 else 'acts with reduced gain'
-            return WARN, (f'the damper {off}: the loop delay is {delay}; shorten it (driver, '
-                          f'network); full gain needs at most {1e3 * gains.full_delay:.0f} ms')
+            return WARN, (f'the damper {off}, as joints answer commands after {delay} (full gain '
+                          f'needs at most {1e3 * gains.full_delay:.0f} ms); speed up driver and '
+                          'network')
         gain = gains.position_gain_in_use
         if gain < gains.position_gain:
-            return WARN, (f'a loop delay of {delay} lowers the position gain to {gain:.2g} per s, '
-                          f'from {gains.position_gain:g}; shorten the delay (driver, network)')
+            return WARN, (f'joints answer commands after {delay}, so the position gain is lowered '
+                          f'from {gains.position_gain:g} to {gain:.2g} per s; speed up driver and '
+                          'network')
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
-            return WARN, f'fixed gains: {adaptation.unknown}'
+            return WARN, f'gains do not follow the payload, as {adaptation.unknown}'
         if note := controller.reference.refusal or self.clocks.offset(self._own):
             return WARN, note
         if (limits := controller.limits).missing:
@@ -255,7 +259,8 @@ class OscillationDamperNode(MovingNode):
         damper = controller.damper
         faults = self._faults | {place: status for place, status in enumerate(damper.status)
                                  if status >= Status.MISSING}
-        texts = [f'{damper.joints[place]}, gauge {damper.gauges[place]}: {MEANING[fault]}'
+        texts = [f'joint {damper.joints[place]!r}, gauge {damper.gauges[place]!r}: '
+                 f'{MEANING[fault]}'
                  for place, fault in faults.items()]
         self._faults = {place: fault for place, fault in self._faults.items()
                         if damper.status[place] not in (Status.DAMPING, Status.SATURATED)}

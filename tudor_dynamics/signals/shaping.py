@@ -216,7 +216,7 @@ def plan_shaped(
     period = 2.0 * math.pi / float(along(target[None]).omega[0, 0])
     moving = np.abs(target - start) > 1e-9
     if not moving.any():
-        raise SignalError('no joint has to move: the arm is at the target already')
+        raise SignalError('no joint has to move, as the arm is at the target already')
     for more in range(settings.TRIES):
         duration = plain.remaining + (settings.LONGER + 0.25 * more) * period
         s = np.linspace(0.0, 1.0, KNOTS + 1)[:, None]
@@ -229,7 +229,8 @@ def plan_shaped(
             path = found.q
         if found is not None:
             return found
-    raise SignalError('no move without ringing found; raise joints[].planned or set shaping to zv')
+    raise SignalError('no move without ringing was found; raise joints[].planned in the arm '
+                      'description, or set the parameter shaping to zv')
 
 
 def _denser(modes: PathModes) -> PathModes:

@@ -102,9 +102,10 @@ def _from_yaml(text: str, path: Path) -> tuple[list[Any], str]:
         content = {'dh': content}
     rows, convention = content.get('dh'), content.get('convention', 'standard')
     if convention not in ('standard', 'modified'):
-        raise ArmError(f'convention {convention!r:.40}; give standard or modified', place=path)
+        raise ArmError(f'the key convention is {convention!r:.40}; give standard or modified',
+                       place=path)
     if not isinstance(rows, list):
-        raise ArmError('no D-H rows in dh', place=path, remedy=EXPECTED)
+        raise ArmError('the key dh has no D-H rows', place=path, remedy=EXPECTED)
     return rows, convention
 
 
@@ -122,7 +123,8 @@ def read_table(path: Path) -> tuple[list[DhRow], str]:
                  if words and 'alpha' not in map(str.lower, words)]
     rows = [_row(words, f'{path}, {where}') for where, words in lines]
     if not 0 < len(rows) <= MAX_ROWS:
-        raise ArmError(f'{len(rows)} D-H rows, not 1 to {MAX_ROWS}', place=path, remedy=EXPECTED)
+        raise ArmError(f'the file has {len(rows)} D-H rows, not 1 to {MAX_ROWS}', place=path,
+                       remedy=EXPECTED)
     return rows, convention
 
 
@@ -165,8 +167,9 @@ def chain_of_table(path: Path | None, names: Sequence[str]) -> DraftedChain:
     if not all(joints):
         joints = list(names)
     if len(joints) + flange != len(rows) or not set(joints) <= set(names):
-        raise ArmError(f'{len(rows)} rows for the joints {", ".join(map(repr, joints))}, but the '
-                       f'bag has the joints {", ".join(map(repr, names))}',
+        raise ArmError(f'the file has {len(rows)} rows, for the joints '
+                       f'{", ".join(map(repr, joints))}, but the bag has the joints '
+                       f'{", ".join(map(repr, names))}',
                        place=path, remedy='give one row per joint, base first, each with its name')
     model = model_from_dh([row.values for row in rows], joints,
                           [row.kind or 'revolute' for row in rows], convention)
@@ -230,7 +233,7 @@ class _Writer:
         self._joints = tuple(joint for joint in self._chain.joints if joint in recorded)
         if not self._joints:
             raise ArmError(
-                f'no bag has its joints {", ".join(self._chain.joints)}; '
+                f'no bag has the joints {", ".join(self._chain.joints)} of this file; '
                 f'{self._found.positions.topic} has {", ".join(recorded)}', place=urdf or dh,
                 remedy='give the URDF of the recorded arm, with the joint names of the bags')
         self._sources = {joint: _source_of(joint, self._found) for joint in self._joints}

@@ -118,7 +118,7 @@ def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
         driven = DrivenArm(arm)
         driven.set_parameters(values)
     except SimulationError as err:
-        raise ModelError(f'the elastic model cannot be used: {err}') from None
+        raise ModelError(f'the elastic model cannot be used, as in {err}') from None
     return driven
 
 
@@ -226,7 +226,7 @@ class ElasticModel(Model):
     def prepared(self) -> Outputs:
         """Prepare what turns moments and torques into outputs."""
         if self.coefficients_ is None:
-            msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
+            msg = 'the elastic model has no coefficients yet; fit it, or load a fitted model'
             raise NotFittedError(msg)
         if self.output == 'effort':
             return effort_outputs(self.arm, self.coefficients_)
@@ -345,7 +345,8 @@ class LiveElastic:
         if gauges is not None:
             if np.any(gauges[:, 0] == 0.0):
                 dead = first.arm.gauges[int(np.argmin(np.abs(gauges[:, 0])))].name
-                raise ModelError(f'elastic model: gauge {dead} has gain 0; check it and fit again')
+                raise ModelError(f'in the elastic model gauge {dead!r} has the gain 0; check this '
+                                 'gauge and fit again')
             self._driven.start_observer(gauges[:, 2] / np.abs(gauges[:, 0]), BANDWIDTH)
         self._moment: FloatArray = np.zeros(len(first.arm.gauges))
         self._strain: FloatArray | None = None

@@ -118,7 +118,8 @@ class Trial(Node):
         request = SetParameters.Request(
             parameters=[Parameter('damping', value=float(share)).to_parameter_msg()])
         if not (result := self.call(self._damping, request, DAMPER).results[0]).successful:
-            raise TudorError(f'{DAMPER} refused its parameter damping {share:g}: {result.reason}')
+            raise TudorError(f'{DAMPER} refused {share:g} for its parameter damping '
+                             f'({result.reason})')
 
     def roomy(self, joint: int, place: float, step: float) -> float:
         """Give a step, or the one to the other side where there is no room for it."""
@@ -167,12 +168,13 @@ def run_trial(
         joints = options.joints or able
         for name in joints:
             if name not in able:
-                raise ArmError(f'--joints: {name!r} {others}; choose from {", ".join(able)}')
+                raise ArmError(f'--joints {name}: {name!r} {others}; choose from '
+                               f'{", ".join(able)}')
         for name, value, bound, unit in (
                 ('step', options.step, largest[0], 'degrees'),
                 ('slide', options.slide, largest[1], 'mm')):
             if not 0.0 < value <= bound:
-                raise ArmError(f'--{name} {value:g}: expected above 0, up to {bound:g} {unit}')
+                raise ArmError(f'--{name} {value:g}: give more than 0, up to {bound:g} {unit}')
         rclpy.init(args=words)
         node = make(arm)
         node.wait()
