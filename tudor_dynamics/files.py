@@ -119,8 +119,7 @@ def whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
         yield folder / path.name
         _put(folder / path.name, _replaceable(path), replace)
     except OSError as err:  # a full disk does not say of itself which file it was
-        cause = ('a file has the name of a folder that is needed' if err.errno == errno.EEXIST
-                 else err.strerror or str(err))
+        cause = FOLDER if err.errno == errno.EEXIST else err.strerror or str(err)
         raise OSError(err.errno, cause, str(path)) from None
     finally:
         if folder is not None:
@@ -153,6 +152,7 @@ def _put(new: Path, path: Path, replace: bool) -> None:
     shutil.rmtree(aside, ignore_errors=True)
 
 
+FOLDER = 'a file has the name of a folder that is needed'
 SIGNATURE = 'made by tudor_dynamics'
 """What pages, pictures and bug reports hold, so that the next one may take their place."""
 MAX_DRAWN = 1 << 26  # bytes; larger files are not looked through (a report of two bags: 5 MB)
@@ -269,11 +269,11 @@ def load_yaml(text: str | bytes) -> Any:
         mark = getattr(err, 'problem_mark', None)
         where = f' in line {mark.line + 1}' if mark else ''
         what = ' '.join(str(getattr(err, 'problem', None) or err).split())[:200]
-        msg = f'no valid YAML{where}: {what}'
+        msg = f'it is no valid YAML{where} ({what})'
     except RecursionError:
-        msg = f'no valid YAML: more than {MAX_DEPTH} levels'
+        msg = f'it is no valid YAML (more than {MAX_DEPTH} levels)'
     except (OverflowError, TypeError, ValueError) as err:  # dates and numbers that are none
-        msg = f'no valid YAML: {" ".join(str(err).split())[:200]}'
+        msg = f'it is no valid YAML ({" ".join(str(err).split())[:200]})'
     raise YamlError(msg)
 
 

@@ -354,7 +354,7 @@ def load_arm(path: str | Path) -> Arm:
     try:
         content = load_yaml(text)
     except YamlError as err:
-        raise ArmError(str(err), place=path) from None
+        raise ArmError(str(err), place=path, remedy='correct it') from None
     arm = arm_from_dict(content, base=path.parent, source=str(path))
     for note in arm.notes:
         warnings.warn(f'{path}: {note}', TudorWarning, stacklevel=2)

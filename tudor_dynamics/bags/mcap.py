@@ -203,8 +203,7 @@ class McapFile:
                         stream.seek(length, 1)
                         continue
                     if length > MAX_PIECE:
-                        msg = f'a record of {length} bytes; at most {MAX_PIECE} are read at once'
-                        raise Damaged(msg)
+                        raise Damaged(f'a record of {length} bytes, more than {MAX_PIECE}')
                     record = stream.read(length)
                     self._records(
                         _unpack_chunk(record, unpacker) if code == CHUNK else head + record,

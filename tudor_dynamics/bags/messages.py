@@ -286,9 +286,8 @@ def decode(
             try:
                 layout = parse(messages[int(index[0])])
             except CdrError as err:
-                raise BagError(f'message {index[0] + 1} of {len(messages)} on {topic}: {err}; '
-                               'correct the publisher or, if the bag is damaged, record it again'
-                               ) from None
+                raise BagError(f'message {index[0] + 1} of {len(messages)} on {topic} {err}; '
+                               'correct the publisher, or record a damaged bag again') from None
             if len(blocks) == MAX_LAYOUTS:
                 raise BagError(f'names, fields or frame_id of messages on {topic} vary in more '
                                f'than {MAX_LAYOUTS} ways; record one arm on one topic')

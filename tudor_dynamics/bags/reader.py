@@ -125,8 +125,7 @@ def check_finite(stream: Signals, field: str, notes: Notes, path: str) -> FloatA
     large = '' if not np.isfinite(values[bad]).any() else f' or beyond {MAX_VALUE:g}'
     text = (f'{stream.what} is NaN or infinite{large} for {who}, first after {seconds:.3f} s')
     if counts.max() > FEW * len(bad):
-        msg = f'{text}; repair the driver, or leave this sensor out, and record again'
-        raise BagError(msg, place=path)
+        raise BagError(f'{text}; repair the driver of this sensor and record again', place=path)
     notes.add(f'{text}; these samples are left out; if there are many, check the driver')
     return np.where(bad, np.nan, values)
 
@@ -201,8 +200,7 @@ class Assembly:
             raise BagError(msg, place=self.path)
         states = self.states(name)
         if not len(states.stamp):
-            msg = f'no messages in {name}; record again with the driver running'
-            raise BagError(msg, place=self.path)
+            raise BagError(f'no messages in {name}; record again with its driver', place=self.path)
         stream, index = self.select(states, plan.joints, 'position')
         if not len(index):
             found = sorted({name for block in states.blocks for name in block.layout.names})
@@ -217,8 +215,7 @@ class Assembly:
                       if set(plan.joints) & set(block.layout.names)) - len(index)
         if partial:
             self.dropped['incomplete'] += partial
-            self.notes.add(f'{partial} messages in {name} are left out, as they lack a joint or '
-                           'its position')
+            self.notes.add(f'{partial} messages in {name} lack a joint or position: left out')
         for newest, size, lost in set_backs(stream.stamp):  # the record is split there
             self.cuts.append(newest)
             self.set_backs.append(
@@ -470,8 +467,7 @@ def read_flags(
     if raw is None:
         return None
     if any(not BOOL_BYTES <= len(data) < BOOL_BYTES + 8 or data[4] > 1 for data in raw.data):
-        msg = f'{bag.path}: topic {raw.topic} has messages that are no {BOOL}; record it again'
-        raise BagError(msg)
+        raise BagError(f'{bag.path}: {raw.topic} has messages that are no {BOOL}; record it again')
     joints = bag.find({clock: JOINT_STATE})[clock]
     shift = 0
     if joints is not None:

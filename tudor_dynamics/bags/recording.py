@@ -348,8 +348,7 @@ def _check_velocity(
     elif not slides and _is_about(abs(ratio), 1 / DEGREES):
         return [f'velocity of {name} is {1 / ratio:.3g} times the derivative of its position']
     elif _is_about(ratio, -1.0):
-        notes.add(f'the velocity of {name} has the opposite sign of the derivative of its '
-                  'position; correct one of both in the driver')
+        notes.add(f'the velocity of {name} has the wrong sign; correct it in the driver')
     elif not _is_about(ratio, 1.0):
         notes.add(f'the velocity of {name} is {1 / ratio:.3g} times the derivative of its '
                   f'position; publish velocities in {unit}/s')
@@ -373,8 +372,7 @@ def check_plausible(
     if not any(moving):
         text = f'no joint moves ({", ".join(plan.joints)} keep their positions)'
         if need_motion:
-            msg = f'{text}; nothing can be learned, record a motion'
-            raise BagError(msg, place=recording.path)
+            raise BagError(f'{text}; no model can be learned: record motion', place=recording.path)
         notes.add(text)
     elif not all(moving):
         still = [name for name, moves in zip(plan.joints, moving, strict=True) if not moves]

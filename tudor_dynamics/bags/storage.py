@@ -83,8 +83,7 @@ def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     if compression not in ('', 'file', 'message', 'storage'):
         raise ValueError(f'compression mode {compression!r} is unknown; known: file, message')
     if compression and information['compression_format'] != 'zstd':
-        msg = f'compression {information["compression_format"]!r}; only zstd can be read'
-        raise ValueError(msg)
+        raise ValueError(f'it has the compression {information["compression_format"]!r}, not zstd')
     names = [Path(name).name for name in information['relative_file_paths']]
     files = tuple(directory / name for name in dict.fromkeys(names))
     for file in files:
@@ -357,8 +356,7 @@ def _open_files(path: Path, notes: Notes, metadata: Metadata) -> Bag:
                 item = TopicInfo(item.name, ', '.join(types), known.count + item.count)
             topics[item.name] = item
     for file in sorted(unfinished):
-        notes.add(f'{file.name} breaks off, as its recorder was killed; the messages before that '
-                  'are read')
+        notes.add(f'{file.name} breaks off, as its recorder was killed; whole messages are read')
     announced = {name: replace(info, count=metadata.counts.get(name, info.count))
                  for name, info in topics.items()}
     return Bag(path, notes, announced, metadata, frozenset(unfinished))
@@ -403,8 +401,7 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
         notes.add(f'{METADATA} lists a file twice, which is read once')
     missed = [file.name for file in files if file not in metadata.files]
     if missed and not metadata.compression:
-        notes.add(f'{", ".join(missed)} is not read, as {METADATA} does not list it; add it '
-                  'there if it belongs to the bag')
+        notes.add(f'{", ".join(missed)} is not read, as {METADATA} does not list it')
     return _open_files(path, notes, metadata)
 
 

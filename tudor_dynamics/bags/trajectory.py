@@ -82,8 +82,7 @@ class Trajectory(Shown):
     def __post_init__(self) -> None:
         shape = (len(self.t), len(self.joints))
         if not shape[0]:
-            msg = 'the trajectory has no points'
-            raise SignalError(msg, remedy='give at least one point with positions')
+            raise SignalError('the trajectory has no points; give one or more with positions')
         for name, values in (('positions', self.q), ('velocities', self.dq),
                              ('accelerations', self.ddq), ('efforts', self.effort)):
             if values is not None and values.shape != shape:
@@ -99,8 +98,7 @@ class Trajectory(Shown):
         if not known.all() or not later.all():
             row = int(np.argmin(np.append(later, False)))
             raise SignalError(f'time does not increase after point {row + 1} of {shape[0]}, at '
-                              f'{self.t[row]:g} s; give each point a larger time_from_start than '
-                              'the one before')
+                              f'{self.t[row]:g} s; let time_from_start grow from point to point')
         if self.ddq is not None and self.dq is None:
             msg = 'the trajectory has accelerations without velocities'
             raise SignalError(msg, remedy='give velocities too, or no accelerations')
@@ -153,9 +151,8 @@ class Trajectory(Shown):
         """Take some of the joints, in their own order; none may be missing or named twice."""
         missing = [name for name in joints if self.joints.count(name) != 1]
         if missing:
-            msg = (f'the trajectory has the joints {", ".join(self.joints)}, so '
-                   f'{", ".join(map(repr, missing))} '
-                   f'{"is there twice" if missing[0] in self.joints else "is missing"}')
+            msg = (f'the trajectory has {"twice" if missing[0] in self.joints else "not"} the '
+                   f'joint {missing[0]!r}, but the joints {", ".join(self.joints)}')
             raise SignalError(msg, remedy=f'give each of {", ".join(joints)} once')
         places = [self.joints.index(name) for name in joints]
         q, dq, ddq, effort = (None if values is None else values[:, places] for values in
@@ -190,8 +187,7 @@ def read_trajectory(path: Path) -> Trajectory:
             simplefilter('ignore', UserWarning)  # of a table without rows, which is refused below
             values = np.loadtxt(StringIO(body), delimiter=',', ndmin=2)
     except ValueError as err:
-        raise BagError(f'a row has something other than numbers ({err})', place=path,
-                       remedy='correct this row') from None
+        raise BagError(f'a row has no numbers ({err}); correct it', place=path) from None
     if values.shape[1:] != (len(columns),):
         msg = f'the table has the shape {values.shape}, but its first line names {len(columns)}'
         raise BagError(msg, place=path, remedy='give each row a number for each column')
@@ -259,8 +255,7 @@ def read_trajectories(path: Path, topic: str = '') -> list[Sent]:
     if not 0 < len(raw.data) <= MOST_MESSAGES:
         msg = f'topic {name} has {len(raw.data)} messages; expected 1 to {MOST_MESSAGES}'
         raise BagError(msg, place=path, remedy='give a bag that holds the trajectory')
-    of = f'of {len(raw.data)} on {name}'
-    return [_decode(data, name, int(time), f'{path}, message {number} {of}')
+    return [_decode(data, name, int(time), f'{path}, message {number} (from 1) of {name}')
             for number, (data, time) in enumerate(zip(raw.data, raw.log_time, strict=True), 1)]
 
 

@@ -131,7 +131,7 @@ def encode(signals: Signals) -> RawMessages:
         for field, values in signals.values.items():
             expected = (len(stamp), layout.fields[field][1])
             if np.shape(values) != expected:
-                msg = f'{signals.topic}: {field} has shape {np.shape(values)}, expected {expected}'
+                msg = f'{signals.topic}: {field} has shape {np.shape(values)}, not {expected}'
                 raise BagError(msg)
             layout.numbers(messages, *layout.fields[field])[:] = values[rows]
         for row, message in zip(rows.tolist(), messages, strict=True):

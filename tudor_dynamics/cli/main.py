@@ -122,8 +122,6 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say in one line what is wrong, and where help is."""
-        message = re.sub('^argument ([^:]*): not allowed with argument (.*)',
-                         r'\1 contradicts \2; leave one of them out', message)
         found = re.search(r"argument (.*): invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if found:
             choices = found[3].replace("'", '')

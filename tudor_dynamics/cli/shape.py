@@ -75,8 +75,7 @@ def run(args: argparse.Namespace) -> int:
 def _by_frequency(args: argparse.Namespace) -> list[Sent]:
     if args.by == TIMING:
         raise UsageError(f'--by {TIMING} needs a model of how the tool vibrates', remedy='give '
-                         '--model the folder that `tudor fit BAGS --models analytical vibration` '
-                         'wrote')
+                         '--model what `tudor fit BAGS --models analytical vibration` wrote')
     damping = DAMPING if args.damping is None else args.damping
     shaper = impulses(args.by, args.frequency, damping)
     done = changed_trajectories(args, lambda wanted: convolved(wanted, shaper))

@@ -104,16 +104,14 @@ def causes(args: argparse.Namespace) -> list[Cause]:
     params = records[0]['settings'] if records else {}
     model = args.model or params.get('model')
     if not model:
-        raise UsageError('the bag does not say which model its monitor used', place=args.bag,
-                         remedy='give --model MODEL')
+        raise UsageError('the bag names no model', place=args.bag, remedy='give --model MODEL')
     try:
         settings = MonitorSettings.of({**params, 'estimate_contact': True}) if params else (
             MonitorSettings(methods=(), contact=True, rates=Rates(
                 args.false_alarms, 60.0 * args.false_alarms)))
         payload = float(params.get('payload', 0.0) if args.payload is None else args.payload)
     except (KeyError, TypeError, ValueError) as err:
-        raise UsageError(f'the settings of the monitor in this bag cannot be read ({err})',
-                         place=args.bag,
+        raise UsageError(f'it has damaged settings of its monitor ({err})', place=args.bag,
                          remedy='give a bag that the monitor of this version wrote') from None
     bundle = load_bundle(model)
     digest = records[0].get('digest', bundle.digest) if records else bundle.digest

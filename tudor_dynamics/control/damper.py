@@ -160,8 +160,7 @@ class Status(IntEnum):
 
 MEANING = {
     Status.DAMPING: 'damps',
-    Status.STARTING: 'damping is off until the strain has been valid for '
-    f'{settings.RECOVERY_TIME:g} s',
+    Status.STARTING: f'damping is off until the strain is valid for {settings.RECOVERY_TIME:g} s',
     Status.SATURATED: 'damping is off while the joint is at a limit of current, speed or position',
     Status.MISSING: 'damping is off, as its strain is absent or NaN; check gauge and driver',
     Status.STALE: 'damping is off, as no new strain arrives; check the driver of the gauge',
@@ -324,9 +323,8 @@ Measure = Callable[[str, float, float], StepResponse]
 def ringing(response: StepResponse) -> FloatArray:
     """Take slow motion out of a response."""
     if len(response.strain) * response.dt < settings.SHORTEST_DECAY:
-        raise SignalError(f'strain came for {len(response.strain) * response.dt:g} s only, but a '
-                          f'decay takes {settings.SHORTEST_DECAY:g} s; check the driver of the '
-                          'gauge')
+        raise SignalError(f'strain came for {len(response.strain) * response.dt:g} s, but is '
+                          f"needed for {settings.SHORTEST_DECAY:g} s; check the gauge's driver")
     from scipy.signal import butter, sosfiltfilt  # slow to import
 
     sos = butter(2, settings.SIGN_HIGH_PASS * 2.0 * response.dt, 'highpass', output='sos')
@@ -379,8 +377,7 @@ def _compare(joint: str, plain: StepResponse, damped: StepResponse, noise: float
     change = f'with the damper, ringing lasts {after:.2f} s instead of {before:.2f} s'
     if louder or after * settings.SIGN_DECAY >= before:
         sign, text = Sign.WRONG, (
-            f'{change}, so the damper excites the link; reverse the sign of the gauge in its '
-            'driver')
+            f"{change}, so the damper excites the link; reverse the sign in the gauge's driver")
     elif after <= settings.SIGN_DECAY * before:
         sign, text = Sign.RIGHT, f'{change}, so the sign of the gauge is right'
     else:

@@ -104,8 +104,7 @@ class TipSensing:
             if not math.isfinite(values[g]):
                 self.fault = f'the reading of gauge {name!r} is missing; check its driver'
             elif self._same[g] > settings.FORCE_STUCK:
-                self.fault = (f'the reading of gauge {name!r} does not change; check gauge and '
-                              'driver')
+                self.fault = f'the reading of gauge {name!r} is stuck; check gauge and driver'
         if self.fault:
             return math.nan
         if self._level is None:
@@ -180,8 +179,7 @@ class ForceController:
     ) -> None:
         length = math.sqrt(sum(value * value for value in normal))
         if not (math.isfinite(length) and length > 1e-6):
-            raise UsageError(f'normal is {list(normal)}, which has no direction; give x, y and z '
-                             'that are not all zero')
+            raise UsageError(f'normal is {list(normal)}; give x, y, z that are not all zero')
         self.settings = settings
         self.sensing = TipSensing(arm, np.array(normal) / length)
         self.limits, self._planned = hard_limits(arm), motion_limits(arm)
@@ -275,10 +273,8 @@ class ForceController:
         new = place + dt * self._dq
         outside = self.limits.outside(new)
         if size <= 1e-6 or outside.any():
-            why = ('the pose is singular' if size <= 1e-6 else
-                   f'{self._names[outside.argmax()]!r} is at its limit')
-            self.stop(f'the tip cannot move on towards the surface, as {why}; begin in another '
-                      'pose')
+            why = 'singular pose' if size <= 1e-6 else f'limit of {self._names[outside.argmax()]}'
+            self.stop(f'the tip cannot move on along the normal ({why}); begin in another pose')
             return False
         self.pose = new
         return True
@@ -312,12 +308,10 @@ class ForceController:
         lost = self._smooth < settings.FORCE_SOFT * self.wanted
         self._alone = self._alone + dt if lost else 0.0
         if self._alone > chosen.lost:
-            self.stop(f'the tip lost the surface for {chosen.lost:g} s (parameter lost); check '
-                      'the surface')
+            self.stop(f'contact was lost for {chosen.lost:g} s (parameter lost); check the tool')
             return 0.0
         if self._way - self._touched > chosen.give:
-            self.stop(f'the surface gave way by over {1e3 * chosen.give:.0f} mm (parameter give); '
-                      'check the surface')
+            self.stop(f'the surface gave way by {1e3 * chosen.give:.0f} mm (parameter give)')
             return 0.0
         rate = (self._smooth - before - (self._target - late)) / dt
         speed = chosen.integral * (self._smooth - self._target) + chosen.proportional * rate

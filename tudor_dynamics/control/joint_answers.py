@@ -181,8 +181,7 @@ class JointRecord:
         """Say how the nudged joint answered; if rightly, what else moved."""
         if len(self._rows) < settings.LEAST_SAMPLES:
             name = self._joints[self._nudged]
-            return JointAnswer(name, None, f'{name}: no commands or positions came; start the '
-                               'driver of the arm')
+            return JointAnswer(name, None, f'{name}: no positions came; start the driver')
         t, q, self._dq, commands = (np.array(column) for column in zip(*self._rows, strict=True))
         self._time, self._moved = t - t[0], q - q[0]
         self._ways = np.zeros_like(q)
@@ -238,9 +237,8 @@ class JointRecord:
                                   'check the order of commands and the cables of the drives')
         elif fit.delay - fit.delay_error > self._late:
             right, text = False, (f'the joint answers late, after {1e3 * fit.delay:.0f} ms (limit '
-                                  f'{1e3 * self._late:.0f} ms); speed up driver and network, or, '
-                                  'under damper in the arm description, lower the gains and raise '
-                                  'full_delay')
+                                  f'{1e3 * self._late:.0f} ms); speed up driver and network, or '
+                                  "lower gains and raise full_delay in the arm's key damper")
         elif fit.error > settings.SCALE_ERROR:
             right, text = None, self._figures(j, fit)
         else:

@@ -90,16 +90,14 @@ class ReferenceGate:
     def stray(self, now: float, timeout: float, q: FloatArray) -> str:
         """Say why an arm that follows must not go on; empty if it may: timeout [s]."""
         if self.age(now) > timeout:
-            return (f'no reference came on joint_reference for {1e3 * timeout:.0f} ms; check the '
-                    'node that sends it')
+            return f'no reference on joint_reference for {1e3 * timeout:.0f} ms; check its sender'
         found = self._deviation(now, timeout, q)
         return str(found) if found.seconds > settings.FOLLOWING_TIME else ''
 
     def obstacle(self, now: float, timeout: float, q: FloatArray, held: FloatArray) -> str:
         """Say why an arm that holds, at its speeds, cannot begin to follow; empty if it can."""
         if self.age(now) > timeout:
-            return self.refusal or (
-                'no reference comes on joint_reference; start reference_generator')
+            return self.refusal or 'no reference on joint_reference; start reference_generator'
         found = self._deviation(now, timeout, q)
         if found.seconds > settings.NEAR_TIME:
             return (f'{found.joint} is {found.away:.3g} [rad or m] away from its reference; send '

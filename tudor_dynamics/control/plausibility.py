@@ -387,8 +387,7 @@ class MotionWatch:
         steps = np.diff(moved - made)
         if np.abs(steps).max() > settings.JUMP_SHARE * np.ptp(moved - made):
             return (f'the position jumped by {steps[np.abs(steps).argmax()]:.3g} {self._units[j]}'
-                    ', but the reported velocity did not, so the encoder lost counts; check its '
-                    'cable')
+                    ', the reported velocity did not; the encoder lost counts: check its cable')
         if abs(mine) < settings.STANDS * abs(way):
             return (f'the position moves {mine / way:.2g} times as far as the reported velocity '
                     'implies; check the encoder, which is frozen, slips, or drifts')
@@ -399,8 +398,7 @@ class MotionWatch:
             return (f'the position moves at {rate:.3g} {self._units[j]}/s in addition to the '
                     'reported velocity; check the encoder, which drifts')
         if mine * way < 0.0:
-            return ('the position moves against the reported velocity; the encoder counts '
-                    'backwards: correct its sign')
+            return 'the encoder counts backwards, against the reported velocity; correct its sign'
         return (f'the position moves {mine / way:.2g} times as far as the reported velocity '
                 'implies; correct the scale of the encoder, or check whether it slips')
 

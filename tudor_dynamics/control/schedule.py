@@ -171,8 +171,7 @@ class Schedule(Shown):
         self._table = values.reshape(*shape, -1)
 
     def _refuse(self, cause: str) -> None:
-        raise ScheduleError(cause, place=self.source,
-                            remedy='write a new schedule with `tudor tune`')
+        raise ScheduleError(cause, place=self.source, remedy='write another with `tudor tune`')
 
     def _check(self, values: FloatArray) -> None:
         """Refuse what no schedule may command."""
@@ -196,9 +195,8 @@ class Schedule(Shown):
                if item.joint in arm.active_joints] if damper is not None else []
         given = list(zip(self.content.damped, self.content.gauges, strict=True))
         if self.content.joints != arm.active_joints or given != own:
-            self._refuse(f'the schedule is for the joints {list(self.content.joints)} with the '
-                         f'gauges {dict(given)}, but arm {arm.name!r} has the joints '
-                         f'{list(arm.active_joints)} with the gauges {dict(own)}')
+            self._refuse(f'the schedule is for {list(self.content.joints)} with gauges '
+                         f'{dict(given)}, not {list(arm.active_joints)} with {dict(own)}')
 
     def at(self, payload: float, q: FloatArray) -> Point:
         """Interpolate at a payload [kg] and a pose; beyond the grid its edge counts."""
@@ -248,7 +246,7 @@ def load_schedule(path: str | Path, arm: Arm | None = None) -> Schedule:
     except ValidationError as err:
         cause = f'the schedule is not valid, as {validation_message(err, add="")}'
     except ValueError as err:
-        cause = f'the schedule is not valid, as it has {err}'
+        cause = f'the schedule is not valid, as {err}'
     else:
         schedule = Schedule(found, str(path))
         if arm is not None:

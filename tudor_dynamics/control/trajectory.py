@@ -96,8 +96,7 @@ class Path:
     def __init__(self, state: MotionState, trajectory: Trajectory, begin: float = 0.0) -> None:
         joined = from_state(trajectory, state, begin)
         if joined.dq is not None and np.any(np.abs(joined.dq[-1]) > ROUNDING):
-            raise SignalError('the last point has a velocity that is not 0',
-                              remedy='end the trajectory at rest')
+            raise SignalError('the last point is in motion', remedy='end the trajectory at rest')
         self.begin, self.end = begin, float(trajectory.t[-1])  # since the trajectory's start [s]
         self.target = trajectory.q[-1]
         self._names = trajectory.joints

@@ -383,8 +383,7 @@ class _Study:
             date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
             try:
                 if len(used) < 2:
-                    raise FitError(f'only {len(used)} parts of its bags can be used, but 2 are '
-                                   'needed',
+                    raise FitError(f'{len(used)} parts of its bags can be used, but 2 are needed',
                                    remedy='record more')
                 date.models = {output: found for (_, output), found in fold_models(
                     Summing(tasks[name], tuple(date.sights))).items()}
@@ -392,8 +391,7 @@ class _Study:
                 self.unused.append(Unused(f'{name} {when}', err.advice))
                 del self.dates[name, when]
         if not self.dates:
-            raise FitError(f'no arm has bags that can be used; {self.unused[0]}',
-                           remedy='correct the plan')
+            raise FitError(f'no arm has usable bags: {self.unused[0]}', remedy='correct the plan')
 
     def _rings(self) -> list[Observation]:
         if not any(arm.gauges for arm in self.arms.values()):

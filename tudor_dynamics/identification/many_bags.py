@@ -590,9 +590,8 @@ class ManyBags:
             warnings.warn(f'bag {item}; the fit leaves this bag out', TudorWarning, stacklevel=2)
         self.unused += wrong
         if wrong and len(self.unused) > WARNED:
-            warnings.warn(f'{len(self.unused)} bags are left out, and the fit uses the others; '
-                          'the key unused of the output of --json says why', TudorWarning,
-                          stacklevel=2)
+            warnings.warn(f'{len(self.unused)} bags are left out of the fit; the key unused of '
+                          'the JSON output says why', TudorWarning, stacklevel=2)
 
     def _sample(self, seen: Sequence[SurveyedBag]) -> list[BagData]:
         """Read some bags, evenly among all; those that cannot be read are named later."""

@@ -265,8 +265,8 @@ class ErrorChange:
     def __str__(self) -> str:
         """Write it on one line."""
         said = 'has grown since the validation' if self.changed else 'is as in the validation'
-        return (f'{self.output} {self.kind}, {self.channel}: the RMS error {said}; it is '
-                f'{self.now:.3g} ({100 * self.relative_now:.1f} % of the signal) and was '
+        return (f'{self.output} {self.kind}, {self.channel}: the RMS error {said}; now '
+                f'{self.now:.3g} ({100 * self.relative_now:.1f} % of the signal), then '
                 f'{self.then:.3g} ({100 * self.relative_then:.1f} %), growth {self.sigmas:+.1f} '
                 'standard errors')
 

@@ -122,9 +122,8 @@ def check_efforts(arm: Arm) -> None:
     unknown = [repr(joint.name) for joint in arm.joints if joint.effort.unit == 'A']
     if unknown:
         raise FitError(f'{arm.source}: efforts of {", ".join(unknown)} are in A, but the model of '
-                       'vibration needs torques [N m] or forces [N]',
-                       remedy='record torques and set joints[].effort.unit to N m, or leave '
-                       'vibration out of models=')
+                       'vibration needs torques [N m] or forces [N]', remedy='record torques and '
+                       'set joints[].effort.unit to N m, or leave vibration out of models=')
 
 
 def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> FlexibleTool:
@@ -280,11 +279,10 @@ class _Search:
         clear = [k for k, share in enumerate(left)
                  if loud[k] and share < 1.0 - settings.RING_CLEAR]
         if len(clear) < settings.TOOL_LEAST or 2 * len(clear) < sum(loud):
-            raise FitError(f'the tool rings in {sum(loud)} rests, but the model of vibration '
-                           f'explains only {len(clear)}; it has to explain half of them, and '
-                           f'{settings.TOOL_LEAST} or more',
-                           remedy='record moves of tudor excite --for vibration, or faster '
-                           'ones with rests of 3 s or more')
+            raise FitError(f'the tool rings in {sum(loud)} rests, but a model of its vibration '
+                           f'explains only {len(clear)}; half, and {settings.TOOL_LEAST} or more, '
+                           'are needed', remedy='record moves of tudor excite --for vibration, '
+                           'or faster ones with rests of 3 s or more')
         covariance = 0.5 * (best.covariance + best.covariance.T)[:-1, :-1]
         mass, length, *others = np.exp(x[6:-1]).tolist()
         return FlexibleTool.model_validate({

@@ -194,9 +194,8 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     """Make a motion of a trajectory, at the rate of the loop: dt [s]."""
     if sorted(trajectory.joints) != sorted(arm.active_joints):
         own = ', '.join(map(repr, arm.active_joints))
-        raise SimulationError('the trajectory has the joints '
-                              f'{", ".join(map(repr, trajectory.joints))}, but arm {arm.name!r} '
-                              f'has {own}; give a trajectory of all joints of the arm')
+        raise SimulationError(f'the trajectory has the joints {", ".join(trajectory.joints)}, but '
+                              f'arm {arm.name!r} has {own}; give a trajectory of these')
     q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
     hard = hard_limits(arm)
     for k, j in np.argwhere(hard.outside(q) | (np.abs(dq) > hard.velocity))[:1]:

@@ -377,8 +377,7 @@ def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
                                   f'{push.joint!r}; choose a place from 0 to {length:g} m')
         values = (push.time, push.duration, push.rise, *push.force)
         if not np.isfinite(values).all() or push.duration <= 0.0 or push.rise < 0.0:
-            msg = f'{push}: times and forces must be finite, the duration positive'
-            raise SimulationError(msg)
+            raise SimulationError(f'{push}: give finite times and forces, and a duration above 0')
         row[:] = (push.time, push.duration, min(push.rise, 0.5 * push.duration), body,
                   push.distance, *push.force)
     return table

@@ -104,8 +104,7 @@ class Plant(Shown):
         if not (np.isfinite(dt) and dt > 0.0):
             raise SimulationError(f'dt= {dt}: give more than 0 s')
         if not 0.0 <= rho <= 1.0:
-            msg = f'rho, the damping of the integrator, must be from 0 to 1, found {rho}'
-            raise SimulationError(msg)
+            raise SimulationError(f'rho, damping of the integrator, is {rho}; give 0 to 1')
         self.mechanism = mechanism
         n = mechanism.size
         self.tables = PlantTables(
@@ -360,10 +359,9 @@ class Plant(Shown):
             z[elastic] -= change * min(1.0, 0.2 / max(largest, 1e-300))
             if largest < 1e-11:
                 return
-        msg = (f'arm {mechanism.name!r}: links are too weak to hold their weight at the start; in '
-               'the arm description, correct their section and material, or set '
-               'simulation.start: undeformed')
-        raise SimulationError(msg)
+        raise SimulationError(f'arm {mechanism.name!r}: links are too weak for their weight; '
+                              'correct their section and material, or set simulation.start: '
+                              'undeformed in the arm description')
 
     def _check_step(self) -> None:
         """Refuse a step that cannot follow the slowest vibration of the links, joints held."""

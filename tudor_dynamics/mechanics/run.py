@@ -240,10 +240,8 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
     mechanism = plant.mechanism
     unknown = [name for name in free_joints if name not in mechanism.joints]
     if unknown or count < 1:
-        raise SimulationError(
-            f'there is no joint {" or ".join(map(repr, unknown))} to be free; use some of '
-            f'{", ".join(mechanism.joints)}' if unknown else
-            f'{count} modes are asked for; give 1 or more')
+        raise SimulationError(f'no joints {unknown}; free some of {list(mechanism.joints)}'
+                              if unknown else f'{count} modes; give a count of 1 or more')
     free = mechanism.elastic.copy()
     for joint in free_joints:
         free[mechanism.q_index[mechanism.joints.index(joint)]] = True

@@ -189,9 +189,8 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
     """Read a CSV table: time [s], then one column a joint, or a direction."""
     table = read_trajectory(path)
     if len(table.t) < 2 or not {*table.joints} <= {*names}:
-        raise SimulationError(f'{path}: the table has {len(table.t)} rows of t and '
-                              f'{", ".join(table.joints)}; give two rows or more, of t and some '
-                              f'of {", ".join(names)}')
+        raise SimulationError(f'{path}: it has {len(table.t)} rows of {", ".join(table.joints)}; '
+                              f'give two rows or more, of t and some of {", ".join(names)}')
     return table.t, dict(zip(table.joints, table.q.T, strict=True))
 
 
@@ -273,8 +272,7 @@ def sampled_columns(
     result = np.zeros((t.size, len(columns)))
     for name, value in given.items():
         if name not in allowed:
-            raise SimulationError(f'{what} of {name!r}: there is no such name; use some of '
-                                  f'{", ".join(allowed)}')
+            raise SimulationError(f'{what}: there is no {name!r}; use some of {list(allowed)}')
         result[:, columns.index(name)] = sampled(value, t, f'{what} of {name}')
     return result
 
@@ -521,11 +519,9 @@ def simulate(
     places = plant.state.q.copy()
     for name, place in (start or {}).items():
         if name not in mechanism.joints:
-            msg = f'start names {name!r}, no joint; use some of {list(mechanism.joints)}'
-            raise UsageError(msg)
+            raise UsageError(f'start names {name!r}, no joint of {", ".join(mechanism.joints)}')
         if not np.isfinite(place):
-            msg = f'start of {name!r}: found {place}, expected a position [rad or m]'
-            raise SimulationError(msg)
+            raise SimulationError(f'start of {name!r} is {place}; give a position [rad or m]')
         places[mechanism.joints.index(name)] = place
     if start is not None or forces is not None:
         plant.reset(places, external_force=None if forces is None else forces[0])

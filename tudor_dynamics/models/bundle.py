@@ -310,9 +310,8 @@ def _read_head(path: Path) -> HeadPart:
         raise ModelError(f'the file is no model, as its format is not {FORMAT!r}', place=file,
                          remedy=GIVE)
     if head.get('version') != VERSION:
-        raise ModelError(f'the model has the format version {head.get("version")!r}, but this '
-                         f'program reads version {VERSION}', place=file,
-                         remedy='update tudor_dynamics, or fit the model again')
+        raise ModelError(f'format version {head.get("version")!r}, but this program reads version '
+                         f'{VERSION}; update tudor_dynamics, or fit the model again', place=file)
     try:
         return read(HeadPart, {**head, 'digest': checksum.strip()})
     except ModelError as err:

@@ -188,8 +188,7 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
-            'masses cannot be estimated, as the model has no analytical part for efforts of one '
-            'payload',
+            'masses need an analytical model of efforts for one payload, which this one lacks',
             remedy='run tudor fit on bags that have efforts and were recorded with one payload')
     if not model.data_:
         raise ModelError('the model lacks the file data.npz, of which masses are computed',

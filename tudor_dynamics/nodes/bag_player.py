@@ -74,8 +74,7 @@ class BagPlayerNode(TudorNode):
     def _open(self) -> None:
         bag, offset = self.value('bag'), float(self.value('start_offset'))
         if not bag:
-            raise BagError('the parameter bag is empty; set it to a rosbag2 directory, .mcap or '
-                           '.db3 file')
+            raise BagError('the parameter bag is empty; set it to a rosbag2 directory or file')
         self.track = track = read_track(bag, self.value('topics'))
         self._first = int(np.searchsorted(track.time, track.time[0] + round(offset * 1e9)))
         if self._first == len(track.time):

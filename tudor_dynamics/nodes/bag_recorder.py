@@ -99,8 +99,7 @@ class BagRecorderNode(TudorNode):
             return
         if not known:
             self.recorded[topic] = None
-            self.get_logger().warning(f'{topic} is not recorded, as its type {msgtype} is '
-                                      'unknown; record it with `ros2 bag record`')
+            self.get_logger().warning(f'unknown type {msgtype}; record {topic} by ros2 bag record')
             return
         reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offers)
         kept = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offers)

@@ -78,9 +78,8 @@ class SignTester(Trial):
                 watch = False
         response = self._response(gauge)
         if response is None:
-            raise TudorError(f'gauge {self.arm.gauge_names[gauge]!r} has sent fewer than 20 '
-                             f'strains in {seconds:g} s on {self.arm.gauges[gauge].topic}; check '
-                             'its driver')
+            raise TudorError(f'gauge {self.arm.gauge_names[gauge]!r} sent under 20 strains in '
+                             f'{seconds:g} s on {self.arm.gauges[gauge].topic}; check its driver')
         return response
 
     def _response(self, gauge: int) -> StepResponse | None:

@@ -150,9 +150,8 @@ class JointTester(Trial):
             self._activate(False)
         self.set_damping(damping)
         if not answer.right:
-            end = (f'{DAMPER} is inactive now; correct the fault, then test again before any '
-                   'motion' if answer.right is False else
-                   'the answer is unclear; take a larger --step or --slide')
+            end = (f'{DAMPER} is inactive now; correct this, then test again before any motion'
+                   if answer.right is False else 'unclear; take a larger --step or --slide')
             print(self._hinted(end))
             return 1
         if set(joints) == set(self.arm.active_joints) and self._tested.service_is_ready():

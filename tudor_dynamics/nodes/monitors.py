@@ -167,8 +167,7 @@ class MonitorsNode(TudorNode):
                 msg = f'the parameter namespaces has {name!r}, which is no valid namespace ({err})'
                 raise TudorError(msg) from None
             if namespace in found:
-                msg = f'the parameter namespaces has {name!r} twice; give each arm its own'
-                raise TudorError(msg)
+                raise TudorError(f'parameter namespaces has {name!r} twice; give each arm its own')
             found.append(namespace)
         return found
 

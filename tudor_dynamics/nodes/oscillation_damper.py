@@ -205,8 +205,7 @@ class OscillationDamperNode(MovingNode):
         if controller is None or not self.active:
             return level, message
         if controller.state is State.FAULT:
-            return ERROR, (f'{controller.cause}; then call the service ~/reset, until when the '
-                           'joints stand')
+            return ERROR, f'{controller.cause}; joints stand until you call the service ~/reset'
         if clock := self.clocks.fault():
             return ERROR, f'{self._own}: {clock}'
         if controller.blind:
@@ -220,8 +219,7 @@ class OscillationDamperNode(MovingNode):
         gains = controller.gains
         if gains.excited:
             return ERROR, (f'the damper is off, as {gains.excited}; run damper_sign_test, lower '
-                           'damper.joints[].gain if the signs are right, then call the service '
-                           '~/reset')
+                           'damper.joints[].gain, then call the service ~/reset')
         if bad := self._gauge_faults(controller):
             return ERROR, ALSO.join(bad)
         if self.crowded:
@@ -232,14 +230,12 @@ class OscillationDamperNode(MovingNode):
         delay = f'{1e3 * (gains.assumed_delay + gains.late):.0f} ms'
         if gains.allowed_share < 1.0:
             off = 'is off' if gains.allowed_share == 0.0 else 'acts with reduced gain'
-            return WARN, (f'the damper {off}, as joints answer commands after {delay} (full gain '
-                          f'needs at most {1e3 * gains.full_delay:.0f} ms); speed up driver and '
-                          'network')
+            return WARN, (f'the damper {off}, as joints answer after {delay} (limit '
+                          f'{1e3 * gains.full_delay:.0f} ms); speed up driver and network')
         gain = gains.position_gain_in_use
         if gain < gains.position_gain:
-            return WARN, (f'joints answer commands after {delay}, so the position gain is lowered '
-                          f'from {gains.position_gain:g} to {gain:.2g} per s; speed up driver and '
-                          'network')
+            return WARN, (f'joints answer after {delay}, so the position gain is {gain:.2g} per s '
+                          f'in place of {gains.position_gain:g}; speed up driver and network')
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
             return WARN, f'gains do not follow the payload, as {adaptation.unknown}'
@@ -259,8 +255,7 @@ class OscillationDamperNode(MovingNode):
         damper = controller.damper
         faults = self._faults | {place: status for place, status in enumerate(damper.status)
                                  if status >= Status.MISSING}
-        texts = [f'joint {damper.joints[place]!r}, gauge {damper.gauges[place]!r}: '
-                 f'{MEANING[fault]}'
+        texts = [f'{damper.joints[place]}, gauge {damper.gauges[place]}: {MEANING[fault]}'
                  for place, fault in faults.items()]
         self._faults = {place: fault for place, fault in self._faults.items()
                         if damper.status[place] not in (Status.DAMPING, Status.SATURATED)}

@@ -298,9 +298,8 @@ class ReferenceGeneratorNode(MovingNode):
         if level != OK:
             return level, message
         if source.reacting or source.collision:
-            return WARN, ('the node accepts no goals after a collision (parameter reaction: '
-                          f'{self.value("reaction")}); free the arm, then call the service '
-                          '~/reset')
+            return WARN, (f'the node accepts no goals after a collision (its reaction is '
+                          f'{self.value("reaction")}); free the arm, call the service ~/reset')
         if source.halted:
             return WARN, f'the node accepts no goals, as {source.halted}'
         if self.crowded is not None:

@@ -112,9 +112,8 @@ class TrajectoryRelayNode(TudorNode):
 
     def _reset(self) -> str:
         if self.collision:
-            raise UsageError(f'a collision is still reported on the topic {COLLISION!r}',
-                             remedy='free the arm, call the service reset of the monitor, then '
-                             'that of this node')
+            raise UsageError(f'a collision is still reported on {COLLISION!r}', remedy='free the '
+                             'arm, call the service reset of the monitor, then that of this node')
         self.held = False
         return 'accepts trajectories again'
 
@@ -200,11 +199,9 @@ class TrajectoryRelayNode(TudorNode):
         follower = self.follower
         assert follower is not None
         if self.held or self.collision:
-            raise SignalError('a collision was reported; free the arm, then call the service '
-                              '~/reset')
+            raise SignalError('a collision was reported; free the arm, call the service ~/reset')
         if self._q is None or self.steady() - self._at > self.value('timeout'):
-            raise SignalError(f'no joint positions arrive on {self._own}; start the driver of '
-                              'the arm')
+            raise SignalError(f'no joint positions arrive on {self._own}; start the driver')
         self._step()
         state = self._state()
         held = state.q if follower.path is None else follower.path.target
@@ -246,9 +243,8 @@ class TrajectoryRelayNode(TudorNode):
             kind, frequency = self.value('shaping'), self.value('shaping_frequency')
             tool = self._tool if kind == TIMING or not frequency else None
             if kind == TIMING and tool is None:
-                raise SignalError('the parameter shaping is timing, but the parameter tool is '
-                                  'empty', remedy='set tool to the folder that `tudor fit '
-                                  '--models analytical vibration` wrote')
+                raise SignalError('shaping is timing, but the parameter tool is empty', remedy=(
+                    'set it to what `tudor fit --models analytical vibration` wrote'))
             if tool is None and not frequency:
                 raise SignalError('the frequency of the tool is not known', remedy='set the '
                                   'parameter shaping_frequency [Hz], or the parameter tool to the '
@@ -314,8 +310,7 @@ class TrajectoryRelayNode(TudorNode):
         if self.held or self.collision:
             return WARN, 'a collision stopped the arm; free it, then call the service ~/reset'
         if not self._output.get_subscription_count():
-            return WARN, (f'no node subscribes to {self._output.topic_name}; activate that '
-                          'controller')
+            return WARN, f'no node hears {self._output.topic_name}; activate that controller'
         if self.refused:
             return WARN, f'trajectory refused: {self.refused}'
         return ((WARN, f'trajectory passed on unshaped, as {self.not_shaped}')

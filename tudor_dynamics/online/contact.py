@@ -243,14 +243,12 @@ class ContactEstimator(Shown):
     def __init__(self, bundle: ModelBundle, kind: str) -> None:
         model = bundle.models.get('strain', {}).get(kind)
         if model is None:
-            msg = f'contacts need a model of strain of kind {kind}; fit one to bags with strain'
-            raise ModelError(msg)
+            raise ModelError(f'contacts need a {kind} model of strain; fit one with strain')
         gain = gauge_gain(bundle.arm, model)
         deviation = np.abs(strain_deviation(bundle, kind) / gain)
         if not np.isfinite(deviation).any():
             raise ModelError(f'arm {bundle.arm.name!r}: no gauge has a known gain (reading per N '
-                             'm); add sensors[].gain to the arm description, or fit an elastic '
-                             'model')
+                             'm); add sensors[].gain to the description, or fit an elastic model')
         arm = bundle.arm
         self.spans = spans_of(arm, [bool(v) for v in np.isfinite(deviation)])
         if not self.spans:

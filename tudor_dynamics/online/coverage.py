@@ -59,24 +59,19 @@ MEANING = {
     'gap': 'messages on {on} are lost; compare `ros2 topic hz` with the rate of the driver: if '
            'both are equal, this computer is too busy, otherwise the network loses messages',
     'not_finite': 'messages on {on} have NaN or infinite values; check the driver and its sensors',
-    'duplicate_stamp': 'stamps on {on} repeat; stop a second publisher, or let the driver stamp '
-                       'each reading once',
-    'backward_stamp': 'stamps on {on} go back; stop a second publisher, or correct the clock of '
-                      'the driver',
+    'duplicate_stamp': 'stamps on {on} repeat; correct the driver, or stop a second publisher',
+    'backward_stamp': 'stamps on {on} go back; correct the driver, or stop a second publisher',
     'unknown_names': 'messages on {on} lack some joints or gauges of the model; publish all of '
                      'them in one message, or set the parameter model to the model of this arm',
     'other_names': 'messages on {on} name no joint or gauge of the model; set the parameter model '
                    'to the model of this arm, or correct the names in the driver',
     'short_array': 'messages on {on} have fewer values than names; correct the driver',
-    'no_measurement': 'no measurements come on {on} during the motion; start their driver, or '
-                      'correct the name of the topic in it',
+    'no_measurement': 'no measurements come on {on} during the motion; start what publishes there',
     'no_neighbour': 'no stamp on {on} is near that of a joint state; publish {on} at the rate of '
                     'the joint states, and synchronise the clocks of both publishers',
-    'no_prediction': 'no prediction comes, or the model diverged; see the diagnostics of the node '
-                     'that predicts',
-    'no_thresholds': 'the model has no collision thresholds; fit it with more motion without '
-                     'contact, or call the service ~/calibrate while the arm moves without '
-                     'contact'}
+    'no_prediction': 'no prediction comes, or the model diverged; check the node that predicts',
+    'no_thresholds': 'the model has no thresholds; fit it with more motion without contact, or '
+                     'call the service ~/calibrate while the arm moves without contact'}
 """Causes for which a sample is not judged; ``on``: the topics that they are about."""
 ALSO = '\n'  # between two texts of one level; the first is the message of a diagnosis
 OF_OTHERS = 'other_names'  # what another device sends on the same topic; counts where it is all
@@ -249,8 +244,7 @@ class OutputCoverage:
                 one, other = self.streams[place].topic, self.streams[0].topic
                 side = 'later' if offset > 0.0 else 'earlier'
                 return (f'stamps of {one} are {1e3 * abs(offset):.0f} ms {side} than those of '
-                        f'{other} (limit {1e3 * limit:.0f} ms); synchronise the clocks of their '
-                        'publishers')
+                        f'{other} (limit {1e3 * limit:.0f} ms); synchronise their clocks')
         return ''
 
     def _period(self, place: int, new: _Counts, old: _Counts) -> float:

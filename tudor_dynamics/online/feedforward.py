@@ -477,8 +477,7 @@ class Feedforward(Shown):
             off = np.abs(column - self._held[name])
             if off.max() > HELD_WITHIN:
                 msg = (f'the model holds {name!r} at {self._held[name]:g} {self._unit[name]}, but '
-                       f'point {int(off.argmax()) + 1} of {len(off)} moves it to '
-                       f'{column[off.argmax()]:g}')
+                       f'point {int(off.argmax()) + 1} moves it to {column[off.argmax()]:g}')
                 raise SignalError(msg, remedy=f'hold {name!r} at {self._held[name]:g}, or fit a '
                                               'model with it among active_joints')
 

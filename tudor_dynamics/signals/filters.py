@@ -212,9 +212,8 @@ def zero_phase(
     n = len(t)
     dt = float(t[-1] - t[0]) / (n - 1)
     if not 0 < cutoff < 0.5 / dt:
-        raise SignalError(f'cutoff= {cutoff:g} Hz: give more than 0 and less than {0.5 / dt:.4g} '
-                          'Hz (half the sample rate), here or as preprocessing.cutoff in the arm '
-                          'description')
+        raise SignalError(f'cutoff= {cutoff:g} Hz: give less than {0.5 / dt:.4g} Hz, half the '
+                          'sample rate, here or as preprocessing.cutoff in the arm description')
     sections = low_pass_sections(butterworth(4), cutoff * dt)
     grid = t[0] + dt * np.arange(n)
     uniform = bool(np.max(np.abs(grid - t)) < 1e-3 * dt)
@@ -327,8 +326,7 @@ def ring_modes(signal: ArrayLike, dt: float, *, count: int = 2) -> tuple[RingMod
     """Find the strongest oscillations of a free decay: signal (samples,), dt [s]."""
     y = np.asarray(signal, dtype=float)
     if y.ndim != 1 or not np.isfinite(y).all():
-        raise SignalError(f'the samples of a free decay have the shape {y.shape} or are not '
-                          'finite; give finite ones of shape (n_samples,)')
+        raise SignalError(f'a free decay needs finite samples (n_samples,), found shape {y.shape}')
     every = max(int(1.0 / (6.0 * settings.HIGHEST_RINGING * dt)),
                 -(-y.size // settings.MOST_SAMPLES), 1)
     n = y.size // every

@@ -338,6 +338,5 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
     if not stretches:
         raise SignalError(f'{recording.path}: no part without gaps is longer than '
                           f'{2 * spec.settle:.3g} s and {settings.FEWEST} samples; record '
-                          'longer, or, in the arm description, lower preprocessing.settle or '
-                          'raise preprocessing.rate')
+                          'longer, or lower preprocessing.settle or raise preprocessing.rate')
     return stretches

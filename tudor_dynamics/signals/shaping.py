@@ -229,8 +229,7 @@ def plan_shaped(
             path = found.q
         if found is not None:
             return found
-    raise SignalError('no move without ringing was found; raise joints[].planned in the arm '
-                      'description, or set the parameter shaping to zv')
+    raise SignalError('no move without ringing found; raise joints[].planned or set shaping to zv')
 
 
 def _denser(modes: PathModes) -> PathModes:

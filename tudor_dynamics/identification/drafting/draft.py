@@ -95,15 +95,14 @@ def _from_yaml(text: str, path: Path) -> tuple[list[Any], str]:
     try:
         content = load_yaml(text)
     except ValueError as err:
-        raise ArmError(str(err), place=path) from None
+        raise ArmError(str(err), place=path, remedy='correct it') from None
     if isinstance(content, dict):
         content = content.get('kinematics', content)
     if not isinstance(content, dict):
         content = {'dh': content}
     rows, convention = content.get('dh'), content.get('convention', 'standard')
     if convention not in ('standard', 'modified'):
-        raise ArmError(f'the key convention is {convention!r:.40}; give standard or modified',
-                       place=path)
+        raise ArmError(f'convention is {convention!r:.40}; give standard or modified', place=path)
     if not isinstance(rows, list):
         raise ArmError('the key dh has no D-H rows', place=path, remedy=EXPECTED)
     return rows, convention
@@ -123,8 +122,7 @@ def read_table(path: Path) -> tuple[list[DhRow], str]:
                  if words and 'alpha' not in map(str.lower, words)]
     rows = [_row(words, f'{path}, {where}') for where, words in lines]
     if not 0 < len(rows) <= MAX_ROWS:
-        raise ArmError(f'the file has {len(rows)} D-H rows, not 1 to {MAX_ROWS}', place=path,
-                       remedy=EXPECTED)
+        raise ArmError(f'{len(rows)} D-H rows, not 1 to {MAX_ROWS}', place=path, remedy=EXPECTED)
     return rows, convention
 
 
@@ -167,9 +165,8 @@ def chain_of_table(path: Path | None, names: Sequence[str]) -> DraftedChain:
     if not all(joints):
         joints = list(names)
     if len(joints) + flange != len(rows) or not set(joints) <= set(names):
-        raise ArmError(f'the file has {len(rows)} rows, for the joints '
-                       f'{", ".join(map(repr, joints))}, but the bag has the joints '
-                       f'{", ".join(map(repr, names))}',
+        raise ArmError(f'the {len(rows)} rows are of {", ".join(map(repr, joints))}, but the bag '
+                       f'has the joints {", ".join(map(repr, names))}',
                        place=path, remedy='give one row per joint, base first, each with its name')
     model = model_from_dh([row.values for row in rows], joints,
                           [row.kind or 'revolute' for row in rows], convention)

@@ -132,16 +132,14 @@ class ClockWatch:
             return ''
         where, most = ('in the future', EARLY) if self.age < 0.0 else ('in the past', OLD)
         return (f'stamps on {topic} are {abs(self.age):.3g} s {where} (limit {most:g} s); '
-                'synchronise the clocks of node and driver, and give all nodes the same '
-                'use_sim_time')
+                'synchronise the clocks of node and driver; all nodes need the same use_sim_time')
 
 
 UNUSABLE = {
     **{cause: MEANING[cause] for cause in ('unknown_names', OF_OTHERS, 'short_array', 'not_finite',
                                            'duplicate_stamp', 'backward_stamp')},
     'not_one_point': 'trajectories need one point each; correct the node that sends them',
-    'impossible_command': 'commands need a finite value for each joint; correct the node that '
-                          'sends them'}
+    'impossible_command': 'commands need a finite value for each joint; correct the sender'}
 """Drops that are the fault of who sends, and what they mean."""
 OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)  # topics that every node has
 
@@ -463,8 +461,7 @@ class TudorNode(Node):
             message = f'{message}{ALSO}{self._unknown}'
         message, others = self.problems(message)
         if others:
-            message += (f" (problems in all: {len(others) + 1}; the others are in the values of "
-                        f'this status on {DIAGNOSTICS})')
+            message += f" ({len(others)} more, as 'problem 2' in the values on {DIAGNOSTICS})"
         values = {**self.meter.report(), **more, **others}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,

@@ -225,9 +225,8 @@ class DetectNode(ModelNode):
         self._calibration, self._learned = None, {}
         unserved = [m for m in self.value('methods') if m not in watch.methods]
         self._unserved = '' if not unserved else (
-            f'the model lacks what the methods {", ".join(unserved)} need, which is kind '
-            f'{self.value("kind")} (for momentum: analytical); change the parameter methods or '
-            'kind')
+            f'methods {", ".join(unserved)} need a model of kind {self.value("kind")} (momentum: '
+            'analytical), which is missing; change the parameter methods or kind')
         missing = [m for m in watch.methods if m not in watch.stages]
         self._note = '' if not missing else (
             MEANING['no_thresholds'].replace(';', f' for {", ".join(missing)};', 1))
@@ -243,9 +242,8 @@ class DetectNode(ModelNode):
         collision = values.get('false_alarms_per_hour', self.value('false_alarms_per_hour'))
         contact = values.get('contact_alarms_per_hour', self.value('contact_alarms_per_hour'))
         if contact < collision:
-            raise TudorError(f'the parameter contact_alarms_per_hour, {contact:g}, is below the '
-                             f'parameter false_alarms_per_hour, {collision:g}; raise the first or '
-                             'lower the second')
+            raise TudorError(f'contact_alarms_per_hour {contact:g} is below false_alarms_per_hour '
+                             f'{collision:g}; raise the first parameter or lower the second')
 
     def apply(self) -> None:
         super().apply()

@@ -132,8 +132,7 @@ class PayloadPort:
 
     def _expect(self) -> str:
         if not isinstance(self.load, PayloadStage):
-            raise TudorError('no model that estimates the load is in use; see the diagnostics of '
-                             'this node')
+            raise TudorError('no model that estimates the load is in use; see the diagnostics')
         self.announce()
         return 'a load picked up or released within 3 s is not reported as a collision'
 
@@ -196,8 +195,7 @@ class ModelNode(TudorNode):
 
     def _load(self) -> ModelBundle:
         if not self.source:
-            raise ModelError('the parameter model is empty; set it to a folder that tudor fit '
-                             'wrote')
+            raise ModelError('the parameter model is empty; set it to what tudor fit wrote')
         arm = None if self.bundle is None else self.bundle.arm
         return self.choose(load_bundle(self.source, arm=arm))
 

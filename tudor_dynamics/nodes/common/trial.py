@@ -118,8 +118,7 @@ class Trial(Node):
         request = SetParameters.Request(
             parameters=[Parameter('damping', value=float(share)).to_parameter_msg()])
         if not (result := self.call(self._damping, request, DAMPER).results[0]).successful:
-            raise TudorError(f'{DAMPER} refused {share:g} for its parameter damping '
-                             f'({result.reason})')
+            raise TudorError(f'{DAMPER} refused its parameter damping {share:g} ({result.reason})')
 
     def roomy(self, joint: int, place: float, step: float) -> float:
         """Give a step, or the one to the other side where there is no room for it."""
@@ -168,8 +167,7 @@ def run_trial(
         joints = options.joints or able
         for name in joints:
             if name not in able:
-                raise ArmError(f'--joints {name}: {name!r} {others}; choose from '
-                               f'{", ".join(able)}')
+                raise ArmError(f'--joints: {name!r} {others}; choose from {", ".join(able)}')
         for name, value, bound, unit in (
                 ('step', options.step, largest[0], 'degrees'),
                 ('slide', options.slide, largest[1], 'mm')):
