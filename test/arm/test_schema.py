@@ -115,7 +115,7 @@ def test_defaults() -> None:
     ('kinematics', {'urdf': 'nowhere.urdf'}, ['nowhere.urdf', 'check kinematics.urdf']),
     # positive, and no moment about an axis is too large; the principal ones are 1.9, 1 and 0.1
     ('payload', {'mass': 1.0, 'inertia': [1.0, 1.0, 1.0, 0.9, 0.0, 0.0]},
-     ['payload', 'no rigid body has such an inertia']),
+     ['payload', 'no rigid body has the principal moments of inertia']),
 ])
 def test_mistakes(path: str, value: Any, parts: list[str]) -> None:
     """Each mistake is refused with the key, what was found and what was expected."""

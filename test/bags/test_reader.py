@@ -129,7 +129,7 @@ def test_velocity_in_some_messages_is_not_used(tmp_path):
 def test_velocity_that_is_nan_throughout_is_absent(tmp_path):
     """joint_state_broadcaster fills interfaces that are not there with NaN."""
     bag = make_bag(tmp_path / 'b', joint_states(velocity=np.full((300, 2), np.nan)))
-    assert read_warned(bag, plain_arm(), 'NaN throughout for shoulder, elbow').dq is None
+    assert read_warned(bag, plain_arm(), 'shoulder, elbow in .* is always NaN').dq is None
 
 
 def test_streams_of_other_rates_are_interpolated(tmp_path):
@@ -208,7 +208,7 @@ def test_gap_splits_the_record(tmp_path):
     """Two seconds without messages make two segments; the warning says how long."""
     stamp = np.r_[times()[:100], times()[100:] + 2 * 10**9]
     bag = make_bag(tmp_path / 'b', joint_states(stamp))
-    found = read_warned(bag, plain_arm(), r'1 gap.* longest 2\.010 s, the first after 0\.990 s')
+    found = read_warned(bag, plain_arm(), r'1 gap.* longest 2\.010 s, first after 0\.990 s')
     assert found.segments == (slice(0, 100), slice(100, 300))
 
 
@@ -303,7 +303,7 @@ def test_other_joints_may_go_far(tmp_path, kind):
 
 
 @pytest.mark.parametrize(('factor', 'match'), [
-    (-1.0, 'opposite sign'), (2.0, '2 times the derivative'), (0.0, 'zero throughout')])
+    (-1.0, 'wrong sign'), (2.0, '2 times the derivative'), (0.0, 'always zero')])
 def test_velocities_that_contradict_positions_are_warned_of(tmp_path, factor, match):
     """Signs, factors, and velocities that nobody measures."""
     bag = make_bag(tmp_path / 'b', joint_states(velocity=factor * motion(times())[1]))

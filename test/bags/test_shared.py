@@ -44,7 +44,7 @@ REFUSED = {
     'derived_no_effort': 'neither efforts nor strains',
     'derived_one_message': 'too short: 1 usable',
     'derived_truncated_sqlite3': 'malformed',
-    'derived_zero_stamps': 'log times in /joint_states do not increase',
+    'derived_zero_stamps': 'messages on /joint_states were recorded do not increase',
     'rosbag2_empty_bag': 'record the joint states',
     'rosbag2_split_no_metadata_sqlite3': 'record the joint states',
 }

@@ -209,7 +209,7 @@ def test_a_mechanism_that_moves_nothing_is_refused(description, tmp_path, capsys
 @pytest.mark.parametrize(('options', 'words'), [
     (['--torque', 'sin(x)'], "'x'"), (['--torque', '1/t'], 'not finite at t = 0'),
     (['--torque', '1', '--dt', '0.05'], 'too large'),
-    (['--torque', '1', '--dt', '0'], '--dt must be above 0'),
+    (['--torque', '1', '--dt', '0'], '--dt 0.0: give a number above 0'),
     (['--torque', '1', '--hold', 'knee'], 'knee'), (['--modes', '0'], '--modes'),
     (['--torque', '1', '--picture', 'x.avi'], 'file that ends in .gif or .mp4'),
     (['--torque', '1', '--pictures', '--signals', 'q:knee'], 'no such signal'),

@@ -61,7 +61,7 @@ def test_what_the_delay_forbids(tmp_path: Path, capsys: Any) -> None:
 @pytest.mark.parametrize('more, cause', [
     (['--out', 'schedule.txt'], 'expected a file that ends in .yaml'),
     (['--out', 'schedule.yaml', '--damping-ratio', '2'], 'give 0.02 to 0.95'),
-    (['--out', 'schedule.yaml', '--payloads', '0.2', '0.1'], 'expected masses of 0 kg or more'),
+    (['--out', 'schedule.yaml', '--payloads', '0.2', '0.1'], '--payloads 0.2 0.1: give masses'),
     (['--out', 'schedule.yaml', '--picture', 'picture.bmp'], 'ends in .png or .svg or .pdf'),
     (['--out', 'schedule.yaml', '--model', 'nothing'], 'nothing')])
 def test_wrong_input(more: list[str], cause: str, capsys: Any) -> None:

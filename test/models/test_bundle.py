@@ -194,8 +194,8 @@ def _coefficient(**changes: Any) -> Callable[[dict[str, Any]], None]:
 
 
 @pytest.mark.parametrize(('change', 'message'), [
-    (lambda head: head.update(version=2), 'bundle version 2; this program reads version 1'),
-    (lambda head: head.update(format='other'), 'not a model bundle'),
+    (lambda head: head.update(version=2), 'format version 2, but this program reads version 1'),
+    (lambda head: head.update(format='other'), 'the file is no model'),
     (lambda head: head.pop('outputs'),
      'model.yaml: outputs: is missing; add it; fit the model again'),
     (lambda head: head.update(preprocessing={'rate': -1}), 'greater than 0'),
@@ -315,7 +315,7 @@ def test_urdf_outside(model: Path, saved: dict[str, bytes]) -> None:
     content = yaml.safe_load(saved['arm.yaml'])
     content['kinematics'] = {'urdf': '../../etc/passwd'}
     _replace_file(model, 'arm.yaml', yaml.safe_dump(content).encode())
-    with pytest.raises(ModelError, match='expected arm.urdf'):
+    with pytest.raises(ModelError, match='not arm.urdf'):
         load_bundle(model)
 
 
@@ -411,6 +411,6 @@ def test_chosen_friction_is_the_same_arm(tmp_path: Path) -> None:
     save_bundle(_bundle(chosen), tmp_path / 'model')
     loaded = load_bundle(tmp_path / 'model', arm=ARM)
     assert loaded.arm.joints[0].friction == ('viscous', 'coulomb', 'offset')
-    with pytest.raises(ModelError, match='the description that it was fitted to, or fit it ag'):
+    with pytest.raises(ModelError, match='the description that it was fitted with, or fit it ag'):
         load_bundle(tmp_path / 'model', arm=planar_arm(gauges=[gauge('g1', 'j1', 0.2),
                                                                gauge('g2', 'j2', 0.1)]))

@@ -200,7 +200,7 @@ class Assembly:
             raise BagError(msg, place=self.path)
         states = self.states(name)
         if not len(states.stamp):
-            raise BagError(f'no messages in {name}; record again with its driver', place=self.path)
+            raise BagError(f'no messages in {name}; start its driver and record', place=self.path)
         stream, index = self.select(states, plan.joints, 'position')
         if not len(index):
             found = sorted({name for block in states.blocks for name in block.layout.names})

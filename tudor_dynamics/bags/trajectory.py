@@ -151,8 +151,8 @@ class Trajectory(Shown):
         """Take some of the joints, in their own order; none may be missing or named twice."""
         missing = [name for name in joints if self.joints.count(name) != 1]
         if missing:
-            msg = (f'the trajectory has {"twice" if missing[0] in self.joints else "not"} the '
-                   f'joint {missing[0]!r}, but the joints {", ".join(self.joints)}')
+            msg = (f'joint {missing[0]!r} is {"twice" if missing[0] in self.joints else "missing"}'
+                   f' in the trajectory, which has the joints {", ".join(self.joints)}')
             raise SignalError(msg, remedy=f'give each of {", ".join(joints)} once')
         places = [self.joints.index(name) for name in joints]
         q, dq, ddq, effort = (None if values is None else values[:, places] for values in
@@ -187,7 +187,7 @@ def read_trajectory(path: Path) -> Trajectory:
             simplefilter('ignore', UserWarning)  # of a table without rows, which is refused below
             values = np.loadtxt(StringIO(body), delimiter=',', ndmin=2)
     except ValueError as err:
-        raise BagError(f'a row has no numbers ({err}); correct it', place=path) from None
+        raise BagError(f'a row is not all numbers ({err}); correct it', place=path) from None
     if values.shape[1:] != (len(columns),):
         msg = f'the table has the shape {values.shape}, but its first line names {len(columns)}'
         raise BagError(msg, place=path, remedy='give each row a number for each column')

@@ -186,7 +186,7 @@ def run(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     rigid, bundle = args.purpose == 'rigid', args.model and load_bundle(args.model, arm=arm)
     if not rigid:
-        check_efforts(arm)
+        check_efforts(arm, 'give --for rigid')
     target = target_of_model(bundle, arm) if bundle else target_of_arm(arm, _noise(args, arm))
     frequencies = bundle.tool.frequencies[:1] if bundle and bundle.tool else UNKNOWN
     motion_limits(arm)  # missing ones are named before shapes are read

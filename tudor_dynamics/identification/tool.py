@@ -117,13 +117,13 @@ def find_moves(
     return found
 
 
-def check_efforts(arm: Arm) -> None:
+def check_efforts(arm: Arm, without: str = 'leave vibration out of models=') -> None:
     """Refuse an arm whose rings have no size, before hours of work and not after."""
     unknown = [repr(joint.name) for joint in arm.joints if joint.effort.unit == 'A']
     if unknown:
         raise FitError(f'{arm.source}: efforts of {", ".join(unknown)} are in A, but the model of '
                        'vibration needs torques [N m] or forces [N]', remedy='record torques and '
-                       'set joints[].effort.unit to N m, or leave vibration out of models=')
+                       f'set joints[].effort.unit to N m, or {without}')
 
 
 def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> FlexibleTool:

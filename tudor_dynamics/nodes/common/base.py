@@ -461,7 +461,7 @@ class TudorNode(Node):
             message = f'{message}{ALSO}{self._unknown}'
         message, others = self.problems(message)
         if others:
-            message += f" ({len(others)} more, as 'problem 2' in the values on {DIAGNOSTICS})"
+            message += f' (1 of {len(others) + 1} problems; others in the values on {DIAGNOSTICS})'
         values = {**self.meter.report(), **more, **others}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,

@@ -195,7 +195,7 @@ class ModelNode(TudorNode):
 
     def _load(self) -> ModelBundle:
         if not self.source:
-            raise ModelError('the parameter model is empty; set it to what tudor fit wrote')
+            raise ModelError('the parameter model is empty; give the folder that tudor fit wrote')
         arm = None if self.bundle is None else self.bundle.arm
         return self.choose(load_bundle(self.source, arm=arm))
 
