@@ -269,11 +269,11 @@ def load_yaml(text: str | bytes) -> Any:
         mark = getattr(err, 'problem_mark', None)
         where = f' in line {mark.line + 1}' if mark else ''
         what = ' '.join(str(getattr(err, 'problem', None) or err).split())[:200]
-        msg = f'it is no valid YAML{where} ({what})'
+        msg = f'no valid YAML{where} ({what})'
     except RecursionError:
-        msg = f'it is no valid YAML (more than {MAX_DEPTH} levels)'
+        msg = f'no valid YAML (more than {MAX_DEPTH} levels)'
     except (OverflowError, TypeError, ValueError) as err:  # dates and numbers that are none
-        msg = f'it is no valid YAML ({" ".join(str(err).split())[:200]})'
+        msg = f'no valid YAML ({" ".join(str(err).split())[:200]})'
     raise YamlError(msg)
 
 

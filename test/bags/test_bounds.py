@@ -241,7 +241,7 @@ def test_metadata_without_end(tmp_path: Path, change: Callable[[str], str]) -> N
     metadata.write_text(change(metadata.read_text()))
     found = describe(bag)
     assert found.topics[0].count == 300
-    assert any('metadata.yaml cannot be used: no valid YAML' in text for text in found.odd)
+    assert any('metadata.yaml cannot be used (no valid YAML' in text for text in found.odd)
 
 
 @pytest.mark.parametrize(('key', 'value'), [

@@ -152,7 +152,7 @@ def test_without_room_for_the_index(
         write(bag, 5000, 30_000)
     assert numbers(tmp_path / 'b') == list(range(5000))
     assert main(['info', str(tmp_path / 'b')]) == 0
-    assert 'no metadata.yaml' in capsys.readouterr().out
+    assert 'metadata.yaml is missing' in capsys.readouterr().out
     assert [item.name for item in tmp_path.iterdir()] == ['b']
 
 

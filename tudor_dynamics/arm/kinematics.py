@@ -100,7 +100,7 @@ def parse(text: str, path: str) -> ElementTree.Element:
     for tag in ('link', 'joint'):
         count = sum(1 for _ in root.iter(tag))
         if count > MAX_LINKS:
-            raise ArmError(f'{path}: {count} {tag}s are more than {MAX_LINKS}; remove other parts')
+            raise ArmError(f'{path}: {count} {tag}s; at most {MAX_LINKS} are read: remove some')
     return root
 
 

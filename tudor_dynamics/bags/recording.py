@@ -348,7 +348,7 @@ def _check_velocity(
     elif not slides and _is_about(abs(ratio), 1 / DEGREES):
         return [f'velocity of {name} is {1 / ratio:.3g} times the derivative of its position']
     elif _is_about(ratio, -1.0):
-        notes.add(f'the velocity of {name} has the wrong sign; correct it in the driver')
+        notes.add(f'velocity of {name} has the opposite sign of its motion; correct the driver')
     elif not _is_about(ratio, 1.0):
         notes.add(f'the velocity of {name} is {1 / ratio:.3g} times the derivative of its '
                   f'position; publish velocities in {unit}/s')

@@ -246,7 +246,7 @@ def load_schedule(path: str | Path, arm: Arm | None = None) -> Schedule:
     except ValidationError as err:
         cause = f'the schedule is not valid, as {validation_message(err, add="")}'
     except ValueError as err:
-        cause = f'the schedule is not valid, as {err}'
+        cause = f'the schedule is not valid ({err})'
     else:
         schedule = Schedule(found, str(path))
         if arm is not None:
