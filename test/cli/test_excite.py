@@ -144,7 +144,7 @@ def test_walls_and_efforts(
     words = ['excite', str(arm), '--out', str(tmp_path / 'plan'), '--seconds', '14',
              '--steps', '6']
     assert main(words) == 2
-    assert 'nothing says where the arm may move; give --floor Z' in capsys.readouterr().err
+    assert 'no option says where the arm may move; give --floor Z' in capsys.readouterr().err
     assert main([*words, '--box', '1', '0', '0', '1', '0', '1']) == 2
     assert '--box 1 0 0 1 0 1: give XMIN XMAX YMIN' in capsys.readouterr().err
     assert main([*words, *walls]) == 0
@@ -193,7 +193,7 @@ def test_plans_that_are_none(root: Path, tmp_path: Path,
     record = ('record', '--arm', arm, '--out', str(tmp_path / 'r'), '--trajectory', str(folder))
     assert 'cannot be read' in refused(*record)
     (folder / 'trajectory.csv').write_text('t,a,a_velocity,a_acceleration\n0,0,0,0\n1,0,0,0\n')
-    assert "the trajectory has the joints ['a'], but arm 'tudor' has" in refused(*record)
+    assert "the trajectory has the joints a, but arm 'tudor' has" in refused(*record)
     head = 't,' + ','.join(f'{name}{end}' for name in ('joint3', 'joint2') for end in (
         '', '_velocity', '_acceleration'))
     (folder / 'trajectory.csv').write_text(f'{head}\n0,9,0,0,0,0,0\n1,9,0,0,0,0,0\n')

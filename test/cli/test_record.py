@@ -85,4 +85,4 @@ def test_an_arm_without_drives(root: Path, tmp_path: Path,
     code = main(['record', '--arm', str(root / 'config' / 'l_shape.yaml'), '--out',
                  str(tmp_path / 'out')])
     assert code == 2
-    assert 'there is no damper' in capsys.readouterr().err
+    assert 'the description has no key damper' in capsys.readouterr().err

@@ -224,7 +224,7 @@ def test_impossible_settings_are_refused(contents):
     """Steps, rho, names and shapes that cannot be meant get one line."""
     with pytest.raises(SimulationError, match='too large'):
         plant_of(contents['l_shape'], 0.05)
-    with pytest.raises(SimulationError, match='above 0 s'):
+    with pytest.raises(SimulationError, match='more than 0 s'):
         plant_of(contents['l_shape'], -1e-3)
     with pytest.raises(SimulationError, match='rho'):
         plant_of(contents['l_shape'], 1e-3, rho=1.5)

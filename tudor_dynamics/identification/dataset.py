@@ -436,7 +436,7 @@ def payload_range(
     unknown = [repr(str(bag.choice)) for bag in (*training, *test) if bag.payload is None]
     if unknown:
         raise UsageError(f'training bags have payloads of {min(masses):g} to {max(masses):g} kg, '
-                         f'but that of {", ".join(unknown)} is not known; state it (tudor fit '
+                         f'but that of bag {", ".join(unknown)} is not known; state it (tudor fit '
                          '--payload-of BAG=KG), or ignore all payloads (--ignore-payload)')
     return min(masses), max(masses)
 

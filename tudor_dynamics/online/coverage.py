@@ -54,8 +54,8 @@ class SensorHealth:
 
 
 MEANING = {
-    'settling': 'filters settle after the first message, or a pause, on {on}; wait some seconds; '
-                'if this lasts, look for pauses with `ros2 topic hz {on}`',
+    'settling': 'filters settle for some seconds after the first message, or a pause, on {on}; '
+                'wait, or, if this lasts, look for pauses with `ros2 topic hz {on}`',
     'gap': 'messages on {on} are lost; compare `ros2 topic hz` with the rate of the driver: if '
            'both are equal, this computer is too busy, otherwise the network loses messages',
     'not_finite': 'messages on {on} have NaN or infinite values; check the driver and its sensors',
