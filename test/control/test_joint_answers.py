@@ -298,7 +298,7 @@ def test_what_is_not_commanded_is_unclear() -> None:
     for k in range(300):
         record.positions(0.01 * k, AT)
         record.command(np.zeros(2))
-    assert record.judge().right is None and 'a move of only 0 deg in place of 0.5' in record.judge().text
+    assert record.judge().right is None and 'of only 0 deg in place of 0.5' in record.judge().text
 
 
 def test_gaps_are_left_out() -> None:

@@ -85,7 +85,7 @@ def test_columns_of_tables(tmp_path):
 @pytest.mark.parametrize(('text', 'match'), [
     ('t, a\n0, 1\n1, nan\n', 'point 2 of 2 have nan'),
     ('t, a\n0, 1\n0, 2\n', 'does not increase after point 1'),
-    ('t, c\n0, 1\n1, 2\n', r"it has 2 rows of c; give"),
+    ('t, c\n0, 1\n1, 2\n', 'it has 2 rows of c; give'),
     ('t, a\n0, 1\n', 'two rows'),
     ('0, 1\n1, 2\n', 'expected t, then each joint'), ('t, a\n', 'the table has the shape'),
     ('t, a\n0, x\n1, 2\n', 'not all numbers')])

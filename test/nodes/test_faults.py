@@ -98,7 +98,7 @@ def test_a_parameter_that_no_node_has(world: World, model: Path, recording) -> N
     assert 'fasle' not in status.message
     feed(world, recording, counter(node), last=60)
     world.status('monitor', lambda status: status.message == (
-        'the unknown parameter fasle_alarms_per_hour is ignored; '
+        'the unknown parameter fasle_alarms_per_hour is ignored '
         '(did you mean false_alarms_per_hour?)'))
 
 

@@ -143,7 +143,7 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
         "wrong joints: path_tolerance has the unknown joint 'wrist'"),
     'tolerance of a speed': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'velocity': 0.1}}, -1,
-        "goal_tolerance of 'joint2': only positions are checked"),
+        "goal_tolerance of 'joint2' has a velocity or acceleration, but"),
     'several degrees of freedom': (
         WAY, {'component_path_tolerance': []}, -2,
         'wrong joints: the arm has no multi-DOF joints'),

@@ -59,7 +59,7 @@ PROGRAM = 'import sys; from tudor_dynamics.nodes.joint_test import main; sys.exi
 TRUE = 'lambda x: x'
 LIES = {
     'swapped': ('lambda u: u[::-1]', TRUE,
-                "joint2: commands to this joint move 'joint3': correct the order"),
+                "joint2: commands to this joint move 'joint3'; correct the order"),
     'negated': ('lambda u: [u[0], -u[1]]', TRUE,
                 'joint3: the joint moves the other way, so a sign is wrong'),
     'a tenth': (TRUE, 'lambda q: [q[0], 0.7 + 0.1 * q[1], q[2]]',
@@ -71,7 +71,7 @@ def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line and exit code 2 for an arm without a damper, a foreign joint, a huge step."""
     tudor = str(root / 'config/tudor.yaml')
     for words, expected in (
-            (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no damper'),
+            (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no key damper'),
             (['--arm', tudor, '--joints', 'joint1'], "'joint1' is not an active joint"),
             (['--arm', tudor, '--step', '50'], 'up to 5 degrees')):
         assert main(['joint_test', *words]) == 2

@@ -346,6 +346,6 @@ def test_rivals_are_named(world: World, tudor: Path) -> None:
     status = generator.told()
     assert status.level == DiagnosticStatus.ERROR
     assert status.message == (
-        '/probe can also send references on /joint_reference: let only one node publish there')
+        '/probe can also send references on /joint_reference; let only one node publish there')
     for publisher in (second, rival):
         world.probe.destroy_publisher(publisher)

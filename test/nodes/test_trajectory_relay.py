@@ -124,7 +124,7 @@ def test_without_positions(world: World, root: Path) -> None:
     world.rest(0.4)
     chain.send(*MOVEIT)
     assert chain.relay.refused == (
-        'no joint positions arrive on joint_states: start the driver')
+        'no joint positions arrive on joint_states; start the driver')
 
 
 @pytest.mark.parametrize('newer', [False, True])
@@ -242,7 +242,7 @@ def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said:
     assert said in chain.relay.not_shaped and len(chain.controller.taken[1].points) == 1
     status = chain.told()
     assert status.level == DiagnosticStatus.WARN
-    assert status.message.startswith('trajectory passed on unshaped: ')
+    assert status.message.startswith('trajectory passed on unshaped, as ')
     chain.relay.set_parameters([Parameter('not_shaped', value='refuse')])
     chain.send(point(2.0, 2.1, 0.1))
     assert chain.relay.refused.startswith('it cannot be shaped, as ')

@@ -122,7 +122,8 @@ def test_round_trip(learned) -> None:
     for change, text in (
             ({'taps': [[[1.0]]]}, 'taps has the shape'), ({'channels': ['a']}, 'channels'),
             ({'tails': []}, 'tails has 0 entries'), ({'step': -1.0}, 'step must be above 0'),
-            ({'profile': 'no'}, 'profile must'), ({'profile': [[1.0], [1.0, 2.0]]}, 'inhomogeneous'),
+            ({'profile': 'no'}, 'profile must'),
+            ({'profile': [[1.0], [1.0, 2.0]]}, 'inhomogeneous'),
             ({'taps': [[[float('nan')]]]}, 'taps.0..0..0. must be a finite number')):
         with pytest.raises(ModelError, match=f'{text}.*; fit the model again'):
             thresholds_from_dict({**content, **change}, CHANNELS, 2)

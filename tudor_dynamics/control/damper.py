@@ -162,7 +162,7 @@ MEANING = {
     Status.DAMPING: 'damps',
     Status.STARTING: f'damping is off until the strain is valid for {settings.RECOVERY_TIME:g} s',
     Status.SATURATED: 'damping is off while the joint is at a limit of current, speed or position',
-    Status.MISSING: 'damping is off, as its strain is absent or NaN; check gauge and driver',
+    Status.MISSING: 'damping is off, as strain is absent or not finite; check gauge and driver',
     Status.STALE: 'damping is off, as no new strain arrives; check the driver of the gauge',
     Status.STUCK: 'damping is off, as the strain does not change; check gauge and amplifier',
     Status.IMPLAUSIBLE: 'damping is off, as the strain jumped, or is beyond '
