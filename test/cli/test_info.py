@@ -109,4 +109,4 @@ def test_bag_without_joints_is_described(tmp_path, capsys):
     """Nothing to learn from is no error."""
     write_bag(tmp_path / 'bag', [])
     assert main(['info', str(tmp_path / 'bag')]) == 0
-    assert 'use: nothing: the bag has no joint positions' in capsys.readouterr().out
+    assert 'use: nothing, as the bag has no joint positions' in capsys.readouterr().out

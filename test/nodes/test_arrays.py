@@ -107,7 +107,7 @@ def test_who_does_not_take_them_says_so(world: World, arrays: Path) -> None:
     for joint in content['joints']:
         joint['effort'] |= {'topic': 'dynamic_joint_states', 'interface': 'current'}
     (arrays / 'other.yaml').write_text(yaml.safe_dump(content))
-    with pytest.raises(ArmError, match='as DynamicJointState; a node supports only'):
+    with pytest.raises(ArmError, match='as DynamicJointState, but a node supports only'):
         refuse_interfaces(load_arm(arrays / 'other.yaml'), 'a node', arrays=True)
 
 

@@ -182,12 +182,12 @@ def _topic_report(states: DecodedTopic) -> TopicReport:
 def _verdict(bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources | None) -> dict[str, Any]:
     nothing = {'effort_model': False, 'strain_model': False}
     if plan is None:
-        return nothing | {'verdict': 'nothing: the bag has no joint positions: record '
-                          'joint_states'}
+        return nothing | {'verdict': 'nothing, as the bag has no joint positions; '
+                          'record joint_states'}
     try:
         found = assemble(bag, topics, plan, need_output=True, need_motion=True, checksum=False)
     except BagError as err:
-        return nothing | {'verdict': f'nothing: {err.advice}'}
+        return nothing | {'verdict': f'nothing, as {err.advice}'}
     models = [name for name, values in (('effort', found.effort), ('strain', found.strain))
               if values is not None]
     lacking = {'effort': '; no efforts', 'strain': '; no strains'}
