@@ -364,8 +364,8 @@ class MotionWatch:
         """Say what a joint means that moves by a part, or a multiple, of what is commanded."""
         if -2.0 * settings.STANDS < ratio < settings.STANDS:  # held against its load it gives way
             return (f'the joint does not move although it is commanded ({ratio:.2g} of the way); '
-                    'check its encoder (frozen, slips), its brake, and whether its driver takes '
-                    'the commands, in rad')
+                    'check its encoder (frozen, slips), its brake, and that its driver takes '
+                    'commands, in rad and not in degrees')
         if ratio < 0.0:
             return (f'the joint moves against its commands, {-ratio:.2g} times as far; correct '
                     'sign and scale of commands or encoder in its driver')
