@@ -72,7 +72,7 @@ KEYS_OF_NOTES = {
     r'velocity of .* opposite sign': 'velocity_sign',
     r'velocity of .* times the derivative': 'velocity_scale',
     r'velocity of .* does not follow': 'velocity_unlike',
-    r'velocity of .* is zero throughout': 'velocity_zeros',
+    r'velocity of .* is always zero': 'velocity_zeros',
     r'does not move|no joint moves': 'standing',
     r'beyond|check the units|in rad, not in degrees': 'degrees',
     r'clock|set back': 'clock_set_back',

@@ -62,14 +62,14 @@ class HarmonicModel(MemorylessModel):
     def predict(self, motion: FloatArray) -> FloatArray:
         """Predict the outputs."""
         if self.weights_ is None:
-            msg = 'the harmonic model has no weights yet: call fit, or load a bundle'
+            msg = 'the harmonic model has no weights yet; fit it, or load one'
             raise NotFittedError(msg)
         return np.asarray(features(motion) @ self.weights_)
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
         """Give the channels as plain values, and the weights as an array."""
         if self.weights_ is None:
-            msg = 'the harmonic model has no weights yet: fit it before saving it'
+            msg = 'the harmonic model has no weights yet; fit it, then save it'
             raise NotFittedError(msg)
         return {'channels': list(self.channels), 'weights': self.weights_}
 

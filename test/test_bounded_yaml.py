@@ -39,7 +39,7 @@ def bomb(item: str, levels: int = 9) -> str:
     ('[' * 900, 'more than 50 levels'),
     ('[' * 100_000, 'more than 50 levels|maximum nesting depth'),  # of libyaml, if newer
     ('- ' * 100_000, 'more than 50 levels'),
-    ('a: ' + '1:' * 500_000 + '1', 'in line 1: a number of more than 400 characters'),
+    ('a: ' + '1:' * 500_000 + '1', 'in line 1 .a number of more than 400 characters'),
     ('a: ' + '9' * 500_000, 'a number of more than 400 characters'),
     ('{' + ', '.join(f'{i * (2**61 - 1)}: 1' for i in range(80_000)) + '}', '1000 integers of'),
     ('&a [*a]', 'has no anchor before it, or is inside it'),

@@ -105,6 +105,10 @@ RULES = {
     'a pronoun without a noun': Rule(
         pattern(r'(?:^|[:;] )(?:it|they|them|this|that)(?:, or| or|$)'),
         error('cannot be written; it, or a folder of it, is a file')),
+    'a term of the code': Rule(
+        lambda message: re.search(r'\bbundles?\b|mass matrix|base parameters',
+                                  re.sub(r'\{[^{}]*\}', '', message.text)),
+        error('the bundle has no model of this kind; give another')),
     'a negation of a negation': Rule(
         pattern(r'\b(?:not|cannot|never) (?:\w+ )?(?:unless|without|un(?:known|able|set))\b'),
         error('the bag is not unknown; the joint cannot move unless tested')),

@@ -64,14 +64,14 @@ def forget_output() -> None:
 def meant(word: str, known: Iterable[str]) -> str:
     """Ask for the known word that is most like a wrong one; empty if none is."""
     close = difflib.get_close_matches(word, list(known), 1, 0.7)
-    return f'; did you mean {close[0]}?' if close else ''
+    return f' (did you mean {close[0]}?)' if close else ''
 
 
 def remedy_of(err: BaseException) -> str:
     """Say what to do about a file or folder that cannot be opened, read or written."""
     return {errno.EINVAL: 'give another file', errno.EISDIR: 'give a file',
-            errno.ENOSPC: 'free some space', errno.EACCES: 'check the rights',
-            errno.EEXIST: 'a file has the name of a folder that is needed; give another path',
+            errno.ENOSPC: 'free some space', errno.EACCES: 'give yourself the right to do this, '
+            'or another path', errno.EEXIST: 'give another path',
             }.get(getattr(err, 'errno', None) or 0, 'check path, rights and disk')
 
 
@@ -175,11 +175,11 @@ def check_budget(what: str, steps: float, each: float = 8.0,
                  remedy: str = 'lower seconds=, or raise dt=') -> None:
     """Refuse a run that nobody could wait for, or no memory holds: each [bytes a step]."""
     if not (steps <= MAX_STEPS and steps * each <= MAX_BYTES):
-        over = (f'{steps:.3g} steps, more than the limit of {MAX_STEPS:g}'
-                if not steps <= MAX_STEPS else
-                f'{steps:.3g} steps need {1e-9 * steps * each:.1f} GB, more than the limit of '
+        over = (f'{1e-6 * steps:.3g} million steps, more than the limit of {1e-6 * MAX_STEPS:g} '
+                'million' if not steps <= MAX_STEPS else
+                f'{1e-9 * steps * each:.1f} GB of memory, more than the limit of '
                 f'{1e-9 * MAX_BYTES:g} GB')
-        raise UsageError(f'{what}: {over}', remedy=remedy)
+        raise UsageError(f'{what} needs {over}', remedy=remedy)
 
 
 class TudorWarning(UserWarning):

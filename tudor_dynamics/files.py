@@ -49,9 +49,9 @@ import yaml
 
 def _check_regular(status: os.stat_result, path: Path) -> None:
     if stat.S_ISDIR(status.st_mode):
-        raise OSError(errno.EISDIR, 'is a directory', str(path))
+        raise OSError(errno.EISDIR, 'it is a directory', str(path))
     if not stat.S_ISREG(status.st_mode):
-        raise OSError(errno.EINVAL, 'is a device, pipe or socket, not a regular file', str(path))
+        raise OSError(errno.EINVAL, 'it is a device, pipe or socket, not a file', str(path))
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -119,7 +119,8 @@ def whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
         yield folder / path.name
         _put(folder / path.name, _replaceable(path), replace)
     except OSError as err:  # a full disk does not say of itself which file it was
-        raise OSError(err.errno, err.strerror or str(err), str(path)) from None
+        cause = FOLDER if err.errno == errno.EEXIST else err.strerror or str(err)
+        raise OSError(err.errno, cause, str(path)) from None
     finally:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
@@ -151,6 +152,7 @@ def _put(new: Path, path: Path, replace: bool) -> None:
     shutil.rmtree(aside, ignore_errors=True)
 
 
+FOLDER = 'a file has the name of a folder that is needed'
 SIGNATURE = 'made by tudor_dynamics'
 """What pages, pictures and bug reports hold, so that the next one may take their place."""
 MAX_DRAWN = 1 << 26  # bytes; larger files are not looked through (a report of two bags: 5 MB)
@@ -176,7 +178,7 @@ def check_target(
         raise kind('exists already', place=path,
                    remedy=remedy if overwrite is None else f'{remedy}, or add overwrite=')
     if mark and not (path / mark).is_file() or not mark and path.is_dir():
-        raise kind('exists already and was not written by this command, so it is kept',
+        raise kind('exists already, but was not written by this command, so it is kept',
                    place=path, remedy=remedy)
     return path
 
@@ -267,11 +269,11 @@ def load_yaml(text: str | bytes) -> Any:
         mark = getattr(err, 'problem_mark', None)
         where = f' in line {mark.line + 1}' if mark else ''
         what = ' '.join(str(getattr(err, 'problem', None) or err).split())[:200]
-        msg = f'no valid YAML{where}: {what}'
+        msg = f'no valid YAML{where} ({what})'
     except RecursionError:
-        msg = f'no valid YAML: more than {MAX_DEPTH} levels'
+        msg = f'no valid YAML (more than {MAX_DEPTH} levels)'
     except (OverflowError, TypeError, ValueError) as err:  # dates and numbers that are none
-        msg = f'no valid YAML: {" ".join(str(err).split())[:200]}'
+        msg = f'no valid YAML ({" ".join(str(err).split())[:200]})'
     raise YamlError(msg)
 
 

@@ -215,7 +215,7 @@ def test_axis_of_any_joint(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('text', 'expected'), [
     ('<robot', 'no valid XML .*; for xacro files run xacro first'),
-    ('<robot name="r"/>', 'Pinocchio builds no model from this URDF'),
+    ('<robot name="r"/>', 'Pinocchio cannot read this URDF'),
     (URDF.format(kind='floating'), "joint 'turn' is floating, but only revolute, "),
     (URDF.format(kind='planar'), "joint 'turn' is planar, but only revolute, "),
     (URDF.format(kind='screw'), 'r.urdf: '),

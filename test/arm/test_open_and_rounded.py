@@ -61,7 +61,7 @@ def test_notes_say_what_was_changed() -> None:
 def test_rounded_tables_are_those_of_the_drawing(tmp_path: Path) -> None:
     """A table with 1.5708 has the base parameters of the exact one, and a warning says so."""
     (tmp_path / 'arm.yaml').write_text(ROUNDED)
-    with pytest.warns(TudorWarning, match=r'arm.yaml: angles .* alpha of row 1 1.5708 to 1.5707'):
+    with pytest.warns(TudorWarning, match=r'rounded angles .* .alpha of row 1 1.5708 to 1.5707'):
         arm = load_arm(tmp_path / 'arm.yaml')
     exactly = ROUNDED.replace('1.5708', repr(math.pi / 2)).replace('0.7853', repr(math.pi / 4))
     (tmp_path / 'arm.yaml').write_text(exactly)

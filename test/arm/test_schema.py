@@ -67,38 +67,38 @@ def test_defaults() -> None:
 
 
 @pytest.mark.parametrize(('path', 'value', 'parts'), [
-    ('jionts', [], ['jionts', 'unknown key; correct or remove it']),
-    ('joints.0.limts', {}, ['joints.0.limts', 'unknown key; correct or remove it']),
-    ('gauges.0.xs', 0.1, ['gauges.0.xs', 'unknown key, found 0.1; correct or remove it']),
-    ('joints.0.name', '', ['joints.0.name', 'at least 1 character']),
+    ('jionts', [], ['jionts', 'is an unknown key; correct or remove it']),
+    ('joints.0.limts', {}, ['joints[0].limts', 'is an unknown key; correct or remove it']),
+    ('gauges.0.xs', 0.1, ['gauges[0].xs', 'is an unknown key; correct or remove it']),
+    ('joints.0.name', '', ['joints[0].name', 'at least 1 character']),
     ('joints', [], ['joints', 'at least 1 item']),
-    ('joints.0.effort', {'unit': 'mA'}, ['joints.0.effort.unit', "'A', 'N m' or 'N'", "'mA'"]),
+    ('joints.0.effort', {'unit': 'mA'}, ['joints[0].effort.unit', "'A', 'N m' or 'N'", "'mA'"]),
     ('joints.0.effort', {'unit': 'N m', 'torque_constant': 1.0},
-     ['joints.0.effort', 'torque_constant needs unit: A, but unit is N m']),
+     ['joints[0].effort', 'torque_constant needs unit: A, but unit is N m']),
     ('joints.0.effort', {'unit': 'A', 'torque_constant': -1.0},
-     ['joints.0.effort.torque_constant', 'greater than 0', '-1.0']),
-    ('joints.0.type', 'spherical', ['joints.0.type', "'revolute', 'continuous' or 'prismatic'"]),
+     ['joints[0].effort.torque_constant', 'above 0', '-1.0']),
+    ('joints.0.type', 'spherical', ['joints[0].type', "'revolute', 'continuous' or 'prismatic'"]),
     ('joints.0.friction', ['viscous', 'viscous'],
-     ['joints.0.friction', 'has an entry twice; list each once']),
-    ('joints.0.friction', ['dry'], ['joints.0.friction.0', "'viscous'", "'dry'"]),
+     ['joints[0].friction', 'has an entry twice; list each once']),
+    ('joints.0.friction', ['dry'], ['joints[0].friction[0]', "'viscous'", "'dry'"]),
     ('joints.0.limits', {'lower': 1.0, 'upper': 0.5},
-     ['joints.0.limits', 'lower 1.0 is not below upper 0.5']),
-    ('joints.0.limits', {'velocity': 0.0}, ['joints.0.limits.velocity', 'greater than 0']),
-    ('joints.0.hold', float('nan'), ['joints.0.hold', 'finite number', 'nan']),
+     ['joints[0].limits', 'lower 1.0 is not below upper 0.5']),
+    ('joints.0.limits', {'velocity': 0.0}, ['joints[0].limits.velocity', 'above 0']),
+    ('joints.0.hold', float('nan'), ['joints[0].hold', 'finite number', 'nan']),
     ('joints.1.name', 'one', ["arm.yaml: joint 'one' has two entries"]),
-    ('gravity', [0.0, -9.81], ['gravity.2', 'is missing; add it']),
-    ('gravity', [0.0, 0.0, float('inf')], ['gravity.2', 'finite number', 'inf']),
-    ('gravity', [0.0, 0.0, -1e300], ['gravity.2', 'greater than or equal to', '-1e+300']),
+    ('gravity', [0.0, -9.81], ['gravity[2]', 'is missing; add it']),
+    ('gravity', [0.0, 0.0, float('inf')], ['gravity[2]', 'finite number', 'inf']),
+    ('gravity', [0.0, 0.0, -1e300], ['gravity[2]', 'at least', '-1e+300']),
     ('active_joints', ['three'],
      ["active joint 'three' is not a joint; use one of one, two"]),
     ('active_joints', ['two', 'two'], ["active joint 'two' has two entries"]),
     ('active_joints', [], ['active_joints is empty', 'name at least one joint']),
     ('gauges.0.joint', 'three',
      ["gauge 'hub' names the joint 'three'", 'not among the joints one, two']),
-    ('gauges.0.distance', -0.1, ['gauges.0.distance', 'greater than or equal to 0', '-0.1']),
-    ('gauges.0.unit', 'kg', ['gauges.0.unit', "'um/m'", "'kg'"]),
-    ('gauges.0.axis', [0.0, 0.0, 0.0], ['gauges.0.axis', 'length 0', 'give x, y, z']),
-    ('gauges.0.direction', 'w', ['gauges.0.direction', "'x', 'y' or 'z'", "'w'"]),
+    ('gauges.0.distance', -0.1, ['gauges[0].distance', 'at least 0', '-0.1']),
+    ('gauges.0.unit', 'kg', ['gauges[0].unit', "'um/m'", "'kg'"]),
+    ('gauges.0.axis', [0.0, 0.0, 0.0], ['gauges[0].axis', 'length 0', 'give x, y, z']),
+    ('gauges.0.direction', 'w', ['gauges[0].direction', "'x', 'y' or 'z'", "'w'"]),
     ('kinematics', {}, ['kinematics', 'give either urdf: FILE or dh:']),
     ('kinematics', {'urdf': 'a.urdf', 'dh': []}, ['kinematics', 'give either urdf: FILE or dh:']),
     ('kinematics', {'dh': [[0.0, 0.0, 0.0, 0.0]]},
@@ -111,11 +111,11 @@ def test_defaults() -> None:
      ['kinematics.convention', "'standard' or 'modified'", "'craig'"]),
     ('kinematics', {'urdf': 'a.urdf', 'convention': 'modified'},
      ['kinematics', 'remove it, or give dh, not urdf']),
-    ('kinematics.dh.0', [0.0, 0.0, 0.0], ['kinematics.dh.0.3', 'is missing; add it']),
+    ('kinematics.dh.0', [0.0, 0.0, 0.0], ['kinematics.dh[0][3]', 'is missing; add it']),
     ('kinematics', {'urdf': 'nowhere.urdf'}, ['nowhere.urdf', 'check kinematics.urdf']),
     # positive, and no moment about an axis is too large; the principal ones are 1.9, 1 and 0.1
     ('payload', {'mass': 1.0, 'inertia': [1.0, 1.0, 1.0, 0.9, 0.0, 0.0]},
-     ['payload', 'no rigid body has such an inertia']),
+     ['payload', 'no rigid body has the principal moments of inertia']),
 ])
 def test_mistakes(path: str, value: Any, parts: list[str]) -> None:
     """Each mistake is refused with the key, what was found and what was expected."""
@@ -140,8 +140,8 @@ def test_several_mistakes_at_once() -> None:
     content = changed('gauges.0.distance', 'far')
     del content['name']
     message = refusal(content)
-    assert 'name: is missing; add it' in message
-    assert 'gauges.0.distance: must be a valid number' in message
+    assert 'name is missing; add it' in message
+    assert 'gauges[0].distance must be a valid number' in message
     assert "found 'far'" in message
 
 

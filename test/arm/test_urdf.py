@@ -125,7 +125,7 @@ def test_refused(text: str, cause: str, capfd: pytest.CaptureFixture[str]) -> No
 
 
 @pytest.mark.parametrize(('path', 'cause'), [
-    ('/dev/zero', 'is a device, .*not a regular file'), ('.', 'is a directory'),
+    ('/dev/zero', 'it is a device, .*not a file'), ('.', 'it is a directory'),
     ('gone', 'No such file or directory')])
 def test_what_is_no_file(path: str, cause: str) -> None:
     """Devices are not read."""

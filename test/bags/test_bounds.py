@@ -187,7 +187,7 @@ def test_file_that_is_listed_twice(tmp_path: Path) -> None:
     content['rosbag2_bagfile_information']['relative_file_paths'] *= 2
     metadata.write_text(yaml.safe_dump(content))
     found = describe(bag)
-    assert found.odd == ['metadata.yaml lists a file twice; read once']
+    assert found.odd == ['metadata.yaml lists a file twice, which is read once']
     assert found.topics[0].count == 300
 
 
@@ -241,7 +241,7 @@ def test_metadata_without_end(tmp_path: Path, change: Callable[[str], str]) -> N
     metadata.write_text(change(metadata.read_text()))
     found = describe(bag)
     assert found.topics[0].count == 300
-    assert any('metadata.yaml cannot be used: no valid YAML' in text for text in found.odd)
+    assert any('metadata.yaml cannot be used (no valid YAML' in text for text in found.odd)
 
 
 @pytest.mark.parametrize(('key', 'value'), [
@@ -277,7 +277,7 @@ def test_more_messages_announced_than_found(tmp_path: Path) -> None:
     metadata = bag / 'metadata.yaml'
     metadata.write_text(metadata.read_text().replace('message_count: 300', 'message_count: 400'))
     odd = ' '.join(describe(bag).odd)
-    assert '/joint_states: the bag lists 400 messages, but has 300; these are used' in odd
+    assert 'the bag lists 400 messages on /joint_states, but has 300, which are used' in odd
 
 
 def test_number_of_names() -> None:

@@ -70,7 +70,7 @@ def arm(**effort: object) -> object:
 def test_values_are_found_by_place_and_interface(tmp_path: Path, plugin: StoragePlugin) -> None:
     """Whatever the order in the messages; arrays get the log times less the usual delay."""
     bag = write(tmp_path / 'bag', positions(), tensions(), interfaces(), plugin=plugin)
-    with pytest.warns(TudorWarning, match='on /bridge have no stamp; .* less 3 ms, the usual'):
+    with pytest.warns(TudorWarning, match='on /bridge have no stamp, .* minus 3 ms for the usual'):
         found = read_recording(bag, arm())
     q, _ = motion(found.stamp)
     assert found.effort == pytest.approx(q * [2.0, 3.0])

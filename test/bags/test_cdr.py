@@ -102,7 +102,7 @@ def test_damaged_messages_are_refused_or_decoded(raw, data):
             for field in FIELDS:
                 block.values(field)
     except BagError as err:
-        assert 'message 0' in str(err)
+        assert 'message 1 of 1' in str(err)
 
 
 def test_garbage_in_padding_is_no_layout():
@@ -153,7 +153,7 @@ def test_wrenches_decode_to_themselves():
 
 
 @pytest.mark.parametrize(('changes', 'match'), [
-    ({'effort': np.zeros((3, 2))}, r'shape \(3, 2\), expected \(300, 2\)'),
+    ({'effort': np.zeros((3, 2))}, r'shape \(3, 2\), not \(300, 2\)'),
     ({'stamp': times() - 2 * 10**18}, 'stamps from -'),
 ])
 def test_signals_that_do_not_fit_are_refused(changes, match):

@@ -120,7 +120,7 @@ def other_log_time(items: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
     (lambda c: changed_records(c, other_log_time), 'a log time out of range'),
     (lambda c: changed_records(c, lambda r: [*r, (0x05, b'x')]), 'leaves its chunk|cut short'),
     (lambda c: mcap.change_chunks(c, lambda how, raw: (how, raw + b'\x05')), 'cut short'),
-    (lambda c: c[:-37] + b'\0' * 29 + mcap.MAGIC, 'no MCAP footer'),
+    (lambda c: c[:-37] + b'\0' * 29 + mcap.MAGIC, 'does not end as MCAP'),
     (lambda c: c.replace(b'ros2', b'ros1', 1), 'no MCAP file of ROS 2'),
 ])
 def test_what_contradicts_itself_is_refused(

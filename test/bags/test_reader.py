@@ -129,7 +129,7 @@ def test_velocity_in_some_messages_is_not_used(tmp_path):
 def test_velocity_that_is_nan_throughout_is_absent(tmp_path):
     """joint_state_broadcaster fills interfaces that are not there with NaN."""
     bag = make_bag(tmp_path / 'b', joint_states(velocity=np.full((300, 2), np.nan)))
-    assert read_warned(bag, plain_arm(), 'NaN throughout for shoulder, elbow').dq is None
+    assert read_warned(bag, plain_arm(), 'shoulder, elbow in .* is always NaN').dq is None
 
 
 def test_streams_of_other_rates_are_interpolated(tmp_path):
@@ -179,7 +179,7 @@ def test_duplicate_and_backward_stamps_are_dropped(tmp_path):
 def test_stamps_that_stand_still_are_refused(tmp_path):
     """A frozen clock is no recording."""
     write_raw(tmp_path / 'b', times(), encode(joint_states(np.full(300, START))).data)
-    with pytest.raises(BagError, match='do not increase .299 duplicate'):
+    with pytest.raises(BagError, match='of 300 stamps of position in /joint_states, 299 repeat'):
         read_recording(tmp_path / 'b', plain_arm())
 
 
@@ -188,7 +188,7 @@ def test_log_times_replace_stamps_that_are_not_set(tmp_path):
     data = encode(joint_states(position=motion(times())[0], stamp=np.zeros(300, np.int64),
                                velocity=motion(times())[1], effort=None)).data
     write_raw(tmp_path / 'b', times(), data)
-    found = read_warned(tmp_path / 'b', plain_arm(), 'log times are used')
+    found = read_warned(tmp_path / 'b', plain_arm(), 'stamps on /joint_states are zero, so')
     np.testing.assert_array_equal(found.stamp, times())
     write_raw(tmp_path / 'c', np.zeros(300, np.int64), data)
     with pytest.raises(BagError, match=r'set header\.stamp'):
@@ -208,7 +208,7 @@ def test_gap_splits_the_record(tmp_path):
     """Two seconds without messages make two segments; the warning says how long."""
     stamp = np.r_[times()[:100], times()[100:] + 2 * 10**9]
     bag = make_bag(tmp_path / 'b', joint_states(stamp))
-    found = read_warned(bag, plain_arm(), r'1 gap.* longest 2\.010 s, the first after 0\.990 s')
+    found = read_warned(bag, plain_arm(), r'1 gap.*longest 2\.010 s, first after 0\.990 s')
     assert found.segments == (slice(0, 100), slice(100, 300))
 
 
@@ -227,7 +227,7 @@ def test_few_samples_that_are_not_finite_are_left_out(tmp_path, value):
     series = joint_states()
     series.values['effort'][100:103, 1] = value
     found = read_warned(make_bag(tmp_path / 'b', series), plain_arm(),
-                        r"'elbow' in 3 of 300 samples .* the first after 1\.000 s")
+                        r"'elbow' .in 3 of 300 samples.*, first after 1\.000 s")
     assert found.dropped == {'not_finite': 3}
     assert len(found.stamp) == 297 and np.isfinite(found.effort).all()
     assert not np.isin(times()[100:103], found.stamp).any()
@@ -238,7 +238,7 @@ def test_channel_of_nan_is_refused(tmp_path, field):
     """A joint that is never measured cannot be left out silently."""
     series = joint_states()
     series.values[field][:, 1] = np.nan
-    with pytest.raises(BagError, match=f"{field} in /joint_states: 'elbow' in 300 of 300"):
+    with pytest.raises(BagError, match=f"{field} in /joint_states is .* 'elbow' .in 300 of 300"):
         read_recording(make_bag(tmp_path / 'b', series), plain_arm())
 
 
@@ -253,8 +253,8 @@ def test_arrays_of_another_length_than_names_are_refused(tmp_path, field, extra)
         setattr(message, field, np.ones(2 + extra))
         data[index] = bytes(store.serialize_cdr(message, kind))
     write_raw(tmp_path / 'b', times(), data)
-    with pytest.raises(BagError, match=f'/joint_states, message 120: {field} has {2 + extra} '
-                                       'values for 2 names'):
+    with pytest.raises(BagError, match=f'message 121 on /joint_states has {2 + extra} '
+                                       f'values in {field}, but 2 names'):
         read_recording(tmp_path / 'b', plain_arm())
 
 
@@ -303,7 +303,7 @@ def test_other_joints_may_go_far(tmp_path, kind):
 
 
 @pytest.mark.parametrize(('factor', 'match'), [
-    (-1.0, 'opposite sign'), (2.0, '2 times the derivative'), (0.0, 'zero throughout')])
+    (-1.0, 'opposite sign'), (2.0, '2 times the derivative'), (0.0, 'always zero')])
 def test_velocities_that_contradict_positions_are_warned_of(tmp_path, factor, match):
     """Signs, factors, and velocities that nobody measures."""
     bag = make_bag(tmp_path / 'b', joint_states(velocity=factor * motion(times())[1]))
@@ -338,8 +338,8 @@ def test_missing_joint_is_refused_with_both_lists(tmp_path):
     bag = make_bag(tmp_path / 'b', joint_states(names=('shoulder', 'elbo')))
     with pytest.raises(BagError) as caught:
         read_recording(bag, plain_arm())
-    assert 'it has elbo, shoulder, the' in str(caught.value)
-    assert 'names shoulder, elbow: ' in str(caught.value)
+    assert 'which has elbo, shoulder; the' in str(caught.value)
+    assert 'names shoulder, elbow, so' in str(caught.value)
 
 
 def wrenches(topic, force):

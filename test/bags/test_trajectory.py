@@ -76,12 +76,12 @@ def test_message_as_others_read_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(('text', 'said'), [
     ('time,a\n0,1\n1,1\n', 'expected t, then each joint once'), ('', 'expected t, then'),
     ('t\n0\n1\n', 'expected t, then'), ('t,a,a\n0,1,1\n1,1,1\n', 'expected t, then'),
-    ('t,a,b,a_velocity\n0,1,1,1\n1,1,1,1\n', 'not for all joints'),
+    ('t,a,b,a_velocity\n0,1,1,1\n1,1,1,1\n', 'not one for each'),
     ('t,a,a_acceleration\n0,1,1\n1,1,1\n', 'accelerations without velocities'),
     ('t,a,a_velocity,a_acceleration\n0,1,0,0\n0,1,0,0\n', 'time does not increase'),
-    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n1,nan,0,0\n', 'found nan'),
+    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n1,nan,0,0\n', 'point 2 of 2 have nan'),
     ('t,a,a_velocity,a_acceleration\n0,1,0,x\n1,1,0,0\n', 'is not all numbers'),
-    ('t,a\n0,1,2\n', 'rows of 2 numbers'),
+    ('t,a\n0,1,2\n', 'its first line names 2'),
     ('t,a,a_velocity,a_acceleration,a,a_velocity,a_acceleration\n', 'expected t')])
 def test_what_is_no_table(text: str, said: str, tmp_path: Path) -> None:
     """Each is refused with what is wrong, and the name of the file."""
@@ -97,8 +97,8 @@ def test_what_is_no_table(text: str, said: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(('rows', 'said'), [
     (('0,1', 'inf,1', 'inf,2'), 'time does not increase after point 1'),
     (('0,1', '1e-300,2', '1,3'), 'time does not increase after point 1'),
-    (('0,1', '1,1e300'), 'positions of point 2: found 1e.300'),
-    ((), 'found a table of shape')])
+    (('0,1', '1,1e300'), 'positions of point 2 of 2 have 1e.300'),
+    ((), 'the table has the shape')])
 @pytest.mark.filterwarnings('error')
 def test_numbers_that_nobody_can_square(
     rows: tuple[str, ...], said: str, tmp_path: Path,

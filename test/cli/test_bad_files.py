@@ -139,9 +139,9 @@ CASES: dict[str, tuple[Make, str]] = {
     'device for a bag': (lambda p: ['info', '/dev/zero'], 'not a bag'),
     'device for a table': (
         lambda p: ['simulate', 'config/single_flexible_link.yaml', '--json', '--motion',
-                   '/dev/zero'], 'not a regular file'),
-    'pipe for an arm': (lambda p: simulate(pipe(p / 'a.yaml')), 'not a regular file'),
-    'device for an arm': (lambda p: simulate(Path('/dev/zero')), 'not a regular file'),
+                   '/dev/zero'], 'pipe or socket, not a file'),
+    'pipe for an arm': (lambda p: simulate(pipe(p / 'a.yaml')), 'pipe or socket, not a file'),
+    'device for an arm': (lambda p: simulate(Path('/dev/zero')), 'pipe or socket, not a file'),
     'references': (lambda p: simulate(written(p / 'a.yaml', references('[1]', '[{}]'))),
                    'more than 300000 values'),
     'merge keys': (
@@ -151,15 +151,15 @@ CASES: dict[str, tuple[Make, str]] = {
                'a number of more than'),
     'depth': (lambda p: simulate(written(p / 'a.yaml', '- ' * 300_000)), 'more than 50 levels'),
     'device for a URDF': (lambda p: simulate(with_urdf(p / 'a.yaml', '/dev/zero')),
-                          'not a regular file'),
+                          'pipe or socket, not a file'),
     'pipe for a URDF': (lambda p: simulate(with_urdf(p / 'a.yaml', str(pipe(p / 'a.urdf')))),
-                        'not a regular file'),
+                        'pipe or socket, not a file'),
     'chain': (lambda p: simulate(with_urdf(p / 'a.yaml', chain(20_000))), 'at most 1000'),
     'nested XML': (lambda p: simulate(with_urdf(p / 'a.yaml', '<a>' * 300_000)),
                    '51 levels'),
     'pipe for torques': (
         lambda p: ['simulate', 'config/single_flexible_link.yaml', '--json', '--torque',
-                   pipe(p / 'a.csv')], 'not a regular file'),
+                   pipe(p / 'a.csv')], 'pipe or socket, not a file'),
     'pipe for a model': (
         lambda p: ['evaluate', '--model', pipe(p / 'm').parent, 'x'], 'cannot be read'),
 }
@@ -201,5 +201,5 @@ def test_samples_that_would_overflow(
     code = main(['fit', str(bag), '--arm', str(arm), '--out', str(tmp_path / 'm'), '--json'])
     captured = capsys.readouterr()
     assert code in (0, 1) and 'Traceback' not in captured.err
-    assert "'shoulder' in 1 of 300 samples is NaN or infinite or beyond 1e+12, " in captured.err
+    assert "NaN or infinite or beyond 1e+12 for 'shoulder' (in 1 of 300 samples), " in captured.err
     assert json.loads(captured.out)['effort']['analytical']['validation']['fit'] > 99.0

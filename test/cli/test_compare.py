@@ -71,7 +71,7 @@ def test_what_cannot_be_compared_is_said(sides, root, capsys):
     assert main(['compare', arm, arm, str(sides / 'bag')]) == 2
     assert 'with a model, but A and B are arm descriptions' in capsys.readouterr().err
     assert main(['compare', str(root / 'config' / 'ur10.yaml'), arm]) == 2
-    assert 'describes no masses' in capsys.readouterr().err
+    assert 'the description has no masses' in capsys.readouterr().err
     assert main(['compare', str(root / 'config' / 'tudor.yaml'), arm]) == 2
     assert 'compare models of the same arm' in capsys.readouterr().err
 

@@ -105,15 +105,15 @@ def test_moves_for_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         joint['effort']['unit'] = 'A'
     arm.write_text(json.dumps(words))
     assert main([*call, str(tmp_path / 'other')]) == 2
-    assert ('in A, but the model of vibration needs torques [N m] or forces [N]; correct the key '
-            'effort.unit, record torques, or leave vibration out') in capsys.readouterr().err
+    assert ('in A, but the model of vibration needs torques [N m] or forces [N]; record torques '
+            'and set joints[].effort.unit to N m, or give --for rigid') in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('options', 'said'), [
     (('--seconds', '3'), 'give 10 to 3600'),
-    (('--noise-of', 'joint2=-1'), 'the standard deviation of the noise, above 0'),
+    (('--noise-of', 'joint2=-1'), 'the standard deviation of the noise, a number above 0'),
     (('--noise-of', 'nobody=1'), 'a NAME of joint2, joint3'),
-    (('--highest', '0.01'), 'raise --seconds or --highest, which has to be above 0.0833 Hz'),
+    (('--highest', '0.01'), 'raise --seconds or raise --highest above 0.0833 Hz'),
     (('--noise', '0'), '--noise 0: give'),
     (('--model', 'none'), 'none'), (('--srdf', 'none.srdf'), 'SRDF cannot be read'),
     (('--model', 'm', '--noise', '1'), 'leave out --noise')])
@@ -144,7 +144,7 @@ def test_walls_and_efforts(
     words = ['excite', str(arm), '--out', str(tmp_path / 'plan'), '--seconds', '14',
              '--steps', '6']
     assert main(words) == 2
-    assert 'nothing says where the arm may move; give --floor Z' in capsys.readouterr().err
+    assert 'no option says where the arm may move; give --floor Z' in capsys.readouterr().err
     assert main([*words, '--box', '1', '0', '0', '1', '0', '1']) == 2
     assert '--box 1 0 0 1 0 1: give XMIN XMAX YMIN' in capsys.readouterr().err
     assert main([*words, *walls]) == 0
@@ -185,15 +185,15 @@ def test_plans_that_are_none(root: Path, tmp_path: Path,
     fit = ('fit', bag, '--arm', arm, '--out', str(tmp_path / 'm'), '--plan', str(folder))
     assert 'plan.json: the plan cannot be read' in refused(*fit)
     (folder / 'plan.json').write_text('{"format": "x"}')
-    assert 'not a valid plan' in refused(*fit)
+    assert 'the plan is not valid' in refused(*fit)
     (folder / 'plan.json').write_text(json.dumps({
         'format': 'tudor_dynamics/excitation', 'version': 1, 'noise_of': 'samples',
         'noise_stated': True, 'noise': {'effort': {'joint2': 1e-300, 'joint3': 1.0}}}))
-    assert 'noise.effort.joint2: must be greater than or equal to ' in refused(*fit)
+    assert 'noise.effort.joint2 must be at least 1e-12, found 1e-300' in refused(*fit)
     record = ('record', '--arm', arm, '--out', str(tmp_path / 'r'), '--trajectory', str(folder))
     assert 'cannot be read' in refused(*record)
     (folder / 'trajectory.csv').write_text('t,a,a_velocity,a_acceleration\n0,0,0,0\n1,0,0,0\n')
-    assert "the trajectory has the joints ['a'], but arm 'tudor' has" in refused(*record)
+    assert "the trajectory has the joints a, but arm 'tudor' has" in refused(*record)
     head = 't,' + ','.join(f'{name}{end}' for name in ('joint3', 'joint2') for end in (
         '', '_velocity', '_acceleration'))
     (folder / 'trajectory.csv').write_text(f'{head}\n0,9,0,0,0,0,0\n1,9,0,0,0,0,0\n')

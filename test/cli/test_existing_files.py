@@ -106,7 +106,7 @@ def test_every_command(
 
     assert refused().endswith(REFUSED.format(option))
     if target.is_dir():
-        assert 'exists already and was not written by' in refused('--overwrite')
+        assert 'exists already, but was not written by' in refused('--overwrite')
         assert (target / 'years_of_work').exists()
         (target / kind).touch()
         if name == 'excite':  # a plan that fits no arm is one all the same
@@ -220,15 +220,15 @@ def test_a_dangling_link_is_something(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('words', 'said'), [
-    ('export m --force', '--force; did you mean --overwrite?'),
-    ('evaluate b --roc', '--roc; did you mean --report?'),
-    ('evaluate b --plot', '--plot; did you mean --report?'),
-    ('tune a.yaml --plot x', '--plot; did you mean --picture?'),
-    ('tune a.yaml --pictures', '--pictures; did you mean --picture?'),
-    ('tune a.yaml --animate x', '--animate; did you mean --picture?'),
+    ('export m --force', '--force (did you mean --overwrite?)'),
+    ('evaluate b --roc', '--roc (did you mean --report?)'),
+    ('evaluate b --plot', '--plot (did you mean --report?)'),
+    ('tune a.yaml --plot x', '--plot (did you mean --picture?)'),
+    ('tune a.yaml --pictures', '--pictures (did you mean --picture?)'),
+    ('tune a.yaml --animate x', '--animate (did you mean --picture?)'),
     ('simulate a.yaml --animate=x.gif', '--animate is now --picture; version 1.2'),
-    ('excite a.yaml --kind moves', '--kind; did you mean --for?'),
-    ('export m --save x', '--save; did you mean --out?')])
+    ('excite a.yaml --kind moves', '--kind (did you mean --for?)'),
+    ('export m --save x', '--save (did you mean --out?)')])
 def test_options_that_other_commands_have(
     words: str, said: str, capsys: pytest.CaptureFixture[str],
 ) -> None:

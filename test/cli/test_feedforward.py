@@ -90,8 +90,8 @@ def test_a_bag_gets_efforts(model: Path, tmp_path: Path) -> None:
     ('t,j1,j3\n0,0,0\n1,0,0\n', [], 'the joint'),
     ('t,j1\n0,0\n1,0\n', [], 'is missing'),
     (TABLE, ['--unit', 'current'], 'torque constant'),
-    (TABLE, ['--kind', 'elm'], 'effort models of this bundle are of the kinds analytical'),
-    (TABLE, ['--rate', '-1'], 'raise it above 0'),
+    (TABLE, ['--kind', 'elm'], 'the model was fitted to efforts as analytical only'),
+    (TABLE, ['--rate', '-1'], 'give more than 0'),
     (TABLE, ['--payload', '-1'], '--payload -1 kg: give 0 or more'),
     (TABLE, ['--positions', 'motor'], 'elastic model cannot be used')])
 def test_wrong_input_is_one_line(

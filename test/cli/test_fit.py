@@ -225,7 +225,7 @@ def test_a_copy_is_no_test(
     for bags in ([bag, '--test', copy], [bag, copy]):
         line = one_line(capsys, 'fit', *bags, *words)
         assert str(bag) in line and str(copy) in line
-        assert 'which is no test of the model' in line
+        assert 'so it does not test the model' in line
     assert not (tmp_path / 'm').exists()
     assert main([str(word) for word in (
         'fit', f'{bag}@0-60%', '--test', f'{copy}@60-100%', '--models', 'analytical',
@@ -270,7 +270,7 @@ def test_a_dead_gauge(
 @pytest.mark.parametrize(('words', 'expected'), [
     (['--rate', '-5'], 'rate'),
     (['--models', 'elm', '--elm-hidden', '0'], '--elm-hidden 0: give 1'),
-    (['--filter', 'zero_phase', '--cutoff', '70'], '(half the sample rate)'),
+    (['--filter', 'zero_phase', '--cutoff', '70'], 'half the sample rate (here'),
 ])
 def test_impossible_options(
     words: list[str], expected: str, root: Path, tmp_path: Path,

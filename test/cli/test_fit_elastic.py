@@ -101,7 +101,7 @@ def test_collisions_need_thresholds_of_that_kind(
     words = ('evaluate', '--collisions', '--model', place / 'model', place / 'test', '--kind')
     assert main([*map(str, words), 'elastic']) == 0
     line = one_line(capsys, *words, 'analytical')
-    assert 'no analytical model' in line and 'give --kind elastic' in line
+    assert 'no model of kind analytical' in line and 'give --kind elastic' in line
 
 
 @pytest.mark.parametrize(('changes', 'part'), [

@@ -81,16 +81,16 @@ def test_payload_of(arm: str, tmp_path: Path, capsys) -> None:
     third = bag(tmp_path / 'c', 0.2, 3)
     assert main(['fit', empty, full, third, *more, '--out', str(tmp_path / 'm2'), '--payload-of',
                  f'{empty}=0', f'{full}=0.4']) == 2
-    assert f'but that of {third!r} is not known' in capsys.readouterr().err
+    assert f'but that of bag {third!r} is not known' in capsys.readouterr().err
     assert main(['fit', empty, full, '--test', third, *more, '--out', str(tmp_path / 'm3'),
                  '--payload-of', f'{empty}=0', f'{full}=0.4', f'{third}=0.2']) == 0
     assert 'one model of all payloads from 0 to 0.4 kg' in capsys.readouterr().out
     assert main(['evaluate', '--model', str(tmp_path / 'm3'), third]) == 2
-    assert "c' is not known, and the model needs it" in capsys.readouterr().err
+    assert "c' is not known, but the model needs it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('text', 'said'), [
-    ('none=0.2', "--payload-of none=0.2: 'none' is not a bag that was given"),
+    ('none=0.2', "--payload-of none=0.2: 'none' is not among the bags"),
     ('bag', 'expected BAG=KG'),
     ('bag=-1', 'expected BAG=KG')])
 def test_wrong_payloads(arm: str, tmp_path: Path, capsys, text: str, said: str) -> None:
@@ -106,7 +106,7 @@ def test_metadata_that_make_no_sense(arm: str, tmp_path: Path) -> None:
     path = bag(tmp_path / 'odd', 0.0, 1, stated='heavy')
     recording = read_recording(path, load_arm(arm))
     assert recording.payload is None
-    assert any('no mass in kg' in text for text in recording.warnings)
+    assert any('not a mass in kg' in text for text in recording.warnings)
 
 
 def test_a_load_that_the_model_does_not_know(arm: str, tmp_path: Path, capsys) -> None:

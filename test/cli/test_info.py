@@ -48,7 +48,7 @@ def test_text_says_what_is_there(bag, capsys):
     """Topics, rates, ranges, oddities and use; nothing in a name steers the terminal."""
     assert main(['info', str(bag)]) == 0
     out = capsys.readouterr().out
-    for part in ('/joint_states', '100', '0 .. 1', 'odd: ', "'axis' in 1 of", '?[31mgauge',
+    for part in ('/joint_states', '100', '0 .. 1', 'odd: ', "'axis' (in 1 of", '?[31mgauge',
                  'use: effort and strain model'):
         assert part in out
     assert '\x1b' not in out
@@ -109,4 +109,4 @@ def test_bag_without_joints_is_described(tmp_path, capsys):
     """Nothing to learn from is no error."""
     write_bag(tmp_path / 'bag', [])
     assert main(['info', str(tmp_path / 'bag')]) == 0
-    assert 'use: nothing: the bag has no joint positions' in capsys.readouterr().out
+    assert 'use: nothing, as the bag has no joint positions' in capsys.readouterr().out

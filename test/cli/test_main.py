@@ -60,12 +60,13 @@ def _raise(err: BaseException) -> Any:
     (BagError('run1: no such bag'), 2, 'tudor evaluate: run1: no such bag'),
     (TudorError('two\n   lines'), 2, 'tudor evaluate: two lines'),
     (PermissionError(13, 'Permission denied', '/x/y'), 2,
-     'tudor evaluate: /x/y: Permission denied; check the rights'),
+     'tudor evaluate: /x/y: Permission denied; give yourself the right to do this, or another '
+     'path'),
     (OSError('odd'), 2, 'tudor evaluate: odd; check path, rights and disk'),
     (MemoryError(), 2, 'tudor evaluate: not enough memory; give fewer or shorter bags, a lower '
-     'rate, or use a machine with more'),
+     'rate, or use a machine with more memory'),
     (MemoryError('for 37 GiB'), 2, 'tudor evaluate: not enough memory (for 37 GiB); give fewer or '
-     'shorter bags, a lower rate, or use a machine with more'),
+     'shorter bags, a lower rate, or use a machine with more memory'),
     (KeyboardInterrupt(), 130, 'tudor evaluate: interrupted')])
 def test_errors_are_one_line(
     command: Any, capsys: pytest.CaptureFixture[str], err: BaseException, code: int, line: str,
@@ -88,10 +89,10 @@ def test_mistakes_of_ours_are_one_line_and_a_file(
     assert entry.main(['evaluate', 'bag']) == 70
     out, line = capsys.readouterr()
     assert out == '' and line.count('\n') == 1 and line[:-1].isprintable() and len(line) < 600
-    assert line.startswith(f'tudor evaluate: {type(err).__name__}: ')
+    assert line.startswith(f'tudor evaluate: tudor has a defect ({type(err).__name__}: ')
     file, = tmp_path.iterdir()
-    assert line.endswith('this is a defect of tudor, please report it as docs/howto/'
-                         f'report_a_bug.md says: send {file}\n')
+    assert line.endswith('); report it as docs/howto/'
+                         f'report_a_bug.md says, and send {file}\n')
     text = file.read_text()
     assert 'call: tudor evaluate bag' in text and 'Traceback' in text and __version__ in text
     monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path / 'gone'))
@@ -209,9 +210,9 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(('arguments', 'command', 'meant'), [
-    ([], '', 'required: COMMAND;'), (['dance'], '', "invalid choice: 'dance'"),
-    (['evaluat', 'bag'], '', 'did you mean evaluate?'),
-    (['evaluate', '--jsn', 'bag'], ' evaluate', 'there is no option --jsn; did you mean --json?'),
+    ([], '', 'required: COMMAND;'), (['dance'], '', 'COMMAND dance: choose from doctor'),
+    (['evaluat', 'bag'], '', '(did you mean evaluate?)'),
+    (['evaluate', '--jsn', 'bag'], ' evaluate', 'there is no option --jsn (did you mean --json?)'),
     (['evaluate', 'bag'], ' evaluate', 'required: --model;'),
     (['fit', 'bag', '--arm', 'a', '--out', 'b', '--models', 'elastik'], ' fit', 'mean elastic?')])
 def test_wrong_arguments(

@@ -179,7 +179,7 @@ def test_a_model_without_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(('options', 'says'), [
     (['--frequency', '2', '--by', 'timing'],
      '--by timing needs a model of how the tool vibrates; give'),
-    (['--model', 'm', '--damping', '0.1'], '--damping goes with --frequency alone')])
+    (['--model', 'm', '--damping', '0.1'], '--damping is for --frequency alone')])
 def test_options_that_do_not_fit(
     options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -61,7 +61,7 @@ def test_what_the_delay_forbids(tmp_path: Path, capsys: Any) -> None:
 @pytest.mark.parametrize('more, cause', [
     (['--out', 'schedule.txt'], 'expected a file that ends in .yaml'),
     (['--out', 'schedule.yaml', '--damping-ratio', '2'], 'give 0.02 to 0.95'),
-    (['--out', 'schedule.yaml', '--payloads', '0.2', '0.1'], 'expected masses of 0 kg or more'),
+    (['--out', 'schedule.yaml', '--payloads', '0.2', '0.1'], '--payloads 0.2 0.1: give masses'),
     (['--out', 'schedule.yaml', '--picture', 'picture.bmp'], 'ends in .png or .svg or .pdf'),
     (['--out', 'schedule.yaml', '--model', 'nothing'], 'nothing')])
 def test_wrong_input(more: list[str], cause: str, capsys: Any) -> None:
@@ -75,4 +75,4 @@ def test_wrong_input(more: list[str], cause: str, capsys: Any) -> None:
 def test_rigid_arm(tmp_path: Path, capsys: Any) -> None:
     """An arm without damper says so."""
     assert main(['tune', str(CONFIG / 'l_shape.yaml'), '--out', str(tmp_path / 's.yaml')]) == 2
-    assert 'there is no damper' in capsys.readouterr().err
+    assert 'the description has no key damper' in capsys.readouterr().err

@@ -114,8 +114,8 @@ def test_a_gauge_that_stands_still(root: Path, model: Path, tmp_path: Path) -> N
     assert main(['watch', str(tmp_path / 'bag'), '--model', str(model), '--picture',
                  str(tmp_path / 'view.svg')]) == 0
     picture = (tmp_path / 'view.svg').read_text().replace('&#160;', ' ')
-    assert f'{arm.gauge_names[1]}: the reading has not changed' in picture
-    assert f'{arm.gauge_names[0]}: the reading' not in picture
+    assert f'the reading of {arm.gauge_names[1]} has not changed' in picture
+    assert f'the reading of {arm.gauge_names[0]}' not in picture
     states = [line.split()[-1] for line in drawn_lines((tmp_path / 'view.svg').read_text())
               if line.startswith('  ') and '\u2502' in line]
     assert states == ['ok', 'stuck', *['ok'] * 4]

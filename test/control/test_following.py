@@ -47,13 +47,13 @@ def test_it_begins_at_rest_at_the_arm(parts) -> None:
     still = np.zeros(len(place))
     near, far = place + 0.9 * NEAR_TIME * planned, place + 1.1 * NEAR_TIME * planned
     assert gate.obstacle(0.0, TIMEOUT, near, still) == ''
-    assert 'begin where the arm is' in gate.obstacle(0.0, TIMEOUT, far, still)
+    assert 'begins where the arm is' in gate.obstacle(0.0, TIMEOUT, far, still)
     assert 'brakes' in gate.obstacle(0.0, TIMEOUT, near, 2.0 * RESTING_SPEED * planned)
     assert gate.obstacle(
         2.0 * TIMEOUT, TIMEOUT, near, still) == (
             'no reference on joint_reference; start reference_generator')
     gate.add(0.0, place, 2.0 * RESTING_SPEED * planned)
-    assert 'let it rest' in gate.obstacle(0.0, TIMEOUT, near, still)
+    assert 'send one at rest' in gate.obstacle(0.0, TIMEOUT, near, still)
 
 
 def test_it_ends_where_the_arm_strays_or_nothing_comes(parts) -> None:

@@ -140,8 +140,8 @@ def told(**change: Callable[[Sample], np.ndarray]) -> Callable[[Sample], Sample]
 AT = np.radians([45.0, 30.0])
 FIRST = np.array([1.0, 0.0])
 DRIVES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], float, str]] = {
-    'negated': (lambda u: u * [-1.0, 1.0], -1.0, 'the joint moves the other way: a sign is wrong'),
-    'all negated': (lambda u: -u, -1.0, 'the joint moves the other way: a sign is wrong'),
+    'negated': (lambda u: u * [-1.0, 1.0], -1.0, 'moves the other way, so a sign is wrong'),
+    'all negated': (lambda u: -u, -1.0, 'moves the other way, so a sign is wrong'),
     'degrees': (lambda u: u * 57.3, 57.3, ', perhaps degrees confused with radians'),
     'radians': (lambda u: u / 57.3, 1.0 / 57.3, ', perhaps degrees confused with radians'),
     'half': (lambda u: 0.5 * u, 0.5, 'times as far as commanded'),
@@ -149,7 +149,7 @@ DRIVES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], float, str]] = {
     'negated tenth': (lambda u: -0.1 * u, -0.1, 'the other way')}
 ENCODERS: dict[str, tuple[float, str]] = {
     'a tenth': (0.1, 'wrong decimal place'), 'a half': (0.5, 'times as far as commanded'),
-    'backwards': (-1.0, 'the joint moves the other way: a sign is wrong')}
+    'backwards': (-1.0, 'moves the other way, so a sign is wrong')}
 BOUND = 1.0
 """How far the true joint goes at most until it is found [deg]."""
 
@@ -218,7 +218,7 @@ def test_swapped_order(what: str, joint: int, rate: float, payload: float) -> No
     own, other = arm().active_joints[joint], arm().active_joints[1 - joint]
     assert answer.right is False and (answer.joint, answer.answered) == (own, other), answer
     assert f'but the position of {other!r}' in answer.text if what == 'positions' else (
-        f'{own}: commands to this joint move {other!r}: correct the order' in answer.text)
+        f'{own}: commands to this joint move {other!r}; correct the order' in answer.text)
     assert gone(rig, begin) < BOUND
 
 
@@ -298,7 +298,7 @@ def test_what_is_not_commanded_is_unclear() -> None:
     for k in range(300):
         record.positions(0.01 * k, AT)
         record.command(np.zeros(2))
-    assert record.judge().right is None and 'a move of only 0 of 0.5 deg' in record.judge().text
+    assert record.judge().right is None and 'of only 0 deg in place of 0.5' in record.judge().text
 
 
 def test_gaps_are_left_out() -> None:
@@ -321,8 +321,8 @@ def test_orders_and_poses() -> None:
     """What can be said before anything moves."""
     joints = arm().active_joints
     assert order_fault(joints, ['joint2', 'joint3']) == ''
-    assert 'the order differs' in order_fault(joints, ['joint3', 'joint2'])
-    assert 'the joints differ' in order_fault(joints, ['joint1', 'joint2', 'joint3'])
+    assert 'in this order; set' in order_fault(joints, ['joint3', 'joint2'])
+    assert 'in this order' not in order_fault(joints, ['joint1', 'joint2', 'joint3']) != ''
     assert pose_fault(arm(), AT) == ''
     assert 'joint2 is at 0 rad, outside its limits' in pose_fault(arm(), np.zeros(2))
 
@@ -343,4 +343,4 @@ def test_what_answers_its_own_commands_is_not_moved_by_others() -> None:
         q = q + dt * speed * [1.0, -1.0]
     answer = record.judge()
     assert answer.right is False and answer.joint == 'joint3', answer
-    assert 'the joint moves the other way: a sign is wrong' in answer.text
+    assert 'moves the other way, so a sign is wrong' in answer.text

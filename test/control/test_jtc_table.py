@@ -170,7 +170,7 @@ TABLE = (
         (send([1.0, 2.0], [[0.2, 0.0], [0.3, 0.0]], None, STILL), at(0.5, 0.1, 0.0))),
     Row('velocities without positions', 'refused, unless `allow_integration_in_goal_trajectories`',
         'refused: point and count are named',
-        (send([1.0, 2.0], [[], []], STILL, why='point 1: 0 positions for 2 joints'),
+        (send([1.0, 2.0], [[], []], STILL, why='point 1 of 2 has 0 positions, but'),
          at(0.5, 0.0, 0.0))),
     Row('a stamp to come', 'the pose is held until then', SAME,
         (send([1.0, 2.0], [[0.2, 0.0], [0.3, 0.0]], since=-0.5), at(0.5, 0.0, 0.0),
@@ -191,7 +191,7 @@ TABLE = (
          at(0.5, 0.1, 0.0), at(1.1, 0.2, 0.0))),
     Row('all points in the past', 'rejected, the current one goes on', 'the same, with a reason',
         (LINE, send([1.0, 2.0], [[0.5, 0.0], [0.5, 0.0]], since=3.0,
-                    why='all points are in the past: the last was due 1 s ago'),
+                    why='all points are in the past: the last one was due 1 s ago'),
          at(1.0, 0.2, 0.0), at(1.1, 0.3, 0.0), ended('reached'))),
     Row('another one, for now', 'replaces the current one smoothly', SAME,
         (send([1.0, 2.0], [[0.2, 0.0], [0.3, 0.0]], [[0.2, 0.0], [0.0, 0.0]]),
@@ -224,13 +224,13 @@ TABLE = (
     Row('times that do not increase', 'times have to increase strictly',
         'refused, the point is named',
         (send([1.0, 1.0], [[0.1, 0.0], [0.2, 0.0]],
-              why='time does not increase after point 1 (counted from 1), at 1 s'),
+              why='time does not increase after point 1 of 2, at 1 s'),
          at(0.5, 0.0, 0.0))),
     Row('NaN in the middle', 'not said', 'refused, the point is named',
-        (send([1.0, 2.0], [[0.1, NAN], [0.2, 0.0]], why='positions of point 1: found nan'),
+        (send([1.0, 2.0], [[0.1, NAN], [0.2, 0.0]], why='the positions of point 1 of 2 have nan'),
          at(0.5, 0.0, 0.0))),
     Row('other counts than joints', 'not said', 'refused, the point is named',
-        (send([1.0, 2.0], [[0.1, 0.0], [0.2]], why='point 2: 1 positions for 2 joints'),
+        (send([1.0, 2.0], [[0.1, 0.0], [0.2]], why='point 2 of 2 has 1 positions, but'),
          at(0.5, 0.0, 0.0))),
     Row('the last point in motion',
         'refused, unless `allow_nonzero_velocity_at_trajectory_end`', 'refused',
@@ -249,7 +249,7 @@ TABLE = (
               absolute=True), do(lambda play: play.run(6.1)), ended('reached'))),
     Row('off the path', 'aborted, the position is held', 'brakes, with joint and distance',
         (bounds(path=0.05), LINE, do(lambda play: play.run(0.5)), off(0.0, 0.06), rests,
-         ended("off the path: 'joint3' is 0.06 rad away, tolerance 0.05; see"))),
+         ended("off the path: 'joint3' is 0.06 rad away (tolerance 0.05); see"))),
     Row('late at the goal, within `goal_time`', 'succeeds', SAME,
         (bounds(goal=0.03, goal_time=0.5), LINE, off(0.0, 0.04), at(2.2, 0.3, 0.0), ended(''),
          off(0.0, 0.0), at(0.1, 0.3, 0.0), ended('reached'))),
@@ -261,7 +261,7 @@ TABLE = (
          at(0.1, 0.3, 0.0), ended('reached'))),
     Row('during a collision', 'controllers know of none', 'stops what is driven; refused',
         (LINE, do(lambda play: play.run(0.5)), touch, ended('stopped: collision'),
-         send([1.0, 2.0], [[0.2, 0.0], [0.3, 0.0]], why='a collision was reported: free'))))
+         send([1.0, 2.0], [[0.2, 0.0], [0.3, 0.0]], why='a collision was reported; free'))))
 
 
 @pytest.mark.parametrize('row', TABLE, ids=lambda row: row.name)

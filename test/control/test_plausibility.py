@@ -91,7 +91,7 @@ def test_each_fault_is_named(
 @pytest.mark.parametrize('reading, text', [
     (lambda q, t: [3.0 - q[0], q[1]], 'encoder counts backwards'),
     (lambda q, t: [0.75 + 0.5 * q[0], q[1]], 'moves 0.5 times as far'),
-    (lambda q, t: q + [0.1 * t, 0.0], 'encoder drifts')])
+    (lambda q, t: q + [0.1 * t, 0.0], 'the encoder, which drifts')])
 def test_own_speeds_of_the_driver_separate_encoders_from_drives(
     reading: Callable[[np.ndarray, float], np.ndarray], text: str,
 ) -> None:

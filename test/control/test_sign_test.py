@@ -56,7 +56,7 @@ def test_an_excited_link_is_wrong(rate: float) -> None:
     """The ringing grows, or does not decay any more."""
     result = check_sign('joint3', answers(ring(40, 0.3), ring(40, rate, seed=1)),
                         rest=ring(0, 0.0, seed=2))
-    assert result.sign is Sign.WRONG and 'reverse the sign of the gauge' in result.text
+    assert result.sign is Sign.WRONG and "reverse the sign in the gauge's driver" in result.text
 
 
 def test_nothing_to_hear_is_unclear() -> None:

@@ -214,7 +214,7 @@ def test_tolerances(driver: Driver) -> None:
     driver.run(0.5)
     driver.off = np.array([0.0, 0.06])
     driver.run(0.5)
-    assert source.outcome.startswith("off the path: 'joint3' is 0.06 rad away, tolerance 0.05")
+    assert source.outcome.startswith("off the path: 'joint3' is 0.06 rad away (tolerance 0.05)")
     source.tolerances = Tolerances(goal=0.03, goal_time=0.3)
     assert source.take(points([1.0, 2.0], [0.1, 0.0], [0.2, 0.0])) == ''
     driver.run(2.2)

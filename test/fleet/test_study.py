@@ -110,13 +110,13 @@ def test_what_was_done_is_not_done_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('', 'plan.yaml: must be keys with values, found nothing'), ('arms: []', 'arms'),
+    ('', 'plan.yaml: the content must be keys with values, found nothing'), ('arms: []', 'arms'),
     ('arms: 3', 'arms'), ('[', 'plan.yaml'),
     ('arms: [{name: a, bags: {2026-01-10: x}}]', "arm 'a' has no description"),
     ('arms: [{name: a/b, arm: x, bags: {2026-01-10: x}}]',
-     "plan.yaml: arms.0.name: 'a/b' cannot name a folder; take letters and digits; docs/"),
+     "plan.yaml: arms[0].name: 'a/b' cannot name a folder; take letters and digits; docs/"),
     ('arms: [{name: a, arm: x, bags: {monday: x}}]',
-     "plan.yaml: arms.0.bags.monday: must be a date such as 2026-01-31, found 'monday'; docs/"),
+     "plan.yaml: arms[0].bags.monday must be a date such as 2026-01-31, found 'monday'; docs/"),
     ('{arm: x, arms: [{name: a, bags: {2026-01-10: x}}, {name: a, bags: {2026-01-10: x}}]}',
      "two arms are called 'a'"),
     ('{arm: nowhere.yaml, arms: [{name: a, bags: {2026-01-10: x}}]}', 'nowhere.yaml'),

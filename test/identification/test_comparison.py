@@ -55,7 +55,7 @@ def test_a_model_that_is_worse() -> None:
     facts = _facts(_validation(0, 1.0))
     change, = changes(facts, {'effort': {'analytical': _validation(1, 2.0)}})
     assert change.changed and change.sigmas > 3.0
-    assert f'the RMS error has grown since the validation: {change.now:.3g} now (' in str(change)
+    assert f'the RMS error has grown since the validation; now {change.now:.3g} (' in str(change)
     assert change.now / change.then == pytest.approx(2.0, rel=0.15)
 
 

@@ -151,7 +151,7 @@ def test_test_bag_without_strain() -> None:
         result = _fit(bags, [_bag(_recording(2, strain=False))])
     assert [f.output for f in result.fitted] == ['effort']
     assert any('no strain model' in warning for warning in result.warnings)
-    with pytest.raises(FitError, match='neither efforts nor strains in common'):
+    with pytest.raises(FitError, match='share neither efforts nor strains'):
         _fit([_bag(_recording(0, strain=False))], [_bag(_recording(1, effort=False))])
 
 

@@ -164,12 +164,12 @@ def test_broken_bags_and_copies_are_left_out(
              '--jobs', '1', '--exit-zero', '--json', '--out']
     assert main([*words, str(tmp_path / 'strict'), '--strict']) == 2
     told = capsys.readouterr().err
-    assert 'bag_0' in told and '3 bags cannot be used, but --strict needs all; the first: ' in told
+    assert 'bag_0' in told and '3 of the bags cannot be used, but --strict needs all; bag ' in told
     assert not (tmp_path / 'strict').exists()
     assert main([*words, str(tmp_path / 'model')]) == 0
     said = capsys.readouterr()
     unused = {Path(item['bag']).name: item['why'] for item in json.loads(said.out)['unused']}
-    assert set(unused) == {'bag_0', 'bag_1', 'copy'} and 'is a copy of' in unused['copy']
+    assert set(unused) == {'bag_0', 'bag_1', 'copy'} and 'the same samples' in unused['copy']
     assert said.err.count('the fit leaves this bag out') == 3 and 'Traceback' not in said.err
     page = (tmp_path / 'model/report.html').read_text()
     assert 'Left out' in page and 'tuesday/copy' in page
@@ -237,8 +237,8 @@ def test_when_a_fit_goes_bag_by_bag() -> None:
     assert streams(2, FitSettings(), asked=True)
     for bags, settings, word in ((FROM, FitSettings(kinds=('analytical', 'elm')), 'elm'),
                                  (5, FitSettings(kinds=('analytical', 'elm')),
-                                  'no elm model can be; leave such models out, or leave '
-                                  'out stream='),
+                                  'elm models need all at once; leave elm out of '
+                                  'models=, or leave out stream='),
                                  (FROM, FitSettings(estimator='huber'), 'Huber'),
                                  (1, FitSettings(), 'two bags or more')):
         with pytest.raises(UsageError, match=word):
@@ -258,6 +258,6 @@ def test_a_copy_is_no_test(root: Path, tmp_path: Path) -> None:
     """A test bag with the bytes of a training bag is refused, as in the ordinary fit."""
     bags = [root / f'bags/two_blade_train_{number}' for number in (1, 2)]
     shutil.copytree(bags[0], tmp_path / 'copy')
-    with pytest.raises(FitError, match='cannot test the model'):
+    with pytest.raises(FitError, match='does not test the model'):
         fit(bags, load_arm(root / 'config/two_blade_arm.yaml'), test=tmp_path / 'copy',
             streaming=Streaming(tmp_path / 'sums'))

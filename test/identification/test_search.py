@@ -188,5 +188,5 @@ def test_slope_of_penalties(tmp_path):
 
 def test_too_short():
     """There is no series in five seconds."""
-    with pytest.raises(SignalError, match='has less than one period between'):
+    with pytest.raises(SignalError, match='has less than one period; raise'):
         make_plan(target(six_joints()), Order(5.0, 1.0, 0.01, 5, 0))

@@ -101,7 +101,7 @@ def test_reference_in_degrees() -> None:
         rig.controller.reference.add(rig.t, np.array([60.0, -20.0]), np.zeros(2))
         rig.step()
     assert rig.controller.state is State.HOLDING
-    assert "60 for 'joint2'; send values of" in rig.controller.cause and (
+    assert "'joint2' is to go to 60; send" in rig.controller.cause and (
         'not degrees' in rig.controller.cause)
     assert rig.controller.reference.refused['reference outside limits'] == 500
     assert rig.trace.q[-1] == pytest.approx(before, abs=np.radians(0.1))
@@ -110,7 +110,8 @@ def test_reference_in_degrees() -> None:
 
 @pytest.mark.parametrize('q, dq, cause', [
     ([np.nan, 0.0], [0.0, 0.0], 'not finite'), ([1.0, 0.0], [2.5, 0.0], 'too fast'),
-    ([2.5, 1.0], [0.0, 0.0], 'begin where the arm'), ([0.7854, 0.0], [0.5, 0.0], 'let it rest')])
+    ([2.5, 1.0], [0.0, 0.0], 'begins where the arm'),
+    ([0.7854, 0.0], [0.5, 0.0], 'send one at rest')])
 def test_references_that_are_not_followed(q: list[float], dq: list[float], cause: str) -> None:
     """No numbers, too fast, far away, moving already: held, and the reason is told."""
     rig = Rig(tudor(), rate=250.0)

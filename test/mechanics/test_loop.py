@@ -105,12 +105,12 @@ def test_answers_that_are_no_velocities_are_refused(
 
 
 def test_arguments_that_make_no_sense_are_refused(arm: td.Arm) -> None:
-    """A controller that is none, a delay below zero, a rate that does not divide."""
+    """A controller that is none, a delay below zero, a rate that is not a multiple."""
     with pytest.raises(UsageError, match='expected a function'):
         td.Loop(arm, 3.0)  # type: ignore[arg-type]
     with pytest.raises(UsageError, match='expected 0 s or more'):
         td.Loop(arm, lambda _: None, delay=-1.0)
-    with pytest.raises(SimulationError, match='does not divide'):
+    with pytest.raises(SimulationError, match='is not a multiple'):
         td.Loop(arm, lambda _: None, rate=333.0)
 
 

@@ -196,7 +196,7 @@ def test_inputs_that_are_not_finite_are_refused(contents, torque, force):
 def test_a_run_that_breaks_down_says_when_and_with_what_energy(contents):
     """A torque beyond all measure ends the run with time and energy, and no NaN."""
     plant = plant_of(contents['l_shape'])
-    with pytest.raises(SimulationError, match=r't = .* s.*energy before that: .* J'):
+    with pytest.raises(SimulationError, match='diverged at .* s; take time steps below'):
         for _ in range(2000):
             plant.step([3e4, 0.0])
     assert np.isfinite(plant.coordinates).all()
@@ -224,7 +224,7 @@ def test_impossible_settings_are_refused(contents):
     """Steps, rho, names and shapes that cannot be meant get one line."""
     with pytest.raises(SimulationError, match='too large'):
         plant_of(contents['l_shape'], 0.05)
-    with pytest.raises(SimulationError, match='above 0 s'):
+    with pytest.raises(SimulationError, match='more than 0 s'):
         plant_of(contents['l_shape'], -1e-3)
     with pytest.raises(SimulationError, match='rho'):
         plant_of(contents['l_shape'], 1e-3, rho=1.5)

@@ -103,7 +103,7 @@ def test_signals_of_a_run(run: td.SimulatedRun, tmp_path: Path) -> None:
     assert (tmp_path / 'run.gif').read_bytes().startswith(b'GIF')
     with pytest.raises(td.TudorError, match='.gif or .mp4'):
         run.animate(tmp_path / 'run.txt')
-    with pytest.raises(td.TudorError, match='no such signal'):
+    with pytest.raises(td.TudorError, match='there is no signal'):
         run.curves('x')
 
 

@@ -71,7 +71,7 @@ def test_fit_returns_self_and_refit_forgets(make: Callable[[], Any]) -> None:
 def test_predict_before_fit(make: Callable[[], Any]) -> None:
     """A model that knows nothing says so, by an error that is also the builtin ones."""
     for kind in (NotFittedError, AttributeError, ValueError, TudorError):
-        with pytest.raises(kind, match='call fit, or load a bundle'):
+        with pytest.raises(kind, match='fit it, or load'):
             make().predict(np.zeros((3, 6)))
 
 

@@ -104,7 +104,7 @@ def test_a_bundle_keeps_what_is_needed(torque_arm, torque_model, found, tmp_path
     save_bundle(bundle, tmp_path / 'model')
     again = full_parameters(load_bundle(tmp_path / 'model', with_data=True))
     assert np.array_equal(again.solution.bodies, found.solution.bodies)
-    with pytest.raises(ModelError, match='lacks the sums over its training bags'):
+    with pytest.raises(ModelError, match='lacks the file data.npz'):
         full_parameters(load_bundle(tmp_path / 'model'))
     with pytest.raises(ModelError, match='analytical model of efforts for one payload'):
         full_parameters(replace(bundle, models={}))

@@ -138,7 +138,7 @@ def test_a_model_of_one_payload_takes_that() -> None:
     bundle = of_one(0.2, 0.2)
     assert bundle.at(0.2) is bundle and bundle.at(0.0) is bundle
     assert bundle.mass_at(0.0) == 0.2 and of_one(None).mass_at(0.0) == 0.0
-    with pytest.raises(ModelError, match=r'of 0\.3 kg: .*of 0\.2 kg; give that.*--payload-of'):
+    with pytest.raises(ModelError, match=r'of 0\.3 kg, .*of 0\.2 kg; give that.*--payload-of'):
         bundle.at(0.3)
     with pytest.raises(ModelError, match=r'unknown mass; give none.*--payload-of'):
         of_one(None).at(0.2)

@@ -82,5 +82,5 @@ def test_data_of_another_model_are_refused(tmp_path, change):
     models = {'effort_analytical': fitted(arm, seconds=10.0)}
     arrays = stored.pack(models)
     change(arrays)
-    with pytest.raises(ModelError, match='do not fit the models'):
+    with pytest.raises(ModelError, match='does not go with the models'):
         stored.unpack(models, dump_npz(arrays), tmp_path / 'data.npz')

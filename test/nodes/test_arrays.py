@@ -102,12 +102,12 @@ def test_short_arrays_are_counted(world: World, arrays: Path) -> None:
 def test_who_does_not_take_them_says_so(world: World, arrays: Path) -> None:
     """A simulated arm publishes joint states; nodes have no DynamicJointState."""
     node = world.add(ArmSimulatorNode, arm=str(arrays / 'arm.yaml'))
-    assert 'bridge carries link2_hub as Float64MultiArray; a simulated arm supports' in node.fault
+    assert 'link2_hub comes on bridge as Float64MultiArray, but a simulated arm' in node.fault
     content = yaml.safe_load((arrays / 'arm.yaml').read_text())
     for joint in content['joints']:
         joint['effort'] |= {'topic': 'dynamic_joint_states', 'interface': 'current'}
     (arrays / 'other.yaml').write_text(yaml.safe_dump(content))
-    with pytest.raises(ArmError, match='as DynamicJointState; a node supports only'):
+    with pytest.raises(ArmError, match='as DynamicJointState, but a node supports only'):
         refuse_interfaces(load_arm(arrays / 'other.yaml'), 'a node', arrays=True)
 
 

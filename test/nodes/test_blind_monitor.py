@@ -187,7 +187,7 @@ def test_without_thresholds(watched: Watched) -> None:
     node = watched.node
     node.watch.use_thresholds({}, node.settings())
     node.adopt(node.bundle, node.monitor, node._own, (), {})
-    assert node._note.startswith('the model has no thresholds for strain: fit it')
+    assert node._note.startswith('the model has no thresholds for strain; fit it')
     watched.feed(0, 60)
     level, message, _ = watched.told()
     assert level == WARN and message.count('the model has no thresholds') == 1, message
@@ -265,12 +265,12 @@ def test_methods_of_the_model(
                      methods=['strain', 'momentum'])
     node.meter.begin()
     level, message, _ = node.status()
-    assert level == WARN and 'methods momentum: the bundle has no model' in message
+    assert level == WARN and 'methods momentum need a model of kind elm' in message
     world.end(node)
     node = world.add(MonitorNode, model=str(tmp_path / 'elm'), kind='elm', methods=['momentum'])
     node.meter.begin()
     level, message, _ = node.status()
-    assert level == ERROR and 'methods momentum: the bundle has no model' in message
+    assert level == ERROR and 'methods momentum need a model of kind elm' in message
 
 
 def test_log_of_starts_and_levels(world: World, model: Path) -> None:

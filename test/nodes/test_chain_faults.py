@@ -37,7 +37,7 @@ from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 
-OTHER = 'is that of a joint or gauge of the model'
+OTHER = 'name no joint or gauge of the model'
 
 
 def chain(world: World, model: Path) -> JointStateFilterNode:

@@ -68,7 +68,7 @@ def test_move_push_and_floor(root: Path, tudor_model: Path) -> None:
     found = run(root, tudor_model)
     # positions and /clock are two topics: on a busy machine one of them comes later
     assert {said for said in found['damper'] if not said.startswith('stamps on joint_states')} <= {
-        'running', 'no joint positions arrive on joint_states, so no commands are sent: start the '
+        'running', 'no joint positions arrive on joint_states, so no commands are sent; start the '
         'driver of the arm', 'the joints are held: no reference yet; start reference_generator'}
     move = found['move']
     assert move['off_goal_deg'] < 0.5  # late samples slow its commands down, on a busy machine

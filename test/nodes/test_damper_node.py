@@ -210,7 +210,7 @@ def test_a_damper_that_hears_no_positions(world: World, tudor: Path) -> None:
     status = arm.told()
     assert status.level == DiagnosticStatus.STALE
     assert status.message == (
-        'no joint positions arrive on joint_states, so no commands are sent: start the driver '
+        'no joint positions arrive on joint_states, so no commands are sent; start the driver '
         'of the arm')
     assert arm.run(400)[-50:].any() and arm.told().message == 'running'
 
@@ -288,7 +288,7 @@ def test_deactivation_brakes_and_shutdown_is_told(world: World, tudor: Path) -> 
     assert len(seen) > 10 and not seen[-1].any()
     assert not len(arm.wait(0.2))
     assert arm.told().message == (
-        'inactive; to go on: ros2 lifecycle set oscillation_damper activate')
+        'the node is inactive; run `ros2 lifecycle set oscillation_damper activate`')
     arm.node.trigger_shutdown()
     # one of before may still be under way
     assert world.spin(lambda: 'shut down' in arm.told().message)

@@ -93,13 +93,13 @@ def test_a_parameter_that_no_node_has(world: World, model: Path, recording) -> N
     """A typo is named, with what was meant; what a file holds for other nodes is not."""
     node = start(world, model, fasle_alarms_per_hour=2.0, damping=0.5)
     status = world.status('monitor', lambda status: status.level == DiagnosticStatus.STALE and (
-        "(1 more: see 'problem 2' in the values on /diagnostics)" in status.message))
+        '(1 of 2 problems; others in the values on /diagnostics)' in status.message))
     assert values_of(status)['problem 2'].startswith('the unknown parameter fasle_alarms_per_hour')
     assert 'fasle' not in status.message
     feed(world, recording, counter(node), last=60)
     world.status('monitor', lambda status: status.message == (
-        'the unknown parameter fasle_alarms_per_hour is ignored; '
-        'did you mean false_alarms_per_hour?'))
+        'the unknown parameter fasle_alarms_per_hour is ignored '
+        '(did you mean false_alarms_per_hour?)'))
 
 
 @pytest.mark.parametrize(('name', 'spoil', 'cause'), [

@@ -135,7 +135,7 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
                       {'names': ['joint2', 'wrist']}, -2,
                       'wrong joints, unknown: wrist; the joints are joint2, joint3'),
     'all over': (WAY, {'stamp': BEGUN - 5 * 10**9}, -3,
-                 'all points are in the past: the last was due'),
+                 'all points are in the past: the last one was due'),
     'beyond a limit': ((point(20.0, 9.0, 0.1), point(40.0, 0.9, 0.1)), {}, -1,
                        'joint2 reaches position 9, outside'),
     'tolerance of an unknown joint': (
@@ -143,7 +143,7 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], int, str]] = {
         "wrong joints: path_tolerance has the unknown joint 'wrist'"),
     'tolerance of a speed': (
         WAY, {'goal_tolerance': {'name': 'joint2', 'velocity': 0.1}}, -1,
-        "goal_tolerance of 'joint2': only positions are checked"),
+        "goal_tolerance of 'joint2' has a velocity or acceleration, but"),
     'several degrees of freedom': (
         WAY, {'component_path_tolerance': []}, -2,
         'wrong joints: the arm has no multi-DOF joints'),
@@ -183,7 +183,7 @@ def test_tolerances_of_a_goal(client: Client) -> None:
     status, code, text = client.result(goal)
     assert (status, code) == (GoalStatus.STATUS_ABORTED, -5)
     assert text == (
-        "missed the goal: 0.2 s after the end 'joint2' is 0.02 rad away, tolerance 0.01; "
+        "missed the goal: 0.2 s after the end 'joint2' is 0.02 rad away (tolerance 0.01); "
         'see the diagnostics of oscillation_damper')
     goal = client.send(point(0.5, 0.83, 0.1), point(1.0, 0.82, 0.1))
     client.arm.run(60)

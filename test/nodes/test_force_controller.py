@@ -55,7 +55,7 @@ def test_approach_hold_and_retreat(world: World, root: Path) -> None:  # noqa: F
     assert world.spin(lambda: node.controller.phase.name == 'IDLE'), node.controller.cause
     world.end(simulator)
     assert world.spin(lambda: world.status('force_controller').message == (
-        'no message comes on joint_states: start what publishes there'))
+        'no message comes on joint_states; start the node that publishes there'))
 
 
 def test_without_an_arm_it_says_so(world: World) -> None:  # noqa: F811

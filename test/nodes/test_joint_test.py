@@ -59,11 +59,11 @@ PROGRAM = 'import sys; from tudor_dynamics.nodes.joint_test import main; sys.exi
 TRUE = 'lambda x: x'
 LIES = {
     'swapped': ('lambda u: u[::-1]', TRUE,
-                "joint2: commands to this joint move 'joint3': correct the order"),
+                "joint2: commands to this joint move 'joint3'; correct the order"),
     'negated': ('lambda u: [u[0], -u[1]]', TRUE,
-                'joint3: the joint moves the other way: a sign is wrong'),
+                'joint3: the joint moves the other way, so a sign is wrong'),
     'a tenth': (TRUE, 'lambda q: [q[0], 0.7 + 0.1 * q[1], q[2]]',
-                'the positions that the driver reports: its velocity is right'),
+                'the positions that the driver reports, as its velocity is right'),
     'deaf': ('lambda u: [0.0, 0.0]', TRUE, 'joint2: the joint does not answer')}
 
 
@@ -71,7 +71,7 @@ def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line and exit code 2 for an arm without a damper, a foreign joint, a huge step."""
     tudor = str(root / 'config/tudor.yaml')
     for words, expected in (
-            (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no damper'),
+            (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no key damper'),
             (['--arm', tudor, '--joints', 'joint1'], "'joint1' is not an active joint"),
             (['--arm', tudor, '--step', '50'], 'up to 5 degrees')):
         assert main(['joint_test', *words]) == 2
@@ -120,7 +120,7 @@ def test_drivers_that_are_right_and_that_lie(
                 [sys.executable, '-c', PROGRAM, '--arm', arm, '--controller', 'driver', *clock],
                 timeout=PATIENCE, capture_output=True, text=True, check=False,
                 env={**os.environ, 'PYTHONPATH': str(root)})
-            assert done.returncode == 1 and 'the order differs' in done.stdout, done
+            assert done.returncode == 1 and 'in this order; set' in done.stdout, done
             assert 'nothing was moved' in done.stdout
             code, said = test()
             assert code == 0, said

@@ -92,7 +92,7 @@ def test_each_is_a_monitor_of_its_own(
         found = world.status('monitor', lambda status: status.name.endswith('/third'))
         assert found.level == found.ERROR and 'none' in found.message
         host = world.status('monitors')
-        assert host.level == host.ERROR and host.message.startswith('/fourth is not watched')
+        assert host.level == host.ERROR and host.message.startswith('the arm in /fourth is not')
         assert 'neural' in host.message
         assert (values_of(host)['arms'], values_of(host)['watched']) == ('4', '3')
     finally:
@@ -135,7 +135,7 @@ def test_one_that_fails_is_made_anew(
     assert host.arms[0].node is not first and len(tries) == 2
     assert fleet.flows(*ARMS)
     status = world.status('monitors', lambda found: found.level == found.WARN)
-    assert 'the monitor of /left failed' in status.message
+    assert 'the monitor in /left failed' in status.message
     assert values_of(status)['failures /left'] == '1'
 
 

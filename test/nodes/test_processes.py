@@ -117,7 +117,7 @@ def test_parameters_over_services(world: World, model: Path) -> None:
     assert not change('debounce', 5.0).successful
     assert not change('model', 'other').successful
     refused = change('contact_alarms_per_hour', 0.5)
-    assert not refused.successful and 'raise it or lower the other' in refused.reason
+    assert not refused.successful and 'raise the first parameter or lower' in refused.reason
 
 
 def test_queues_are_made_deeper(world: World, root: Path, tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.signals.shaping import Profile
 
-INACTIVE = 'inactive; to go on: ros2 lifecycle set reference_generator activate'
+INACTIVE = 'the node is inactive; run `ros2 lifecycle set reference_generator activate`'
 GOAL = np.array([1.2, -0.3])
 
 
@@ -325,7 +325,7 @@ def test_no_goals_among_random_targets(world: World, tudor: Path) -> None:
     generator = Generator(world, tudor, mode='aprbs', seed=3)
     generator.run(5)
     assert generator.node._take(trajectory(point(1.0, *GOAL))) == (
-        'this node drives random targets: restart it with mode:=goals')
+        'this node drives random targets; restart it with the parameter mode:=goals')
     assert np.ptp(generator.run(160), axis=0).max() > 0.02
 
 
@@ -338,7 +338,7 @@ def test_rivals_are_named(world: World, tudor: Path) -> None:
     generator.node._look()
     status = generator.told()
     assert status.level == DiagnosticStatus.WARN
-    assert ('2 publishers send positions on joint_states, from nodes named /probe; stop'
+    assert ('2 publishers send positions on joint_states, in nodes /probe, /probe; stop'
             in status.message)
     rival = world.probe.create_publisher(JointState, 'joint_reference', 10)
     assert world.spin(lambda: generator.node.count_publishers('/joint_reference') == 2)
@@ -346,6 +346,6 @@ def test_rivals_are_named(world: World, tudor: Path) -> None:
     status = generator.told()
     assert status.level == DiagnosticStatus.ERROR
     assert status.message == (
-        '/probe can also send references on /joint_reference: let only one node publish there')
+        '/probe can also send references on /joint_reference; let only one node publish there')
     for publisher in (second, rival):
         world.probe.destroy_publisher(publisher)

@@ -124,7 +124,7 @@ def test_without_positions(world: World, root: Path) -> None:
     world.rest(0.4)
     chain.send(*MOVEIT)
     assert chain.relay.refused == (
-        'no joint positions arrive on joint_states: start the driver')
+        'no joint positions arrive on joint_states; start the driver')
 
 
 @pytest.mark.parametrize('newer', [False, True])
@@ -143,7 +143,7 @@ def test_a_collision_stops_the_controller(world: World, root: Path, newer: bool)
     place = chain.controller.q
     chain.send(point(0.0, *place), point(1.0, *(place + 0.1)))
     assert chain.relay.refused == (
-        'a collision was reported; check the arm, call the service ~/reset')
+        'a collision was reported; free the arm, call the service ~/reset')
     assert 'a collision stopped the arm' in chain.told().message
     refused = world.call(Trigger, 'trajectory_relay/reset')
     assert not refused.success and 'still reported' in refused.message
@@ -231,7 +231,7 @@ def test_it_shapes(world: World, root: Path, first: float) -> None:
 
 
 @pytest.mark.parametrize('frequency, said', [
-    (2.0, 'still moved'), (0.0, 'no frequency is known')])
+    (2.0, 'still moved'), (0.0, 'frequency of the tool is not known')])
 def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said: str) -> None:
     """It is passed on as it is, and said; or refused, as asked."""
     chain = Chain(world, root, **{**SHAPED, 'shaping_frequency': frequency})
@@ -242,10 +242,10 @@ def test_what_cannot_be_shaped(world: World, root: Path, frequency: float, said:
     assert said in chain.relay.not_shaped and len(chain.controller.taken[1].points) == 1
     status = chain.told()
     assert status.level == DiagnosticStatus.WARN
-    assert status.message.startswith('trajectory passed on unshaped: ')
+    assert status.message.startswith('trajectory passed on unshaped, as ')
     chain.relay.set_parameters([Parameter('not_shaped', value='refuse')])
     chain.send(point(2.0, 2.1, 0.1))
-    assert chain.relay.refused.startswith('the trajectory cannot be shaped: ')
+    assert chain.relay.refused.startswith('it cannot be shaped, as ')
     assert said in chain.relay.refused
     assert len(chain.controller.taken) == 2
 
@@ -351,5 +351,5 @@ def test_no_action_of_the_controller(world: World, root: Path, control_msgs: Non
     assert world.spin(result.done)
     assert result.result().result.error_string == (
         "the controller 'joint_trajectory_controller' offers no action "
-        'follow_joint_trajectory: activate it')
+        'follow_joint_trajectory; activate it')
     client.destroy()

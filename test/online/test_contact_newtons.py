@@ -102,7 +102,7 @@ def test_one_gauge_on_the_last_link_shows_a_force_at_its_end_and_no_place() -> N
     found = pushed(estimator_of(tudor(gauges=2)), Push(3.0, 4.0, 'joint3', 0.393, FORCES[1], 0.4))
     assert found['link'] == 'link3' and found['force'] == pytest.approx(5.0, rel=0.1)
     assert found['place'] is found['place_deviation'] is None
-    assert 'one gauge on the link of joint3' in found['note'] and 'second gauge' in found['note']
+    assert 'the link of joint3 has one gauge' in found['note'] and 'second gauge' in found['note']
     assert Span('joint3', 0.393, 0.393).weight == 0.393, 'the end stands for the whole link'
 
 

@@ -75,8 +75,8 @@ def test_all_judged() -> None:
     ({'gap': 1, 'strain_not_finite': 20}, 'mainly because messages on strains have NaN'),
     ({'strain_not_finite': 20}, 'because messages on strains have NaN'),
     ({'no_neighbour': 20}, 'because no stamp on strains is near'),
-    ({'no_thresholds': 20}, 'because the model has no thresholds: '),
-    ({'no_prediction': 20}, 'because no prediction comes, or the model diverged: ')])
+    ({'no_thresholds': 20}, 'because the model has no thresholds; '),
+    ({'no_prediction': 20}, 'because no prediction comes, or the model diverged; ')])
 def test_topics(causes: dict[str, int], said: str) -> None:
     """A cause comes with the topics that it is about; its code is a value of the diagnosis."""
     robot = Robot()
@@ -114,10 +114,10 @@ def test_another_device_on_the_same_topic_is_no_fault() -> None:
     assert 'no message came on strains' in alone.verdict.text
     alone = Robot()
     alone.live(3.0, other_names=50)
-    assert alone.verdict.text.endswith('correct the names in its driver')
+    assert alone.verdict.text.endswith('correct the names in the driver')
     gauges = Robot()
     gauges.live(3.0, no_measurement=50, strain_other_names=50)
-    assert 'no name in messages on strains is that' in gauges.verdict.text
+    assert 'messages on strains name no joint' in gauges.verdict.text
 
 
 def test_settling_is_a_warning_for_its_time_only() -> None:

@@ -149,7 +149,7 @@ def test_joints_in_any_order_and_held_ones() -> None:
                                  dq=path().dq[:, ::-1]))
     assert plain.effort is not None
     assert np.array_equal(turned.effort, plain.effort[:, ::-1])
-    with pytest.raises(SignalError, match="names the joint 'j9', which"):
+    with pytest.raises(SignalError, match="has the joint 'j9', but"):
         ahead.along(Trajectory(('j9', *JOINTS), T, np.zeros((11, 3))))
     lone = planar_arm([{'name': 'j1'}, {'name': 'j2', 'hold': 0.4}], active_joints=['j1'])
     motion = random_states(100, 1, 0)
@@ -165,7 +165,7 @@ def test_joints_in_any_order_and_held_ones() -> None:
 
 def test_models_that_are_not_there() -> None:
     """The bundle says what it has; motors of rigid arms are not led."""
-    with pytest.raises(ModelError, match='kind= elastic: the effort models of this bundle are'):
+    with pytest.raises(ModelError, match='kind= elastic: the model was fitted to efforts as'):
         Feedforward(bundle(two_gauge_arm()), kind='elastic')
     with pytest.raises(ModelError, match='elastic model cannot be used'):
         Feedforward(bundle(two_gauge_arm()), positions='motor')

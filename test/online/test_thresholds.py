@@ -121,9 +121,10 @@ def test_round_trip(learned) -> None:
     assert np.allclose(again.taps, learned.taps, rtol=1e-9)
     for change, text in (
             ({'taps': [[[1.0]]]}, 'taps has the shape'), ({'channels': ['a']}, 'channels'),
-            ({'tails': []}, 'tails has 0 entries'), ({'step': -1.0}, 'step: .* greater than 0'),
-            ({'profile': 'no'}, 'profile: '), ({'profile': [[1.0], [1.0, 2.0]]}, 'inhomogeneous'),
-            ({'taps': [[[float('nan')]]]}, 'taps.0.0.0: .* finite number')):
+            ({'tails': []}, 'tails has 0 entries'), ({'step': -1.0}, 'step must be above 0'),
+            ({'profile': 'no'}, 'profile must'),
+            ({'profile': [[1.0], [1.0, 2.0]]}, 'inhomogeneous'),
+            ({'taps': [[[float('nan')]]]}, 'taps.0..0..0. must be a finite number')):
         with pytest.raises(ModelError, match=f'{text}.*; fit the model again'):
             thresholds_from_dict({**content, **change}, CHANNELS, 2)
     with pytest.raises(ModelError, match='key facts.thresholds: .*; fit the model again'):
@@ -388,6 +389,6 @@ def test_thresholds_that_lack_something_are_refused(learned: MethodThresholds) -
     content = thresholds_to_dict(learned)
     for change, message in (({'tails': content['tails'][:4]}, 'tails has 4 entries; expected 6'),
                             ({'usual': None}, 'usual'), ({'reach': [1.0]}, 'reach'),
-                            ({'stiction': [-1.0, 0.0]}, 'stiction.0: .* greater than or equal')):
+                            ({'stiction': [-1.0, 0.0]}, 'stiction.0. must be at least 0')):
         with pytest.raises(ModelError, match=message):
             thresholds_from_dict({**content, **change}, CHANNELS, 2)

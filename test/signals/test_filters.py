@@ -121,8 +121,8 @@ def test_states_are_the_callers_own() -> None:
      'velocities have shape'),
     (lambda: CausalDifferentiator().process(np.array([1.0, np.nan]), np.zeros((2, 1))),
      'sample time nan s at sample 1'),
-    (lambda: zero_phase(np.arange(40.0), np.zeros((40, 1)), 0.5), 'cutoff= 0.5 Hz: not between'),
-    (lambda: zero_phase(np.arange(40.0), np.zeros((40, 1)), 0.0), 'cutoff= 0 Hz: not between'),
+    (lambda: zero_phase(np.arange(40.0), np.zeros((40, 1)), 0.5), 'cutoff= 0.5 Hz: give more'),
+    (lambda: zero_phase(np.arange(40.0), np.zeros((40, 1)), 0.0), 'cutoff= 0 Hz: give more'),
 ])
 def test_errors(call: object, message: str) -> None:
     """Each impossible setting or record is refused with what was found and expected."""

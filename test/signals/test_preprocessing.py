@@ -178,7 +178,7 @@ def test_too_short() -> None:
     q = _motion(300, 100.0)[:, :2]
     stretches = prepare(recording_of(q, 100.0, gaps=(40,)), PreprocessingSpec(settle=0.5))
     assert [len(s.t) for s in stretches] == [260]
-    with pytest.raises(SignalError, match='bag: no stretch without gaps is longer than 6 s'):
+    with pytest.raises(SignalError, match='bag: no part without gaps is longer than 6 s'):
         prepare(recording_of(q, 100.0), PreprocessingSpec(settle=3.0))
     with pytest.raises(SignalError, match='32 samples'):
         prepare(recording_of(q[:20], 100.0), PreprocessingSpec(settle=0.0))

@@ -93,8 +93,8 @@ def test_fields_that_a_point_leaves_empty_are_not_given() -> None:
 @pytest.mark.parametrize(('change', 'words'), [
     ({'t': np.array([0.0, 0.5, 0.5, 1.0])}, 'time does not increase after point 2'),
     ({'t': np.array([0.0, 0.5, np.nan, 1.0])}, 'time does not increase'),
-    ({'q': np.zeros((4, 3))}, 'positions have shape'),
-    ({'dq': np.full((4, 2), np.inf)}, "velocities of point 1: found inf for 'a'"),
+    ({'q': np.zeros((4, 3))}, 'positions have the shape'),
+    ({'dq': np.full((4, 2), np.inf)}, "the velocities of point 1 of 4 have inf for 'a'"),
     ({'ddq': np.zeros((4, 2))}, 'accelerations without velocities'),
     ({'t': np.zeros(0), 'q': np.zeros((0, 2))}, 'no points')])
 def test_what_is_no_trajectory_is_refused(change: dict[str, np.ndarray], words: str) -> None:
@@ -107,9 +107,9 @@ def test_joints_go_by_name() -> None:
     """In any order; what is missing or there twice is refused."""
     path = Trajectory(('b', 'c', 'a'), T[:1], np.array([[1.0, 2.0, 3.0]]))
     assert np.array_equal(path.of(JOINTS).q, [[3.0, 1.0]])
-    with pytest.raises(SignalError, match='is missing'):
+    with pytest.raises(SignalError, match="joint 'd' is missing"):
         path.of(('a', 'd'))
-    with pytest.raises(SignalError, match='point 1: 1 positions for 2 joints'):
+    with pytest.raises(SignalError, match='point 1 of 1 has 1 positions, but there are 2 joints'):
         Trajectory.from_points(JOINTS, T[:1], [[1.0]], [[]], [[]])
-    with pytest.raises(SignalError, match='lower it: at most'):
+    with pytest.raises(SignalError, match='lower it, as at most'):
         denser(Trajectory(JOINTS, T, np.zeros((4, 2))), 1e9)

@@ -251,8 +251,8 @@ class Arm(Shown):
     def damper(self) -> DamperSpec:
         """Give the section of the damper; an ArmError where there is none."""
         if self.spec.damper is None:
-            raise ArmError('there is no damper section', place=self.source, remedy='add the key '
-                           'damper with gauges and gains, as config/tudor.yaml has it')
+            raise ArmError('the description has no key damper', place=self.source, remedy='add it '
+                           'with gauges and gains, as in config/tudor.yaml')
         return self.spec.damper
 
     def is_prismatic(self, joint: str) -> bool:
@@ -354,7 +354,7 @@ def load_arm(path: str | Path) -> Arm:
     try:
         content = load_yaml(text)
     except YamlError as err:
-        raise ArmError(str(err), place=path) from None
+        raise ArmError(str(err), place=path, remedy='correct it') from None
     arm = arm_from_dict(content, base=path.parent, source=str(path))
     for note in arm.notes:
         warnings.warn(f'{path}: {note}', TudorWarning, stacklevel=2)
@@ -393,5 +393,5 @@ def refuse_interfaces(arm: Arm, who: str, *, arrays: bool = False) -> None:
         if source.interface is not None or (source.index is not None and not arrays):
             kind = 'Float64MultiArray' if source.interface is None else 'DynamicJointState'
             raise ArmError(
-                f'{source.topic} carries {name} as {kind}; {who} supports only {taken}',
+                f'{name} comes on {source.topic} as {kind}, but {who} supports only {taken}',
                 place=arm.source, remedy='publish JointState, and name its topic in this file')

@@ -100,8 +100,7 @@ def parse(text: str, path: str) -> ElementTree.Element:
     for tag in ('link', 'joint'):
         count = sum(1 for _ in root.iter(tag))
         if count > MAX_LINKS:
-            msg = f'{path}: {count} {tag}s; at most {MAX_LINKS} are read: remove other parts'
-            raise ArmError(msg)
+            raise ArmError(f'{path}: {count} {tag}s; at most {MAX_LINKS} are read: remove some')
     return root
 
 
@@ -332,8 +331,8 @@ class ExactAngles:
             return ''
         more = len(self._changed) - SHOWN
         shown = ', '.join(self._changed[:SHOWN]) + (f' and {more} more' if more > 0 else '')
-        return (f'angles within {NEAR:g} rad of a multiple of 45 degrees are taken as that '
-                f'multiple: {shown} [rad]; nothing needs to be done')
+        return (f'rounded angles are taken as the multiple of 45 degrees that is within {NEAR:g} '
+                f'rad ({shown} [rad]); nothing needs to be done')
 
 
 def build_model(
@@ -425,7 +424,7 @@ def model_from_urdf(text: str, path: str, angles: ExactAngles | None = None) -> 
     errors = re.findall(r'^Error: *(.*)', said, re.MULTILINE)
     if model is None or errors:
         cause = errors[0] if errors else cause
-        raise ArmError(f'{path}: Pinocchio builds no model from this URDF ({cause}); correct that')
+        raise ArmError(f'{path}: Pinocchio cannot read this URDF ({cause}); correct the URDF')
     if said and sys.stderr is not None:
         sys.stderr.write(said)
     return model

@@ -239,8 +239,8 @@ class JointSpec(Spec):
                               ('acceleration', 1.0)):
             inner, outer = getattr(planned, key), getattr(limits, key)
             if inner is not None and outer is not None and outwards * (inner - outer) > 0.0:
-                yield (f'planned.{key} {inner:g} is beyond limits.{key} {outer:g}: '
-                       'plans must keep within the limits; correct either value')
+                yield (f'planned.{key} {inner:g} is beyond limits.{key} {outer:g}, within '
+                       'which plans must keep; correct either value')
 
     _open = model_validator(mode='before')(without_auto('friction'))
 
@@ -289,7 +289,7 @@ class GaugeSpec(SourceSpec):
     @classmethod
     def _has_length(cls, vector: str | Vector3 | None) -> str | Vector3 | None:
         if isinstance(vector, tuple) and math.hypot(*vector) < 1e-12:
-            raise ValueError('a vector of length 0 has no direction: give x, y, z or [0, 0, 1]')
+            raise ValueError('a vector of length 0 has no direction; give x, y, z or [0, 0, 1]')
         return vector
 
 
@@ -545,7 +545,7 @@ class SectionSpec(Spec):
         allowed = {*needed, 'J', 'surface'}
         for key in needed:
             if getattr(self, key) is None:
-                yield f'a {self.shape} section needs {", ".join(needed)}; {key} is missing: add it'
+                yield f'a {self.shape} section needs {", ".join(needed)}; {key} is missing; add it'
         for key in ('height', 'width', 'outer', 'inner', 'area', 'Iz', 'Iy'):
             if getattr(self, key) is not None and key not in allowed:
                 yield (f'a {self.shape} section has no {key}, but {", ".join(needed)}; '
@@ -570,7 +570,7 @@ class MaterialSpec(Spec):
     def mistakes(self) -> Iterator[str]:
         if (self.G is None) == (self.nu is None):
             yield (f'shear modulus G and Poisson ratio nu are both '
-                   f'{"missing" if self.G is None else "given"}: give one of them')
+                   f'{"missing" if self.G is None else "given"}; give one of them')
 
 
 class InertiaPart(Spec):
@@ -591,8 +591,8 @@ class InertiaPart(Spec):
             if moments[0] < -scale or moments[2] - moments[0] - moments[1] > scale:
                 a, b, c = (f'{moment:.4g}' for moment in moments)
                 why = f'{a} is negative' if moments[0] < -scale else f'{c} is above {a} + {b}'
-                yield (f'no rigid body has such an inertia: the principal moments are {a}, {b}, '
-                       f'{c} kg m^2, but {why}; correct Ixx, Iyy, Izz, Ixy, Ixz, Iyz')
+                yield (f'no rigid body has the principal moments of inertia {a}, {b}, {c} kg m^2, '
+                       f'as {why}; correct Ixx, Iyy, Izz, Ixy, Ixz, Iyz')
 
     @property
     def components(self) -> tuple[float, ...]:
@@ -664,8 +664,8 @@ class LinkSpec(Spec):
 
     def mistakes(self) -> Iterator[str]:
         if self.joint_damping > 0 and self.joint_stiffness is None:
-            yield ('joint_damping damps the spring of an elastic joint: give its '
-                   'joint_stiffness too; for a rigid joint, use viscous_friction')
+            yield ('joint_damping damps the spring of an elastic joint; give its '
+                   'joint_stiffness too, or, for a rigid joint, viscous_friction')
 
 
 class RayleighSpec(Spec):
@@ -736,7 +736,7 @@ class ArmSpec(Spec):
             if name not in names:
                 yield f'active joint {name!r} is not a joint; use one of {", ".join(names)}'
         if self.active_joints is not None and not self.active_joints:
-            yield 'active_joints is empty: name at least one joint, or leave it out'
+            yield 'active_joints is empty; name at least one joint, or leave it out'
         yield from self._wrong_couplings(names)
         for gauge in self.gauges:
             if gauge.joint not in names:
@@ -750,7 +750,7 @@ class ArmSpec(Spec):
         rows = self.kinematics.dh
         flange = self.kinematics.convention == 'modified'
         if rows is not None and len(rows) - len(names) not in (0, flange):
-            yield (f'{len(rows)} D-H rows for {len(names)} joints: give one row for each joint, '
+            yield (f'{len(rows)} D-H rows for {len(names)} joints; give one row for each joint, '
                    'base first' + (', and at most one more, for a flange' if flange else ''))
         yield from self._wrong_drives(names, gauges)
 
@@ -811,6 +811,15 @@ def _keys(part: type[Spec]) -> set[str]:
     return {*part.model_fields}.union(*(_keys(other) for other in part.__subclasses__()))
 
 
+PLAIN: dict[str, Any] = {
+    r'^\w+ should': 'must', 'tuple': 'list', ' after validation': '',
+    'a valid dictionary.*': 'keys with values', r'a valid (list|string)': r'a \1',
+    'a valid date.*': 'a date such as 2026-01-31', 'greater than or equal to': 'at least',
+    'less than or equal to': 'at most', 'greater than': 'above', 'less than': 'below',
+    r'\b\d+\.?\d{5,}': lambda found: f'{float(found[0]):g}'}
+"""What pydantic says, and the same in words and numbers of this package."""
+
+
 def validation_message(err: ValidationError, add: str = '; add it') -> str:
     """Put a pydantic error on one line: each key, what is wrong, what was found."""
     def short(text: str) -> str:
@@ -820,22 +829,23 @@ def validation_message(err: ValidationError, add: str = '; add it') -> str:
     # what holds a wrong part seems to lack it, too
     around = {item['loc'][:size] for item in items for size in range(len(item['loc']))}
     for item in (one for one in items if one['loc'] not in around):
-        where = short('.'.join(str(part) for part in item['loc'] if part != '[key]'))
-        own = item.get('ctx', {}).get('error')
+        where = short(''.join(f'[{part}]' if isinstance(part, int) else f'.{part}'
+                              for part in item['loc'] if part != '[key]').lstrip('.'))
+        own, found = item.get('ctx', {}).get('error'), item.get('input')
         text = str(own) if isinstance(own, Exception) else item['msg']
-        text = re.sub(r'^\w+ should', 'must', text).replace('tuple', 'list').replace(
-            ' after validation', '')
-        text = re.sub(r'a valid dictionary.*', 'keys with values', text)
-        text = re.sub(r'a valid (list|string)', r'a \1', text)
-        text = re.sub(r'a valid date.*', 'a date such as 2026-01-31', text)
-        found = item.get('input')
-        shown = '' if isinstance(found, (dict, list)) or f"'{found}'" in text else (
-            f', found {"nothing" if found is None else short(repr(found))}')
+        for old, new in PLAIN.items():
+            text = re.sub(old, new, text)
         if item['type'] == 'missing':
-            text, shown = 'is missing', add
-        if item['type'] == 'extra_forbidden':
-            text = 'unknown key'
-            shown += '; correct or remove it' + meant(str(item['loc'][-1]), _keys(Spec))
-        parts.append(f'{where}: {text}{shown}' if where else text + shown)
+            text = f'is missing{add}'
+        elif item['type'] == 'extra_forbidden':
+            text = 'is an unknown key; correct or remove it' + meant(
+                str(item['loc'][-1]), _keys(Spec))
+        elif not isinstance(found, (dict, list)) and f"'{found}'" not in text:
+            text += f', found {"nothing" if found is None else short(repr(found))}'
+        if text.startswith(('is ', 'must ')):
+            text = f'{where or "the content"} {text}'
+        elif where:
+            text = f'{where}: {text}'
+        parts.append(text)
     more = f'; and {len(parts) - MAX_PARTS} more' if len(parts) > MAX_PARTS else ''
     return '; '.join(parts[:MAX_PARTS]) + more

@@ -182,12 +182,12 @@ def _topic_report(states: DecodedTopic) -> TopicReport:
 def _verdict(bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources | None) -> dict[str, Any]:
     nothing = {'effort_model': False, 'strain_model': False}
     if plan is None:
-        return nothing | {'verdict': 'nothing: the bag has no joint positions: record '
-                          'joint_states'}
+        return nothing | {'verdict': 'nothing, as the bag has no joint positions; '
+                          'record joint_states'}
     try:
         found = assemble(bag, topics, plan, need_output=True, need_motion=True, checksum=False)
     except BagError as err:
-        return nothing | {'verdict': f'nothing: {err.advice}'}
+        return nothing | {'verdict': f'nothing, as {err.advice}'}
     models = [name for name, values in (('effort', found.effort), ('strain', found.strain))
               if values is not None]
     lacking = {'effort': '; no efforts', 'strain': '; no strains'}
@@ -224,8 +224,8 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
         reports.append(_topic_report(topics[name]) if name in topics else TopicReport(
             name, info.msgtype, len(log_time), **_times(log_time, 'log')))
         if info.count != len(log_time):
-            bag.notes.add(f'{name}: the bag lists {info.count} messages, but has {len(log_time)}; '
-                          'these are used, record again if more are needed')
+            bag.notes.add(f'the bag lists {info.count} messages on {name}, but has '
+                          f'{len(log_time)}, which are used; record again if more are needed')
         if len(log_time):
             edges += [int(log_time[0]), int(log_time[-1])]
     plan = guess_plan(topics) if arm is None else plan_from_arm(arm)

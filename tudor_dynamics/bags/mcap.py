@@ -114,7 +114,7 @@ class McapFile:
         size = self.path.stat().st_size
         with open_regular(self.path) as stream:
             if size < len(MAGIC) + RECORD.size + 4 + _TAIL or stream.read(len(MAGIC)) != MAGIC:
-                raise Damaged('no MCAP magic')
+                raise Damaged('it does not begin as MCAP does')
             code, _ = RECORD.unpack(stream.read(RECORD.size))
             length = int.from_bytes(stream.read(4), 'little')
             if code != HEADER or stream.read(min(length, 5)) not in PROFILES:
@@ -123,9 +123,9 @@ class McapFile:
             tail = stream.read(_TAIL)
             start, offsets, checksum = _FOOTER.unpack_from(tail, RECORD.size)
             if not tail.endswith(MAGIC):
-                raise BreaksOff('no MCAP footer: cut short, or never closed')
+                raise BreaksOff('it was cut short, or never closed')
             if RECORD.unpack_from(tail) != (FOOTER, _FOOTER.size):
-                raise Damaged('no MCAP footer')
+                raise Damaged('it does not end as MCAP does')
             end = size - _TAIL
             if not start or not len(MAGIC) < start <= end or end - start > MAX_SUMMARY_BYTES:
                 return None
@@ -187,7 +187,7 @@ class McapFile:
         with open_regular(self.path) as stream:
             try:
                 if stream.read(len(MAGIC)) != MAGIC:
-                    raise Damaged('no MCAP magic')
+                    raise Damaged('it does not begin as MCAP does')
                 while True:
                     head = stream.read(RECORD.size)
                     whole = (len(head) == RECORD.size
@@ -203,8 +203,7 @@ class McapFile:
                         stream.seek(length, 1)
                         continue
                     if length > MAX_PIECE:
-                        msg = f'a record of {length} bytes; at most {MAX_PIECE} are read at once'
-                        raise Damaged(msg)
+                        raise Damaged(f'a record of {length} bytes, more than {MAX_PIECE}')
                     record = stream.read(length)
                     self._records(
                         _unpack_chunk(record, unpacker) if code == CHUNK else head + record,

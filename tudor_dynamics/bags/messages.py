@@ -286,11 +286,11 @@ def decode(
             try:
                 layout = parse(messages[int(index[0])])
             except CdrError as err:
-                raise BagError(f'topic {topic}, message {index[0]}: {err}; correct the publisher '
-                               'or, if the bag is damaged, record it again') from None
+                raise BagError(f'message {index[0] + 1} of {len(messages)} on {topic} {err}; '
+                               'correct the publisher, or record a damaged bag again') from None
             if len(blocks) == MAX_LAYOUTS:
-                raise BagError(f'topic {topic}: names, fields or frame_id of its messages vary in '
-                               f'more than {MAX_LAYOUTS} ways; record one arm on one topic')
+                raise BagError(f'names, fields or frame_id of messages on {topic} vary in more '
+                               f'than {MAX_LAYOUTS} ways; record one arm on one topic')
             # which agree with the first one in every structural byte
             word: Any = np.uint32 if length % 4 == 0 else np.uint8
             words, mask = rows.view(word), layout.significant.view(word)
@@ -467,16 +467,16 @@ class DecodedTopic:
         layout = block.layout
         if not set(names) & set(layout.names):
             return
-        where = f'topic {self.topic}, message {block.index[0]}'
+        where = f'message {block.index[0] + 1} on {self.topic}'
         for field, (_, size) in layout.fields.items():
             if size not in (0, len(layout.names)):
-                raise BagError(f'{where}: {field} has {size} values for {len(layout.names)} '
-                               'names; each array must be empty or as long as name: correct the '
-                               'publisher and record again', place=path)
+                raise BagError(f'{where} has {size} values in {field}, but {len(layout.names)} '
+                               'names; correct the publisher, so that each array is empty or as '
+                               'long as name, and record again', place=path)
         for name in names:
             if layout.names.count(name) > 1:
-                raise BagError(f'{where}: {layout.names.count(name)} values have the name {name!r}'
-                               '; correct the publisher and record again', place=path)
+                raise BagError(f'{where} has the name {name!r} {layout.names.count(name)} times; '
+                               'correct the publisher, and record again', place=path)
 
     def ranges(self, besides: Collection[str]) -> dict[str, float]:
         """Say how far joints move besides some [rad or m], outermost percents excluded."""

@@ -96,18 +96,18 @@ def choose_clock(
             map(len, delays)) else 0
         for name, states in topics.items():
             if not states.stamped and len(states.stamp):
-                notes.add(f'messages on {name} have no stamp; their log time less '
-                          f'{delay * 1e-6:.3g} ms, the usual delay of logging, is used; for '
-                          f'exact times, publish a message type with a header on {name}')
+                notes.add(f'messages on {name} have no stamp, so the time at which they were '
+                          f'recorded is used, minus {delay * 1e-6:.3g} ms for the usual delay; '
+                          f'for exact times, publish a message type with a header on {name}')
         return {name: states.stamp if states.stamped else states.log_time - delay
                 for name, states in topics.items()}
     for name, states in topics.items():
         if len(states.stamp) > 1 and np.mean(np.diff(states.log_time) > 0) < 0.9:
-            raise BagError(f'all header stamps in {", ".join(unset)} are zero, and the log times '
-                           f'in {name} do not increase; set header.stamp in the publisher, and '
-                           'record again', place=path)
-    notes.add(f'all header stamps in {", ".join(unset)} are zero; log times are used, which '
-              'include the delays of the network')
+            raise BagError(f'all header stamps on {", ".join(unset)} are zero, and the times at '
+                           f'which messages on {name} were recorded do not increase; set '
+                           'header.stamp in the publisher, and record again', place=path)
+    notes.add(f'all header stamps on {", ".join(unset)} are zero, so the times are used at which '
+              'messages were recorded, late by the network; set header.stamp in the publisher')
     return {name: states.log_time for name, states in topics.items()}
 
 
@@ -120,15 +120,13 @@ def check_finite(stream: Signals, field: str, notes: Notes, path: str) -> FloatA
     counts = bad.sum(axis=0)
     first = int(np.argmax(bad.any(axis=1)))
     seconds = (stream.stamp[first] - stream.stamp[0]) * 1e-9
-    who = ', '.join(f'{name!r} in {count}' for name, count in zip(
+    who = ', '.join(f'{name!r} (in {count} of {len(bad)} samples)' for name, count in zip(
         stream.names, counts, strict=True) if count)
     large = '' if not np.isfinite(values[bad]).any() else f' or beyond {MAX_VALUE:g}'
-    text = (f'{stream.what}: {who} of {len(bad)} samples is NaN or infinite{large}, the first '
-            f'after {seconds:.3f} s')
+    text = (f'{stream.what} is NaN or infinite{large} for {who}, first after {seconds:.3f} s')
     if counts.max() > FEW * len(bad):
-        msg = f'{text}; repair the driver or leave this channel out, and record again'
-        raise BagError(msg, place=path)
-    notes.add(f'{text}; these are left out; if there are many, check the driver')
+        raise BagError(f'{text}; repair the driver of this sensor and record again', place=path)
+    notes.add(f'{text}; these samples are left out; if there are many, check the driver')
     return np.where(bad, np.nan, values)
 
 
@@ -177,15 +175,15 @@ class Assembly:
         keep, duplicate, backward = increasing(stream.stamp)
         lost = duplicate + backward
         if lost and 2 * lost >= len(stream.stamp):
-            raise BagError(f'the stamps of {stream.what} do not increase ({duplicate} duplicate, '
-                           f'{backward} backward of {len(stream.stamp)}); check the clock of the '
-                           'publisher and record again', place=self.path)
+            raise BagError(f'of {len(stream.stamp)} stamps of {stream.what}, {duplicate} repeat '
+                           f'and {backward} go back; correct the clock of the publisher, and '
+                           'record again', place=self.path)
         if count:
             for cause, number in (('duplicate_stamp', duplicate), ('backward_stamp', backward)):
                 if number:
                     self.dropped[cause] += number
-                    self.notes.add(f'{number} messages ({stream.what}) with a '
-                                   f'{cause.replace("_", " ")} are left out; check the publisher')
+                    self.notes.add(f'{number} messages with {stream.what} are left out for a '
+                                   f'{cause.replace("_", " ")}; check their publisher')
         return stream.at(keep), keep
 
     def motion(self) -> Signals:
@@ -196,29 +194,28 @@ class Assembly:
             others = sorted(topic for topic, info in self.bag.topics.items()
                             if info.msgtype == JOINT_STATE)
             msg = (f'no topic {plan.joint_topic}; ' + (
-                f'{JOINT_STATE} is on {", ".join(others)}: correct joint_topic in the arm '
+                f'{JOINT_STATE} is on {", ".join(others)}, so correct joint_topic in the arm '
                 'description' if others else
-                f'no topic has the type {JOINT_STATE}: record the joint states'))
+                f'no topic has the type {JOINT_STATE}, so record the joint states'))
             raise BagError(msg, place=self.path)
         states = self.states(name)
         if not len(states.stamp):
-            msg = f'no messages in {name}; record again with the driver running'
-            raise BagError(msg, place=self.path)
+            raise BagError(f'no messages in {name}; start its driver and record', place=self.path)
         stream, index = self.select(states, plan.joints, 'position')
         if not len(index):
             found = sorted({name for block in states.blocks for name in block.layout.names})
             missing = ', '.join(name for name in plan.joints if name not in found)
             has, wanted = ', '.join(found), ', '.join(plan.joints)
             raise BagError(
-                f'joints {missing} are not in {name}; it has {has}, the arm description names '
-                f'{wanted}: correct joints[].name' if missing else
+                f'joints {missing} are not in {name}, which has {has}; the arm description names '
+                f'{wanted}, so correct joints[].name' if missing else
                 f'no message in {name} has positions of all joints {wanted} '
                 f'(names in the topic: {has}); publish them in one message', place=self.path)
         partial = sum(len(block.index) for block in states.blocks
                       if set(plan.joints) & set(block.layout.names)) - len(index)
         if partial:
             self.dropped['incomplete'] += partial
-            self.notes.add(f'{partial} messages in {name} lack a joint or its position: left out')
+            self.notes.add(f'{partial} messages in {name} lack a joint or position: left out')
         for newest, size, lost in set_backs(stream.stamp):  # the record is split there
             self.cuts.append(newest)
             self.set_backs.append(
@@ -243,8 +240,8 @@ class Assembly:
         if any(empty):
             # joint_state_broadcaster fills the fields of interfaces that are not there with NaN
             names = [name for name, none in zip(stream.names, empty, strict=True) if none]
-            self.notes.add(f'velocity in {states.topic} is NaN throughout for '
-                           f'{", ".join(names)}; velocities are not used')
+            self.notes.add(f'the velocity of {", ".join(names)} in {states.topic} is always NaN, '
+                           'so velocities are not used')
             return None
         return check_finite(stream, 'velocity', self.notes, self.path)
 
@@ -272,8 +269,8 @@ class Assembly:
             own, other = (np.median(np.diff(stamp)) if len(stamp) > 1 else 0.0
                           for stamp in (stream.stamp, motion.stamp))
             if own > 1.5 * other:
-                self.notes.add(f'{stream.what} comes every {own * 1e-6:.3g} ms, joint states '
-                               f'every {other * 1e-6:.3g} ms: it is interpolated')
+                self.notes.add(f'{stream.what} comes every {own * 1e-6:.3g} ms, but joint states '
+                               f'every {other * 1e-6:.3g} ms, so it is interpolated')
         return values, found
 
     def _output_stream(
@@ -299,16 +296,16 @@ class Assembly:
         # Stamps of the joint states' own topic were counted with the positions.
         stream, _ = self.ordered(stream, count=topic != self.names[self.plan.joint_topic])
         if len(stream.stamp) < 2:
-            self.notes.add(f'only one message with {what} of {who} in {topic}', lacking=True)
+            self.notes.add(f'{topic} has only one message with {what} of {who}', lacking=True)
             return None
         if not np.isfinite(stream.values[field]).any():
-            self.notes.add(f'{stream.what} is NaN throughout: check its driver', lacking=True)
+            self.notes.add(f'{stream.what} is always NaN; check its driver', lacking=True)
             return None
         values = check_finite(stream, field, self.notes, self.path)
         spans = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
         if not spans.all():
             still = [name for name, span in zip(names, spans, strict=True) if not span]
-            self.notes.add(f'{what} of {", ".join(still)} in {topic} never changes: check the '
+            self.notes.add(f'{what} of {", ".join(still)} in {topic} never changes; check the '
                            'sensor and its driver')
         return replace(stream, values={field: values})
 
@@ -328,14 +325,14 @@ class Assembly:
                             not_finite=int(np.sum(~finite)))
         if self.dropped['no_neighbour']:
             self.notes.add(f'{self.dropped["no_neighbour"]} of {len(found)} joint states have no '
-                           'effort or strain close before and after: these are left out')
+                           'effort or strain close before and after, so they are left out')
         kept = np.flatnonzero(found & finite)
         parts = split_at_gaps(motion.stamp[kept])
         long = [np.arange(p.start, p.stop) for p in parts if p.stop - p.start >= MIN_SEGMENT]
         isolated = len(kept) - sum(map(len, long))
         if isolated and long:
             self.dropped['isolated'] += isolated
-            self.notes.add(f'{isolated} samples stand alone between gaps: they are left out')
+            self.notes.add(f'{isolated} samples stand alone between gaps and are left out')
         return kept[np.concatenate(long)] if long else kept
 
     def segments(self, stamp: NDArray[np.int64]) -> tuple[slice, ...]:
@@ -346,10 +343,10 @@ class Assembly:
             lengths = (stamp[starts] - stamp[starts - 1]) * 1e-9
             at = (stamp[starts[0] - 1] - stamp[0]) * 1e-9
             self.notes.add(
-                f'{len(lengths)} gap(s) on {self.names[self.plan.joint_topic]} longer than '
-                f'{gap_limit(stamp):.3g} s, the longest {lengths.max():.3f} s, the first after '
-                f'{at:.3f} s; the record is split there; if other bags have gaps too, find out '
-                'whether driver, network or disk is too slow')
+                f'messages are missing on {self.names[self.plan.joint_topic]} in {len(lengths)} '
+                f'gap(s) longer than {gap_limit(stamp):.3g} s (longest {lengths.max():.3f} s, '
+                f'first after {at:.3f} s); the recording is split there; if other bags have gaps '
+                'too, find out whether driver, network or disk is too slow')
         for cut in np.searchsorted(stamp, self.cuts, side='right').tolist():
             parts = tuple(piece for part in parts for piece in (
                 (slice(part.start, cut), slice(cut, part.stop))
@@ -470,8 +467,7 @@ def read_flags(
     if raw is None:
         return None
     if any(not BOOL_BYTES <= len(data) < BOOL_BYTES + 8 or data[4] > 1 for data in raw.data):
-        msg = f'{bag.path}: topic {raw.topic} has messages that are no {BOOL}; record it again'
-        raise BagError(msg)
+        raise BagError(f'{bag.path}: {raw.topic} has messages that are no {BOOL}; record it again')
     joints = bag.find({clock: JOINT_STATE})[clock]
     shift = 0
     if joints is not None:

@@ -317,7 +317,7 @@ def without_zero_velocities(recording: Recording, plan: Sources, notes: Notes) -
         if moves and not column.any())
     if not zero:
         return recording
-    notes.add(f'velocity of {", ".join(zero)} is zero throughout, though the joints move; '
+    notes.add(f'the velocity of {", ".join(zero)} is always zero, though the joints move, so '
               'velocities are not used')
     return replace(recording, dq=None, oddities=replace(recording.oddities, zero_velocities=zero))
 
@@ -341,17 +341,17 @@ def _check_velocity(
         return []
     (ratio, spread), unit = found, 'm' if slides else 'rad'
     if spread > MAX_SPREAD:
-        notes.add(f'velocity of {name} does not follow its position; it is used as it is: check '
-                  'the driver')
+        notes.add(f'the velocity of {name} does not follow its position, but is used as it is; '
+                  'check the driver')
     elif not slides and _is_about(abs(ratio), DEGREES):
         return [f'position of {name} changes {ratio:.3g} times as fast as its velocity says']
     elif not slides and _is_about(abs(ratio), 1 / DEGREES):
         return [f'velocity of {name} is {1 / ratio:.3g} times the derivative of its position']
     elif _is_about(ratio, -1.0):
-        notes.add(f'velocity of {name} has the opposite sign of the derivative of its position')
+        notes.add(f'velocity of {name} has the opposite sign of its motion; correct the driver')
     elif not _is_about(ratio, 1.0):
-        notes.add(f'velocity of {name} is {1 / ratio:.3g} times the derivative of its position; '
-                  f'expected {unit}/s')
+        notes.add(f'the velocity of {name} is {1 / ratio:.3g} times the derivative of its '
+                  f'position; publish velocities in {unit}/s')
     return []
 
 
@@ -372,8 +372,7 @@ def check_plausible(
     if not any(moving):
         text = f'no joint moves ({", ".join(plan.joints)} keep their positions)'
         if need_motion:
-            msg = f'{text}; nothing can be learned, record a motion'
-            raise BagError(msg, place=recording.path)
+            raise BagError(f'{text}; no model can be learned: record motion', place=recording.path)
         notes.add(text)
     elif not all(moving):
         still = [name for name, moves in zip(plan.joints, moving, strict=True) if not moves]

@@ -64,9 +64,9 @@ def read_metadata(directory: Path) -> Metadata:
         content = load_yaml(read_bounded(directory / METADATA, MAX_METADATA_BYTES).decode())
         return _checked(directory, content['rosbag2_bagfile_information'])
     except OSError as err:
-        cause = f'cannot be read: {err.strerror}'
+        cause = f'{METADATA} cannot be read ({err.strerror})'
     except (KeyError, IndexError) as err:
-        cause = f'the key {err} is missing'
+        cause = f'{METADATA} lacks the key {err}'
     except (AttributeError, TypeError, ValueError) as err:
         cause = ' '.join(str(err).split())[:300]
     raise BagError(cause, place=directory, remedy=f'check {METADATA} and the files beside it')
@@ -83,8 +83,7 @@ def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     if compression not in ('', 'file', 'message', 'storage'):
         raise ValueError(f'compression mode {compression!r} is unknown; known: file, message')
     if compression and information['compression_format'] != 'zstd':
-        msg = f'compression {information["compression_format"]!r}; only zstd can be read'
-        raise ValueError(msg)
+        raise ValueError(f'it has the compression {information["compression_format"]!r}, not zstd')
     names = [Path(name).name for name in information['relative_file_paths']]
     files = tuple(directory / name for name in dict.fromkeys(names))
     for file in files:
@@ -272,8 +271,8 @@ class Bag:
         except ValueError:
             mass = -1.0
         if not 0.0 <= mass < float('inf'):
-            self.notes.add(f'the metadata give the payload {text[:40]!r}, which is no mass in kg; '
-                           'ignored')
+            self.notes.add(f'{METADATA} has the payload {text[:40]!r}, which is not a mass in kg '
+                           'and is ignored; correct it')
             return None
         return mass
 
@@ -357,7 +356,7 @@ def _open_files(path: Path, notes: Notes, metadata: Metadata) -> Bag:
                 item = TopicInfo(item.name, ', '.join(types), known.count + item.count)
             topics[item.name] = item
     for file in sorted(unfinished):
-        notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
+        notes.add(f'{file.name} breaks off, as its recorder was killed; whole messages are read')
     announced = {name: replace(info, count=metadata.counts.get(name, info.count))
                  for name, info in topics.items()}
     return Bag(path, notes, announced, metadata, frozenset(unfinished))
@@ -369,7 +368,7 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
         return
     wal, journal = (file.with_name(file.name + end) for end in ('-wal', '-journal'))
     if wal.is_file() and wal.stat().st_size > 0:
-        notes.add(f'{wal.name} was never merged: the last messages may be missing; '
+        notes.add(f'the last messages may be missing, as {wal.name} was never merged; '
                   f'run `sqlite3 {file.name} "pragma wal_checkpoint"` on a copy')
     if not journal.is_file():
         return
@@ -384,25 +383,25 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
 def _open_directory(path: Path, notes: Notes) -> Bag:
     files = tuple(sorted((item for item in path.iterdir()
                           if item.suffix in STORAGES and item.is_file()), key=natural))
-    metadata, cause = Metadata(files), f'no {METADATA}'
+    metadata, cause = Metadata(files), f'{METADATA} is missing'
     if (path / METADATA).exists():
         try:
             metadata, cause = read_metadata(path), ''
         except BagError as err:
             if not files:
                 raise
-            cause = f'{METADATA} cannot be used: {err.cause}'
+            cause = f'{METADATA} cannot be used ({err.cause})'
     elif not files:
         raise BagError(f'{path}: no bag in this directory (neither {METADATA} nor .mcap or .db3 '
                        'files); give the directory that `ros2 bag record` made')
     if cause:
-        notes.add(f'{cause}; read {", ".join(file.name for file in files)} in the order of their '
-                  'names')
+        notes.add(f'{cause}; so the files {", ".join(file.name for file in files)} are read in '
+                  'the order of their names')
     if metadata.doubled:
-        notes.add(f'{METADATA} lists a file twice; read once')
+        notes.add(f'{METADATA} lists a file twice, which is read once')
     missed = [file.name for file in files if file not in metadata.files]
     if missed and not metadata.compression:
-        notes.add(f'{", ".join(missed)} not listed in {METADATA} and not read')
+        notes.add(f'{", ".join(missed)} is not read, as {METADATA} does not list it')
     return _open_files(path, notes, metadata)
 
 

@@ -82,24 +82,23 @@ class Trajectory(Shown):
     def __post_init__(self) -> None:
         shape = (len(self.t), len(self.joints))
         if not shape[0]:
-            msg = 'the trajectory has no points'
-            raise SignalError(msg, remedy='give at least one point with positions')
+            raise SignalError('the trajectory has no points; give one or more with positions')
         for name, values in (('positions', self.q), ('velocities', self.dq),
                              ('accelerations', self.ddq), ('efforts', self.effort)):
             if values is not None and values.shape != shape:
-                raise SignalError(f'the {name} have shape {values.shape}; expected {shape}, a row '
+                raise SignalError(f'the {name} have the shape {values.shape}; give {shape}, a row '
                                   f'for each point, a column for each of {", ".join(self.joints)}')
             if values is not None and not (np.abs(values) < LARGEST).all():
                 row, column = np.argwhere(~(np.abs(values) < LARGEST))[0].tolist()
-                raise SignalError(f'{name} of point {row + 1}: found {values[row, column]:g} for '
-                                  f'{self.joints[column]!r}; give a finite number below '
-                                  f'{LARGEST:g}')
+                raise SignalError(f'the {name} of point {row + 1} of {shape[0]} have '
+                                  f'{values[row, column]:g} for {self.joints[column]!r}; give a '
+                                  f'finite number below {LARGEST:g}')
         known = np.abs(self.t) < LARGEST
         later = np.diff(np.where(known, self.t, np.nan)) > 0.5 / SECOND  # messages count ns
         if not known.all() or not later.all():
             row = int(np.argmin(np.append(later, False)))
-            raise SignalError(f'time does not increase after point {row + 1} (counted from 1), at '
-                              f'{self.t[row]:g} s; give each point a larger time_from_start')
+            raise SignalError(f'time does not increase after point {row + 1} of {shape[0]}, at '
+                              f'{self.t[row]:g} s; let time_from_start grow from point to point')
         if self.ddq is not None and self.dq is None:
             msg = 'the trajectory has accelerations without velocities'
             raise SignalError(msg, remedy='give velocities too, or no accelerations')
@@ -140,8 +139,8 @@ class Trajectory(Shown):
                 continue
             wrong = [k for k, row in enumerate(field) if len(row) != len(joints)]
             if wrong:
-                msg = (f'point {wrong[0] + 1}: {len(field[wrong[0]])} {name} for {len(joints)} '
-                       f'joints, {", ".join(joints)}')
+                msg = (f'point {wrong[0] + 1} of {len(field)} has {len(field[wrong[0]])} {name}, '
+                       f'but there are {len(joints)} joints ({", ".join(joints)})')
                 raise SignalError(msg, remedy='give one value for each joint')
             arrays.append(np.array(field, dtype=float).reshape(len(field), len(joints)))
         q, dq, ddq = arrays
@@ -152,8 +151,8 @@ class Trajectory(Shown):
         """Take some of the joints, in their own order; none may be missing or named twice."""
         missing = [name for name in joints if self.joints.count(name) != 1]
         if missing:
-            msg = (f'the trajectory has the joints {", ".join(self.joints)}: {", ".join(missing)} '
-                   f'{"twice" if missing[0] in self.joints else "is missing"}')
+            msg = (f'joint {missing[0]!r} is {"twice" if missing[0] in self.joints else "missing"}'
+                   f' in the trajectory, which has the joints {", ".join(self.joints)}')
             raise SignalError(msg, remedy=f'give each of {", ".join(joints)} once')
         places = [self.joints.index(name) for name in joints]
         q, dq, ddq, effort = (None if values is None else values[:, places] for values in
@@ -188,15 +187,15 @@ def read_trajectory(path: Path) -> Trajectory:
             simplefilter('ignore', UserWarning)  # of a table without rows, which is refused below
             values = np.loadtxt(StringIO(body), delimiter=',', ndmin=2)
     except ValueError as err:
-        raise BagError(f'a row is not all numbers; correct it ({err})', place=path) from None
+        raise BagError(f'a row is not all numbers ({err}); correct it', place=path) from None
     if values.shape[1:] != (len(columns),):
-        msg = f'found a table of shape {values.shape}; expected rows of {len(columns)} numbers'
-        raise BagError(msg, place=path)
+        msg = f'the table has the shape {values.shape}, but its first line names {len(columns)}'
+        raise BagError(msg, place=path, remedy='give each row a number for each column')
     found: dict[str, FloatArray | None] = {}
     for ending, field in FIELDS.items():
         there = [name for name in joints if f'{name}{ending}' in columns]
         if there and len(there) < len(joints):
-            msg = (f'there is a column {there[0]}{ending}, but not for all joints '
+            msg = (f'there is a column {there[0]}{ending}, but not one for each of the joints '
                    f'{", ".join(joints)}')
             raise BagError(msg, place=path, remedy='give such columns for all joints or none')
         found[field] = values[:, [columns.index(f'{name}{ending}') for name in joints]] \
@@ -256,8 +255,8 @@ def read_trajectories(path: Path, topic: str = '') -> list[Sent]:
     if not 0 < len(raw.data) <= MOST_MESSAGES:
         msg = f'topic {name} has {len(raw.data)} messages; expected 1 to {MOST_MESSAGES}'
         raise BagError(msg, place=path, remedy='give a bag that holds the trajectory')
-    return [_decode(data, name, int(time), f'{path}, message {number} of {name}')
-            for number, (data, time) in enumerate(zip(raw.data, raw.log_time, strict=True))]
+    return [_decode(data, name, int(time), f'{path}, message {number} (from 1) of {name}')
+            for number, (data, time) in enumerate(zip(raw.data, raw.log_time, strict=True), 1)]
 
 
 def _decode(data: bytes, topic: str, time: int, place: str) -> Sent:

@@ -131,7 +131,7 @@ def encode(signals: Signals) -> RawMessages:
         for field, values in signals.values.items():
             expected = (len(stamp), layout.fields[field][1])
             if np.shape(values) != expected:
-                msg = f'{signals.topic}: {field} has shape {np.shape(values)}, expected {expected}'
+                msg = f'{signals.topic}: {field} has shape {np.shape(values)}, not {expected}'
                 raise BagError(msg)
             layout.numbers(messages, *layout.fields[field])[:] = values[rows]
         for row, message in zip(rows.tolist(), messages, strict=True):
@@ -362,8 +362,8 @@ class LiveWriter:
             shutil.rmtree(self._scratch, ignore_errors=True)
         except FAILURES as err:
             raise BagError(f'{self.path}: {failure or "cannot be finished"}; copy the folder '
-                           f'{made}: it keeps the messages ({reason(err)})') from None
+                           f'{made}, which keeps the messages ({reason(err)})') from None
         if failure:
-            msg = (f'{self.path}: {failure}; recording has ended, the {count} messages that were '
-                   'on disk are kept; free some space, and record under another name')
+            msg = (f'{self.path}: {failure}; recording has ended, and the {count} messages that '
+                   'were on the disk are kept; free some space, and record under another name')
             raise BagError(msg)

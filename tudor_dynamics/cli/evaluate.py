@@ -65,12 +65,12 @@ def run_collisions(args: argparse.Namespace) -> int:
                          'one table for each bag, in the order of the bags')
     bundle = load_bundle(args.model)
     if args.payload is None and bundle.payload_range is not None:
-        raise UsageError('the model is one of all payloads: say with --payload KG what the arm '
+        raise UsageError('the model covers several payloads; say with --payload KG what the arm '
                          'carries')
     bundle = bundle.at(args.payload or 0.0)
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
     if args.kind not in kinds:
-        raise UsageError(f'{args.model}: the bundle has no {args.kind} model; give --kind '
+        raise UsageError(f'{args.model}: the folder has no model of kind {args.kind}; give --kind '
                          f'{" or ".join(kinds)}, or run tudor fit --models '
                          f'{" ".join([*kinds, args.kind])}')
     choices = [parse_choice(text) for text in args.bags]

@@ -139,7 +139,7 @@ def _check(args: argparse.Namespace) -> None:
     for name, least, most, unit in (
             ('seconds', 10.0, 3600.0, ' s'), ('rate', 10.0, 10_000.0, ' Hz'),
             ('highest', 1e-3, 50.0, ' Hz'), ('steps', 1, 10**6, ''), ('seed', 0, 2**63, ''),
-            ('noise', 1e-12, 1e12, ' in the unit of the efforts'), ('budget', 0.0, 1e6, ' s'),
+            ('noise', 1e-12, 1e12, ' A, N m or N'), ('budget', 0.0, 1e6, ' s'),
             ('radius', 1e-3, 1.0, ' m'), ('floor', -1e3, 1e3, ' m')):
         value = getattr(args, name)
         if value is not None and not least <= value <= most:
@@ -147,7 +147,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.model and (args.noise is not None or args.noise_of):
         raise UsageError('the noise comes from --model', remedy='leave out --noise and --noise-of')
     if args.floor is None and args.box is None:
-        raise UsageError('nothing says where the arm may move',
+        raise UsageError('no option says where the arm may move',
                          remedy='give --floor Z, the height of the floor above the base [m], or '
                                 '--box XMIN XMAX YMIN YMAX ZMIN ZMAX [m]')
     box = args.box or [-1.0, 1.0] * 3
@@ -170,11 +170,11 @@ def _noise(args: argparse.Namespace, arm: Arm) -> dict[str, FloatArray]:
         except ValueError:
             number = 0.0
         if name not in names:
-            raise UsageError(f'--noise-of {text}: no channel {name!r}; give NAME=SIZE with a NAME '
-                             f'of {", ".join(names)}')
+            raise UsageError(f'--noise-of {text}: there is no joint or gauge {name!r}; give '
+                             f'NAME=SIZE with a NAME of {", ".join(names)}')
         if not 0.0 < number < 1e12:
             raise UsageError(f'--noise-of {text}: give NAME=SIZE, where SIZE is the standard '
-                             'deviation of the noise, above 0')
+                             'deviation of the noise, a number above 0')
         output, place = names[name]
         size[output][place] = number
     return size if arm.gauges else {'effort': size['effort']}
@@ -186,7 +186,7 @@ def run(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     rigid, bundle = args.purpose == 'rigid', args.model and load_bundle(args.model, arm=arm)
     if not rigid:
-        check_efforts(arm)
+        check_efforts(arm, 'give --for rigid')
     target = target_of_model(bundle, arm) if bundle else target_of_arm(arm, _noise(args, arm))
     frequencies = bundle.tool.frequencies[:1] if bundle and bundle.tool else UNKNOWN
     motion_limits(arm)  # missing ones are named before shapes are read

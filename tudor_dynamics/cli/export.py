@@ -70,8 +70,8 @@ def run(args: argparse.Namespace) -> int:
     """Find what was identified and write it."""
     out = Path(args.out)
     if args.to == 'arm' and out.suffix == '.urdf':
-        raise UsageError('--to arm writes an arm description, not a URDF, to --out', place=out,
-                         remedy='choose a name that ends in .yaml')
+        raise UsageError('--to arm writes an arm description, which is no URDF', place=out,
+                         remedy='give --out a name that ends in .yaml, or give --to urdf')
     bundle = load_bundle(args.model, with_data=True)
     files, left_out, full = _content(bundle, args, out)
     for path in files:

@@ -152,8 +152,8 @@ def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpe
         return PreprocessingSpec.model_validate({
             **arm.spec.preprocessing.model_dump(exclude_unset=True), **changes})
     except ValidationError as err:
-        key, _, wrong = validation_message(err).partition(':')
-        raise UsageError(f'--{key.replace("_", "-")}:{wrong}; see tudor fit --help') from None
+        key, wrong = validation_message(err).split(' ', 1)
+        raise UsageError(f'--{key.replace("_", "-")} {wrong}; see tudor fit --help') from None
 
 
 def run(args: argparse.Namespace) -> int:

@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     path, out = Path(args.plan), Path(args.out)
     plan = load_plan(path)
     if out.exists() and not out.is_dir():
-        raise UsageError('is not a directory', place=out, remedy='give another --out')
+        raise UsageError('this is a file, not a folder', place=out, remedy='give another --out')
     page, numbers = out / 'fleet.html', out / 'fleet.json'
     check_target(page if page.exists() else numbers, overwrite=args.overwrite)  # page comes first
     begun = time.perf_counter()
@@ -80,8 +80,8 @@ def run(args: argparse.Namespace) -> int:
         fleet = study(plan, StudySettings(path.parent, out, args.jobs, models=not args.no_models,
                                           elastic=args.elastic), step)
     if args.strict and fleet.unused:
-        raise FitError(f'--strict: {fleet.unused[0]}',
-                       remedy=f'take this bag out of {path}, or leave out --strict')
+        raise FitError(f'a bag cannot be used, but --strict needs all; bag {fleet.unused[0]}',
+                       remedy=f'or take this bag out of {path}, or leave out --strict')
     content = fleet.as_dict()
     write_whole(page, page_of(fleet).encode())
     write_whole(numbers, as_json(content).encode())

@@ -116,16 +116,18 @@ class Parser(argparse.ArgumentParser):
                     option.startswith(name) for option in self._option_string_actions):
                 known = self._option_string_actions
                 self.error(f'there is no option {name}' + next((
-                    f'; did you mean {new}?' for new in MEANT.get(name, ()) if new in known),
+                    f' (did you mean {new}?)' for new in MEANT.get(name, ()) if new in known),
                     meant(name, known)))
         return super().parse_known_args(words, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Say in one line what is wrong, and where help is."""
-        found = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        found = re.search(r"argument (.*): invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if found:
-            message += meant(found[1], found[2].replace("'", '').split(', '))
-        complain(f'{self.prog}: {message}; see {self.prog} --help')
+            choices = found[3].replace("'", '')
+            message = f'{found[1]} {found[2]}: choose from {choices}' + meant(
+                found[2], choices.split(', '))
+        complain(f'{self.prog}: {message.removeprefix("argument ")}; see {self.prog} --help')
         self.exit(WRONG_INPUT)
 
 
@@ -239,7 +241,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return WRONG_INPUT
         except MemoryError as err:
             complain(f'{name}: not enough memory{f" ({err})" * bool(str(err))}; give fewer or '
-                     'shorter bags, a lower rate, or use a machine with more')
+                     'shorter bags, a lower rate, or use a machine with more memory')
             return WRONG_INPUT
         except KeyboardInterrupt:
             return _interrupted(name)
@@ -247,8 +249,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             if interrupted.is_set():  # a library has made another error of it
                 return _interrupted(name)
             what = f'{type(err).__name__}: {" ".join(str(err).split())[:120]}'
-            complain(f'{name}: {what}; this is a defect of tudor, please report it as docs/howto/'
-                     f'report_a_bug.md says: {_traceback_file(arguments)}')
+            complain(f'{name}: tudor has a defect ({what}); report it as docs/howto/'
+                     f'report_a_bug.md says, and {_traceback_file(arguments)}')
             return DEFECT
 
 

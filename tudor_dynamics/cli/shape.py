@@ -62,8 +62,8 @@ def run(args: argparse.Namespace) -> int:
     check_trajectories(args)
     if args.model is not None:
         if args.damping is not None:
-            raise UsageError('--damping goes with --frequency alone: --model has its own damping '
-                             'ratio', remedy='leave --damping out')
+            raise UsageError('--damping is for --frequency alone, as the model of --model has its '
+                             'own damping ratio', remedy='leave --damping out')
         done = _by_model(args, load_bundle(args.model))
     else:
         done = _by_frequency(args)
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
 def _by_frequency(args: argparse.Namespace) -> list[Sent]:
     if args.by == TIMING:
         raise UsageError(f'--by {TIMING} needs a model of how the tool vibrates', remedy='give '
-                         'with --model what `tudor fit BAGS --models analytical vibration` wrote')
+                         '--model what `tudor fit BAGS --models analytical vibration` wrote')
     damping = DAMPING if args.damping is None else args.damping
     shaper = impulses(args.by, args.frequency, damping)
     done = changed_trajectories(args, lambda wanted: convolved(wanted, shaper))

@@ -117,15 +117,14 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
     for name in args.free + args.hold:
         if name not in mechanism.joints:
             option = '--free' if name in args.free else '--hold'
-            raise UsageError(f'{option}: {args.arm} has no joint {name!r}; its joints are '
+            raise UsageError(f'{option} {name}: {args.arm} has no such joint; give one of '
                              f'{", ".join(mechanism.joints)}')
     count_steps(args.seconds, args.dt, args.rate)  # says so if they are impossible
     if args.modes is not None and args.modes < 1:
         raise UsageError(f'--modes {args.modes}: give the number of modes to list, 1 or more')
     if (args.pictures or args.picture is None) and args.out is None and (
             args.pictures or _runs(args)) and not args.json:
-        msg = 'nothing says where results go: give --out DIR (or --json for figures alone)'
-        raise UsageError(msg)
+        raise UsageError('no option says where results go; give --out DIR, or --json for figures')
     if args.picture is not None:
         check_animation(Path(args.picture), overwrite=args.overwrite, name='picture')
 
@@ -177,7 +176,7 @@ def run(args: argparse.Namespace) -> int:
         name for name in known if name in wanted or name.startswith(('moment:', 'strain:'))]
     for name in signals:
         if name not in known:
-            raise UsageError(f'--signals {name}: no such signal; choose from {", ".join(known)}')
+            raise UsageError(f'--signals: there is no {name}; choose from {", ".join(known)}')
     runs = _runs(args) or not (args.pictures or args.modes is not None)
     folder = Path(args.out) if args.out is not None else None
     pictures = {} if folder is None or not args.pictures else {

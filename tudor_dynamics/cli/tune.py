@@ -79,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
         bundle = load_bundle(args.model, arm=arm)
         model = elastic_of(bundle, 'strain')
         if model is None:
-            raise UsageError(f'{args.model}: has no elastic model that predicts strain; fit one '
-                             'with tudor fit --models elastic')
+            raise UsageError(f'{args.model}: the folder has no elastic model that predicts '
+                             'strain; fit one with tudor fit --models elastic')
         if bundle.payload_range is not None:
             payloads = tuple(np.linspace(*bundle.payload_range, GRID).round(6).tolist())
         elif bundle.payload is not None:

@@ -104,20 +104,20 @@ def causes(args: argparse.Namespace) -> list[Cause]:
     params = records[0]['settings'] if records else {}
     model = args.model or params.get('model')
     if not model:
-        raise UsageError('no event names its model', place=args.bag, remedy='give --model MODEL')
+        raise UsageError('the bag names no model', place=args.bag, remedy='give --model MODEL')
     try:
         settings = MonitorSettings.of({**params, 'estimate_contact': True}) if params else (
             MonitorSettings(methods=(), contact=True, rates=Rates(
                 args.false_alarms, 60.0 * args.false_alarms)))
         payload = float(params.get('payload', 0.0) if args.payload is None else args.payload)
     except (KeyError, TypeError, ValueError) as err:
-        raise UsageError(f'its monitor settings cannot be read ({err})', place=args.bag,
-                         remedy='give an event bag that this version recorded') from None
+        raise UsageError(f'it has damaged settings of its monitor ({err})', place=args.bag,
+                         remedy='give a bag that the monitor of this version wrote') from None
     bundle = load_bundle(model)
     digest = records[0].get('digest', bundle.digest) if records else bundle.digest
     if digest != bundle.digest:
-        warnings.warn(f'the model {model!r} (digest {bundle.digest[:12]}) is not the one that the '
-                      f'monitor used for this event (digest {str(digest)[:12]}), so results may '
+        warnings.warn(f'the model {model!r} is not the one that the monitor used for this event '
+                      f'(checksum {bundle.digest[:4]}, not {str(digest)[:4]}), so results may '
                       "differ from the monitor's; give the monitor's model with --model",
                       TudorWarning, stacklevel=2)
     found = explain(bag, bundle, settings, str(params.get('payload_source', 'parameter')), payload,

@@ -160,13 +160,13 @@ class Status(IntEnum):
 
 MEANING = {
     Status.DAMPING: 'damps',
-    Status.STARTING: f'damping is off until the gauge is valid for {settings.RECOVERY_TIME:g} s',
+    Status.STARTING: f'damping is off until the strain is valid for {settings.RECOVERY_TIME:g} s',
     Status.SATURATED: 'damping is off while the joint is at a limit of current, speed or position',
-    Status.MISSING: 'damping is off: the strain is absent or not finite; check gauge and driver',
-    Status.STALE: 'damping is off: no new strain arrives; check the driver of the gauge',
-    Status.STUCK: 'damping is off: the strain does not change; check gauge and amplifier',
-    Status.IMPLAUSIBLE: 'damping is off: the strain jumped, or is beyond '
-    f'{1e6 * settings.PLAUSIBLE_STRAIN:g} um/m; check the wiring of the gauge',
+    Status.MISSING: 'damping is off, as strain is absent or not finite; check gauge and driver',
+    Status.STALE: 'damping is off, as no new strain arrives; check the driver of the gauge',
+    Status.STUCK: 'damping is off, as the strain does not change; check gauge and amplifier',
+    Status.IMPLAUSIBLE: 'damping is off, as the strain jumped, or is beyond '
+    f'{1e6 * settings.PLAUSIBLE_STRAIN:g} um/m; check the cable of the gauge',
 }
 
 
@@ -212,8 +212,8 @@ def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
     for item in damper.joints:
         unit = gauges[item.gauge].unit
         if unit not in STRAIN_SCALE:
-            raise ArmError(f'{arm.source}: the gain of the damper is in rad/s per m/m, but gauge '
-                           f'{item.gauge!r} has unit {unit}; expected one of {list(STRAIN_SCALE)}')
+            raise ArmError(f'{arm.source}: the damper needs um/m or m/m as unit of a gauge, but '
+                           f'that of {item.gauge!r} is {unit}; correct gauges[].unit')
         scale, limit = STRAIN_SCALE[unit], limits[item.joint]
         result.append(DamperSettings(
             item.joint, item.gauge, -share * item.gain / scale, damper.mean_frequency,
@@ -323,8 +323,8 @@ Measure = Callable[[str, float, float], StepResponse]
 def ringing(response: StepResponse) -> FloatArray:
     """Take slow motion out of a response."""
     if len(response.strain) * response.dt < settings.SHORTEST_DECAY:
-        raise SignalError(f'the strain was recorded for {len(response.strain) * response.dt:g} s, '
-                          f'a decay needs {settings.SHORTEST_DECAY:g} s; check its driver')
+        raise SignalError(f'strain came for {len(response.strain) * response.dt:g} s, but is '
+                          f"needed for {settings.SHORTEST_DECAY:g} s; check the gauge's driver")
     from scipy.signal import butter, sosfiltfilt  # slow to import
 
     sos = butter(2, settings.SIGN_HIGH_PASS * 2.0 * response.dt, 'highpass', output='sos')
@@ -377,10 +377,10 @@ def _compare(joint: str, plain: StepResponse, damped: StepResponse, noise: float
     change = f'with the damper, ringing lasts {after:.2f} s instead of {before:.2f} s'
     if louder or after * settings.SIGN_DECAY >= before:
         sign, text = Sign.WRONG, (
-            f'{change}: the damper excites the link; reverse the sign of the gauge in its driver')
+            f"{change}, so the damper excites the link; reverse the sign in the gauge's driver")
     elif after <= settings.SIGN_DECAY * before:
-        sign, text = Sign.RIGHT, f'{change}: the sign of the gauge is right'
+        sign, text = Sign.RIGHT, f'{change}, so the sign of the gauge is right'
     else:
-        sign, text = Sign.UNCLEAR, (f'{change}: the change is too small to judge the sign; raise '
-                                    'the gain of the joint in damper: of the arm description')
+        sign, text = Sign.UNCLEAR, (f'{change}, too small a change to judge the sign; raise '
+                                    'damper.joints[].gain in the arm description')
     return SignResult(joint, sign, f'{joint}: {text}')

@@ -48,8 +48,8 @@ class TipSensing:
         sensors = {sensor.gauge: sensor for sensor in arm.spec.sensors}
         self._used = [k for k, gauge in enumerate(arm.gauges) if gauge.name in sensors]
         if not self._used:
-            raise ArmError(f'{arm.source}: no gauge has a gain, so the force is unknown; add '
-                           'sensors: with gauge and gain, its reading per N m')
+            raise ArmError(f'{arm.source}: no gauge has a gain, so the force is unknown; add the '
+                           'key sensors with gauge and gain (its reading per N m)')
         gauges = [arm.gauges[k] for k in self._used]
         self.names = tuple(gauge.name for gauge in gauges)
         self._gain = np.array([sensors[name].gain for name in self.names])
@@ -102,9 +102,9 @@ class TipSensing:
         self._before = values.copy()
         for g, name in enumerate(self.names):
             if not math.isfinite(values[g]):
-                self.fault = f'the reading of gauge {name!r} is missing: check its driver'
+                self.fault = f'the reading of gauge {name!r} is missing; check its driver'
             elif self._same[g] > settings.FORCE_STUCK:
-                self.fault = f'the reading of gauge {name!r} is stuck: check gauge and driver'
+                self.fault = f'the reading of gauge {name!r} is stuck; check gauge and driver'
         if self.fault:
             return math.nan
         if self._level is None:
@@ -179,7 +179,7 @@ class ForceController:
     ) -> None:
         length = math.sqrt(sum(value * value for value in normal))
         if not (math.isfinite(length) and length > 1e-6):
-            raise UsageError(f'normal {list(normal)} has no direction; give one that is not zero')
+            raise UsageError(f'normal is {list(normal)}; give x, y, z that are not all zero')
         self.settings = settings
         self.sensing = TipSensing(arm, np.array(normal) / length)
         self.limits, self._planned = hard_limits(arm), motion_limits(arm)
@@ -194,10 +194,10 @@ class ForceController:
     def press(self, force: float) -> str:
         """Ask for a force [N]; from rest, the surface comes first. Empty if it is taken."""
         if not (math.isfinite(force) and self.settings.touch < force <= self.settings.largest):
-            return (f'the force is {force:g} N; expected more than {self.settings.touch:g} N '
-                    f'(parameter touch), at most {self.settings.largest:g} N (parameter largest)')
+            return (f'the wanted force is {force:g} N; send one above {self.settings.touch:g} N '
+                    f'(parameter touch) and up to {self.settings.largest:g} N (parameter largest)')
         if self.pose is None:
-            return 'no joint positions arrive: start the driver of the arm'
+            return 'no joint positions arrive; start the driver of the arm'
         if self.phase in (Phase.HELD, Phase.RETREAT):
             return f'{self.phase.name.lower()}: {self.cause}'
         self.wanted = force
@@ -274,7 +274,7 @@ class ForceController:
         outside = self.limits.outside(new)
         if size <= 1e-6 or outside.any():
             why = 'singular pose' if size <= 1e-6 else f'limit of {self._names[outside.argmax()]}'
-            self.stop(f'the tip cannot move on along the normal: {why}; begin in another pose')
+            self.stop(f'the tip cannot move on along the normal ({why}); begin in another pose')
             return False
         self.pose = new
         return True
@@ -286,7 +286,7 @@ class ForceController:
         self._smooth += min(dt / (settings.FORCE_SMOOTH + dt), 1.0) * (self.force - self._smooth)
         if self.force > chosen.largest:
             self.stop(f'the force on the tip is {self.force:.1f} N, above the parameter largest '
-                      f'of {chosen.largest:g} N')
+                      f'of {chosen.largest:g} N; send smaller forces or slower motion')
             return 0.0
         if self.phase is Phase.APPROACH:
             self._smooth = max(self._smooth, 0.0) if self.force > 0.0 else 0.0
@@ -294,8 +294,8 @@ class ForceController:
                 self.phase, self.cause = Phase.HOLD, 'holds the force'
                 self._target, self._touched, self._alone = self._smooth, self._way, 0.0
             elif self._way > chosen.reach:
-                self.stop(f'no surface within {1e3 * chosen.reach:.0f} mm; begin closer to it, or '
-                          'raise the parameter reach')
+                self.stop(f'the tip met no surface within {1e3 * chosen.reach:.0f} mm; begin '
+                          'closer to it, or raise the parameter reach')
                 return 0.0
             return -chosen.approach_speed
         if self.phase is Phase.RETREAT:
@@ -308,10 +308,10 @@ class ForceController:
         lost = self._smooth < settings.FORCE_SOFT * self.wanted
         self._alone = self._alone + dt if lost else 0.0
         if self._alone > chosen.lost:
-            self.stop(f'contact was lost for {chosen.lost:g} s (parameter lost)')
+            self.stop(f'contact was lost for {chosen.lost:g} s (parameter lost); check the tool')
             return 0.0
         if self._way - self._touched > chosen.give:
-            self.stop(f'the surface gives way by over {1e3 * chosen.give:.0f} mm (parameter give)')
+            self.stop(f'the surface gave way by {1e3 * chosen.give:.0f} mm (parameter give)')
             return 0.0
         rate = (self._smooth - before - (self._target - late)) / dt
         speed = chosen.integral * (self._smooth - self._target) + chosen.proportional * rate

@@ -181,7 +181,7 @@ class JointRecord:
         """Say how the nudged joint answered; if rightly, what else moved."""
         if len(self._rows) < settings.LEAST_SAMPLES:
             name = self._joints[self._nudged]
-            return JointAnswer(name, None, f'{name}: no commands or positions; start the driver')
+            return JointAnswer(name, None, f'{name}: no positions came; start the driver')
         t, q, self._dq, commands = (np.array(column) for column in zip(*self._rows, strict=True))
         self._time, self._moved = t - t[0], q - q[0]
         self._ways = np.zeros_like(q)
@@ -210,11 +210,11 @@ class JointRecord:
         if way < settings.LEAST_WAY * self._step:
             moved = np.ptp(self._moved[:, j])
             if way and moved > settings.RUNAWAY * settings.LEAST_WAY * self._step:
-                return JointAnswer(name, False, f'{name}: {_times(moved / way)}: check units and '
-                                   'gears of its driver')
+                return JointAnswer(name, False, f'{name}: {_times(moved / way)}; correct units or '
+                                   'gear ratio in its driver')
             return JointAnswer(name, None, f'{name}: oscillation_damper commanded a move of only '
-                               f'{factor * way:.2g} of {factor * self._step:.2g} {unit}: its '
-                               'diagnostics say why')
+                               f'{factor * way:.2g} {unit} in place of {factor * self._step:.2g}; '
+                               'see the diagnostics of oscillation_damper')
         if not clear:
             right, text = self._silent(j, fits[j])
             return JointAnswer(name, right, f'{name}: {text}')
@@ -224,7 +224,7 @@ class JointRecord:
         too = [i for i in clear if i != k and abs(fits[i].scale) > settings.MOVES_TOO
                and not self._answer(i, i).unexplained < fits[i].unexplained]
         if fit.unexplained > settings.UNEXPLAINED or gaps > settings.UNEXPLAINED:
-            right, text = None, (f'no positions came for {gaps:.0%} of the time: check the driver'
+            right, text = None, (f'no positions came for {gaps:.0%} of the time; check the driver'
                                  if gaps > settings.UNEXPLAINED else self._figures(j, fit))
         elif k != j:
             right, text = False, self._swapped(j, k)
@@ -233,12 +233,12 @@ class JointRecord:
         elif abs(fit.drift) > settings.DRIFT * self._step:
             right, text = False, self._drifts(j, fit.drift)
         elif too:
-            right, text = False, (f'commands to this joint move {self._joints[too[0]]}, too: '
-                                  'check the order of commands and the wiring of the drives')
+            right, text = False, (f'commands to this joint move {self._joints[too[0]]}, too; '
+                                  'check the order of commands and the cables of the drives')
         elif fit.delay - fit.delay_error > self._late:
-            right, text = False, (f'the joint answers late, after {1e3 * fit.delay:.0f} ms, more '
-                                  f'than {1e3 * self._late:.0f} ms: speed up driver and network, '
-                                  'or lower the gains and raise full_delay in damper: of the arm')
+            right, text = False, (f'the joint answers late, after {1e3 * fit.delay:.0f} ms (limit '
+                                  f'{1e3 * self._late:.0f} ms); speed up driver and network, or '
+                                  "lower gains and raise full_delay in the arm's key damper")
         elif fit.error > settings.SCALE_ERROR:
             right, text = None, self._figures(j, fit)
         else:
@@ -271,12 +271,12 @@ class JointRecord:
         if own is None:
             where = 'the drive and the encoder'
         elif own.near(1.0):
-            where = 'the positions that the driver reports: its velocity is right'
+            where = 'the positions that the driver reports, as its velocity is right'
         elif own.near(fit.scale):
             where = 'the drive, and the encoder that measures position and velocity'
         else:
-            where = f'drive and encoder: reported velocity is {own.scale:.3g} times the command'
-        texts = ['the joint moves the other way: a sign is wrong'] if fit.scale < 0.0 else []
+            where = f'drive and encoder, as its velocity is {own.scale:.3g} times the command'
+        texts = ['the joint moves the other way, so a sign is wrong'] if fit.scale < 0.0 else []
         if not (fit.near(1.0) or fit.near(-1.0)):
             texts.append(_times(abs(fit.scale)))
         return f'{"; ".join(texts)}; check {where}'
@@ -285,13 +285,13 @@ class JointRecord:
         own = self._velocity(j)
         if own is not None and own.near(1.0):
             return (f'commands to this joint change its velocity, but the position of '
-                    f'{self._joints[k]!r}: correct order or names of the positions in the driver')
-        return (f'commands to this joint move {self._joints[k]!r}: correct the order of commands '
+                    f'{self._joints[k]!r}; correct order or names of the positions in the driver')
+        return (f'commands to this joint move {self._joints[k]!r}; correct the order of commands '
                 'or readings in the driver')
 
     def _drifts(self, j: int, drift: float) -> str:
         factor, unit = self._units[j]
-        return (f'the joint moves by itself at {factor * drift:.2g} {unit}/s: check its encoder, '
+        return (f'the joint moves by itself at {factor * drift:.2g} {unit}/s; check its encoder, '
                 'the offset of its drive, and whether another node commands it')
 
     def _by_itself(self, j: int) -> str:
@@ -306,7 +306,7 @@ class JointRecord:
             return self._drifts(j, line[0])
         moved, way = np.ptp(self._moved[:, j]), np.ptp(self._ways, axis=0).max()
         if moved > self._step and moved > settings.RUNAWAY * way:
-            return (f'{_times(moved / way)}, back and forth: check units and gear ratio in its '
+            return (f'{_times(moved / way)}, back and forth; correct units or gear ratio in its '
                     'driver')
         return ''
 
@@ -319,7 +319,7 @@ class JointRecord:
                 or np.ptp(self._moved[:, j]) > settings.MOVES_TOO * way):
             return None, self._figures(j, fit)
         factor, unit = self._units[j]
-        return False, (f'the joint does not answer commands of {factor * way:.2g} {unit}: check '
+        return False, (f'the joint does not answer commands of {factor * way:.2g} {unit}; check '
                        'drive, brake and encoder, and that a driver takes the commands')
 
 
@@ -338,7 +338,7 @@ def pose_fault(arm: Arm, q: FloatArray) -> str:
     for name, at, low, high in zip(arm.active_joints, q, limits.lower, limits.upper, strict=True):
         if at < low - settings.BEYOND or at > high + settings.BEYOND:
             return (f'{name} is at {at:.4g} {arm.position_units[name]}, outside its limits '
-                    f'{low:.4g} .. {high:.4g}: check order, sign, unit and zero of the positions '
+                    f'{low:.4g} to {high:.4g}; check order, sign, unit and zero of the positions '
                     'in the driver')
     return ''
 
@@ -347,6 +347,6 @@ def order_fault(joints: Sequence[str], found: Sequence[str]) -> str:
     """Say what is wrong with the joints of a controller, in their order; empty for nothing."""
     if list(found) == list(joints):
         return ''
-    what = 'order differs' if sorted(found) == sorted(joints) else 'joints differ'
-    return (f'the {what}: the controller drives {list(found)}, commands are for {list(joints)}; '
-            f'set the parameter joints of the controller to {list(joints)}')
+    what = ' in this order' if sorted(found) == sorted(joints) else ''
+    return (f'the controller drives {list(found)}, but commands are for {list(joints)}{what}; set '
+            f'the parameter joints of the controller to {list(joints)}')

@@ -100,11 +100,11 @@ class ReferenceGate:
             return self.refusal or 'no reference on joint_reference; start reference_generator'
         found = self._deviation(now, timeout, q)
         if found.seconds > settings.NEAR_TIME:
-            return (f'{found.joint} is {found.away:.3g} [rad or m] away from its reference; let '
-                    'the reference begin where the arm is')
+            return (f'{found.joint} is {found.away:.3g} [rad or m] away from its reference; send '
+                    'a reference that begins where the arm is')
         resting = settings.RESTING_SPEED * self._planned
         if np.any(np.abs(self.dq) > resting):
-            return 'the reference moves; let it rest until the arm follows it'
+            return 'the reference moves; send one at rest until the arm follows it'
         return 'the arm still brakes' if np.any(np.abs(held) > resting) else ''
 
     def _deviation(self, now: float, timeout: float, q: FloatArray) -> Deviation:
@@ -112,15 +112,16 @@ class ReferenceGate:
 
     def _impossible(self, q: FloatArray, dq: FloatArray) -> str:
         for j in np.flatnonzero(~(np.isfinite(q) & np.isfinite(dq))):
-            return f'reference not finite: joint {self._joints[j]!r} at {q[j]:g}, speed {dq[j]:g}'
+            return (f'reference not finite: the position of {self._joints[j]!r} is {q[j]:g}, its '
+                    f'velocity {dq[j]:g}; send finite numbers')
         limits = self._limits
         for j in np.flatnonzero(limits.outside(q)):
             unit = '' if abs(q[j]) < 2.0 * math.pi else ', not degrees or mm'
-            return (f'reference outside limits: {q[j]:.4g} for {self._joints[j]!r}; send values '
-                    f'of {limits.lower[j]:.4g} to {limits.upper[j]:.4g} [rad or m]{unit}')
+            return (f'reference outside limits: {self._joints[j]!r} is to go to {q[j]:.4g}; send '
+                    f'{limits.lower[j]:.4g} to {limits.upper[j]:.4g} [rad or m]{unit}')
         for j in np.flatnonzero(np.abs(dq) > limits.velocity):
-            return (f'reference too fast: {self._joints[j]!r} at {dq[j]:.4g} exceeds its velocity '
-                    f'limit of {limits.velocity[j]:.4g} [rad/s or m/s]; send slower motion')
+            return (f'reference too fast: the velocity of {self._joints[j]!r} is {dq[j]:.4g}; '
+                    f'send at most {limits.velocity[j]:.4g} [rad/s or m/s]')
         return ''
 
 
@@ -239,7 +240,7 @@ class MotionController:
             self.cuts['late'] += 1
             return None if self._q is None or self._silent else self._brake(
                 now, f'joint positions come {1e3 * self.ages.late:.0f} ms late (limit '
-                f'{1e3 * self._latest:.0f} ms); check the load of computer and network')
+                f'{1e3 * self._latest:.0f} ms); lower the load of computer and network')
         gains.late = max(self.ages.late, 0.0)
         gains.period = gains.period or max(dt, 0.0)
         if self._q is None or dt <= 0.0 or dt > self._patience or (
@@ -398,7 +399,7 @@ class MotionController:
             return ''
         away = np.abs(self.reference.q - self._origin) / self.limits.velocity
         fast = np.abs(self.reference.dq) / self.limits.velocity
-        return 'joints were not tested since their driver started: run joint_test' if (
+        return 'joints were not tested since their driver started; run joint_test' if (
             away.max() > settings.UNTESTED_TIME or fast.max() > settings.UNTESTED_SHARE) else ''
 
     def _interrupt(self, now: float, cause: str, dq: FloatArray | None = None) -> None:

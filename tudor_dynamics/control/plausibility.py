@@ -56,7 +56,7 @@ COUNT = 17  # smallest change of its readings [rad]
 PUSHED = 18  # time at which it was faster than is allowed, and pushed on with all its effort [s]
 UNHEARD = 19  # way that may be due to commands that its driver has not taken [rad]
 WATCHED = 20
-RADIANS = 'its driver takes radians for degrees, or the scale of its encoder is wrong'
+RADIANS = 'its driver takes radians for degrees, or its encoder has a wrong scale'
 
 
 @compiled
@@ -266,7 +266,7 @@ class MotionWatch:
             return []
         self._onset = self.state[:, ONSET].copy()
         doubts = [Doubt(int(j), f'the measured position {q[j]:.4g} {self._units[j]} is far '
-                        f'outside its limits {self._limits.lower[j]:.4g} .. '
+                        f'outside its limits {self._limits.lower[j]:.4g} to '
                         f'{self._limits.upper[j]:.4g}; check unit and zero of its encoder', False,
                         later=False) for j in np.flatnonzero(outside)]
         doubts += [Doubt(int(j), f'the measured position jumped by {step[j]:.3g} {self._units[j]} '
@@ -328,7 +328,7 @@ class MotionWatch:
                 j, 'the joint runs away from its commands' + (
                     f', {sizes[0] / sizes[1]:.2g} times as far as commanded'
                     if 1e-3 < sizes[1] / sizes[0] < 1.0 / settings.RUNAWAY else '')
-                + f': {RADIANS}', True)
+                + f'; correct this: {RADIANS}', True)
         place = int(np.abs(np.diff(change)).argmax())
         step = float(change[place + 1] - change[place])
         yield left(wanted + step * (np.arange(len(mine)) > place)) + (
@@ -343,19 +343,19 @@ class MotionWatch:
                     np.ptp(moved[:, i] - asked[:, i]) > settings.SWAPPED * self.state[i, ALLOWED]):
                 both = max(left(asked[:, i]), float(np.std(moved[:, i] - wanted)))
                 yield both / settings.FREE, Doubt(
-                    j, f'this joint and {self._joints[i]} each follow commands to the other: the '
-                    'driver swaps their commands or their readings', True, swapped=True)
+                    j, f'this joint and {self._joints[i]} each follow commands to the other; '
+                    'correct the order of commands or readings in the driver', True, swapped=True)
         if sizes[0] < settings.SAME_SIZE * sizes[1]:
             yield left(-wanted), Doubt(
-                j, 'the joint moves against its commands: its driver negates them, or its encoder '
-                'counts backwards', True)
+                j, 'the joint moves against its commands; correct the sign of commands or encoder '
+                'in its driver', True)
         ratio = float(np.cov(mine, wanted)[0, 1] / max(np.var(wanted, ddof=1), 1e-12))
         if ratio < 0.0:  # as fast as it answers, or faster: drives saturate
             ratio = math.copysign(sizes[0] / max(sizes[1], 1e-9), ratio)
         rate = float(change @ since / max(since @ since, 1e-12))
         yield unlikely * fast(rate) * left(wanted + rate * since), Doubt(
-            j, f'the joint moves at {rate:.3g} {self._units[j]}/s in addition to its commands: '
-            'its encoder drifts, or its drive creeps', True, drifts=True)
+            j, f'the joint moves at {rate:.3g} {self._units[j]}/s in addition to its commands; '
+            'check its encoder for drift, and its drive for creep', True, drifts=True)
         common = unlikely * settings.FREE * (2.0 if 2.0 / 3.0 < ratio < 1.5 else 1.0)
         yield common * left(ratio * wanted), Doubt(j, self._scaled(ratio), (
             ratio < 0.0 or ratio > 1.0))
@@ -363,15 +363,15 @@ class MotionWatch:
     def _scaled(self, ratio: float) -> str:
         """Say what a joint means that moves by a part, or a multiple, of what is commanded."""
         if -2.0 * settings.STANDS < ratio < settings.STANDS:  # held against its load it gives way
-            return (f'the joint does not move although it is commanded ({ratio:.2g} of the way): '
-                    'its encoder is frozen or slips, its brake is on, or its driver ignores '
-                    'commands or confuses degrees with radians')
+            return (f'the joint does not move although it is commanded ({ratio:.2g} of the way); '
+                    'check its encoder (frozen, slips), its brake, and that its driver takes '
+                    'commands, in rad and not in degrees')
         if ratio < 0.0:
-            return (f'the joint moves against its commands, {-ratio:.2g} times as far: its driver '
-                    'negates them, or its encoder counts backwards')
-        return f'the joint moves {ratio:.2g} times as far as commanded: ' + (
-            RADIANS if ratio > settings.RADIANS_FROM
-            else 'the scale of its driver or of its encoder is wrong')
+            return (f'the joint moves against its commands, {-ratio:.2g} times as far; correct '
+                    'sign and scale of commands or encoder in its driver')
+        return f'the joint moves {ratio:.2g} times as far as commanded; ' + (
+            f'correct this: {RADIANS}' if ratio > settings.RADIANS_FROM
+            else 'correct the scale of commands or encoder in its driver')
 
     def _contradiction(
         self, j: int, times: FloatArray, moved: FloatArray, made: FloatArray,
@@ -387,20 +387,20 @@ class MotionWatch:
         steps = np.diff(moved - made)
         if np.abs(steps).max() > settings.JUMP_SHARE * np.ptp(moved - made):
             return (f'the position jumped by {steps[np.abs(steps).argmax()]:.3g} {self._units[j]}'
-                    ', the reported velocity did not: the encoder lost counts; check its cable')
+                    ', the reported velocity did not; the encoder lost counts: check its cable')
         if abs(mine) < settings.STANDS * abs(way):
             return (f'the position moves {mine / way:.2g} times as far as the reported velocity '
-                    'implies: the encoder is frozen, slips, or drifts against the motion')
+                    'implies; check the encoder, which is frozen, slips, or drifts')
         rate = (mine - way) / (times[-1] - times[0])
         steady = np.std(moved - made - rate * (times - times[0])) * (
             1.0 + abs(rate) / (settings.FAST_DRIFT * self.speed[j]))
         if abs(way) < settings.STANDS * abs(mine) or steady < np.std(moved - mine / way * made):
             return (f'the position moves at {rate:.3g} {self._units[j]}/s in addition to the '
-                    'reported velocity: the encoder drifts')
+                    'reported velocity; check the encoder, which drifts')
         if mine * way < 0.0:
-            return 'the position moves against the reported velocity: the encoder counts backwards'
+            return 'the encoder counts backwards, against the reported velocity; correct its sign'
         return (f'the position moves {mine / way:.2g} times as far as the reported velocity '
-                'implies: the scale of the encoder is wrong, or it slips')
+                'implies; correct the scale of the encoder, or check whether it slips')
 
 
 class AgeWatch:

@@ -293,7 +293,7 @@ class ReferenceSource:
         for k in np.flatnonzero(self.hard.outside(target) | np.isinf(target)):
             return (f'the target of {self.names[k]!r} is {target[k]:.4g} '
                     f'{self._units[self.names[k]]}; send one within its limits '
-                    f'{self.hard.lower[k]:.4g} .. {self.hard.upper[k]:.4g}')
+                    f'{self.hard.lower[k]:.4g} to {self.hard.upper[k]:.4g}')
         assert self.motion is not None
         self.motion.go(target)
         self._follow(target)
@@ -343,12 +343,12 @@ class ReferenceSource:
     def _unable(self) -> str:
         """Say why no motion can be taken now; empty where it can."""
         if self.motion is None:
-            return 'no joint positions arrive: start the driver of the arm'
+            return 'no joint positions arrive; start the driver of the arm'
         if self.halted:
-            return f'require_monitor is set, but {self.halted}: start or check the monitor'
+            return f'the parameter require_monitor is set, but {self.halted}'
         if self._seed is not None:
-            return 'this node drives random targets: restart it with mode:=goals'
-        return ('a collision was reported: free the arm, then call the service ~/reset'
+            return 'this node drives random targets; restart it with the parameter mode:=goals'
+        return ('a collision was reported; free the arm, then call the service ~/reset'
                 if self.reacting or self.collision else '')
 
     def _follow(self, ends: FloatArray, own: Tolerances | None = None) -> None:
@@ -388,8 +388,8 @@ class ReferenceSource:
         off, bounds = np.abs(self.actual - wanted), np.broadcast_to(bound, wanted.shape)
         over = np.where((bounds > 0.0) & (off > bounds), off - bounds, 0.0)
         k = int(over.argmax())
-        return (f'{self.names[k]!r} is {off[k]:.3g} {self._units[self.names[k]]} away, tolerance '
-                f'{bounds[k]:.3g}; see the diagnostics of oscillation_damper' if over[k] else '')
+        return (f'{self.names[k]!r} is {off[k]:.3g} {self._units[self.names[k]]} away (tolerance '
+                f'{bounds[k]:.3g}); see the diagnostics of oscillation_damper' if over[k] else '')
 
     def collide(self, collision: bool) -> None:
         """Take the state of the collision detector into account."""
@@ -408,9 +408,9 @@ class ReferenceSource:
         """Take goals again; while a collision lasts only if that is asked for twice [s]."""
         if self.collision and now - self._asked > settings.RESET_AGAIN:
             self._asked = now
-            raise UsageError('a collision is still reported', remedy='free the arm and reset the '
-                             'monitor; to move the arm all the same, call this service again '
-                             f'within {settings.RESET_AGAIN:g} s')
+            raise UsageError('a collision is still reported', remedy='free the arm and call the '
+                             'service reset of the monitor; to move the arm all the same, call '
+                             f'this service again within {settings.RESET_AGAIN:g} s')
         self._asked = -math.inf
         self.clear()
 

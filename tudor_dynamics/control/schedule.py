@@ -171,7 +171,7 @@ class Schedule(Shown):
         self._table = values.reshape(*shape, -1)
 
     def _refuse(self, cause: str) -> None:
-        raise ScheduleError(cause, place=self.source, remedy='write a new one with `tudor tune`')
+        raise ScheduleError(cause, place=self.source, remedy='write another with `tudor tune`')
 
     def _check(self, values: FloatArray) -> None:
         """Refuse what no schedule may command."""
@@ -195,8 +195,8 @@ class Schedule(Shown):
                if item.joint in arm.active_joints] if damper is not None else []
         given = list(zip(self.content.damped, self.content.gauges, strict=True))
         if self.content.joints != arm.active_joints or given != own:
-            self._refuse(f'the schedule is for joints {list(self.content.joints)} with gauges '
-                         f'{dict(given)}; {arm.name} has {list(arm.active_joints)}, {dict(own)}')
+            self._refuse(f'the schedule is for {list(self.content.joints)} with gauges '
+                         f'{dict(given)}, not {list(arm.active_joints)} with {dict(own)}')
 
     def at(self, payload: float, q: FloatArray) -> Point:
         """Interpolate at a payload [kg] and a pose; beyond the grid its edge counts."""
@@ -244,9 +244,9 @@ def load_schedule(path: str | Path, arm: Arm | None = None) -> Schedule:
     except OSError as err:
         cause = f'the schedule cannot be read ({err.strerror})'
     except ValidationError as err:
-        cause = f'no schedule: {validation_message(err)}'
+        cause = f'the schedule is not valid, as {validation_message(err, add="")}'
     except ValueError as err:
-        cause = f'no schedule: {err}'
+        cause = f'the schedule is not valid ({err})'
     else:
         schedule = Schedule(found, str(path))
         if arm is not None:
@@ -292,8 +292,8 @@ class Adaptation:
     def unknown(self) -> str:
         """Why no payload is known, where none is."""
         return self._refusal or (
-            'no payload was reported: start payload_estimator' if math.isnan(self._reported) else
-            f'no payload was reported for {self.timeout:g} s: check that payload_estimator runs')
+            'no payload was reported; start payload_estimator' if math.isnan(self._reported) else
+            f'no payload was reported for {self.timeout:g} s; check that payload_estimator runs')
 
     def report(self) -> dict[str, str]:
         """Give what is in use as texts by name, for diagnostics."""

@@ -56,11 +56,11 @@ class Shaping:
         if self.kind not in SHAPINGS:
             raise UsageError(f'shaping is {self.kind!r}; expected one of {", ".join(SHAPINGS)}')
         if self.kind == 'elastic' and self.schedule is None:
-            raise UsageError('shaping elastic needs the modes of the arm', remedy='set the '
-                             'parameter gain_schedule to a file that `tudor tune` wrote')
+            raise UsageError('the parameter shaping is elastic, but gain_schedule is empty',
+                             remedy='set gain_schedule to a file that `tudor tune` wrote')
         if self.kind in ('zv', 'zvd') and self.schedule is None and self.frequency <= 0.0:
-            raise UsageError(f'shaping {self.kind} needs a frequency', remedy='set the parameter '
-                             'shaping_frequency, or gain_schedule to a file of `tudor tune`')
+            raise UsageError(f'the parameter shaping {self.kind} needs a frequency', remedy='set '
+                             'shaping_frequency [Hz], or gain_schedule to a file of `tudor tune`')
 
     def shaper(self, target: FloatArray) -> ImpulseShaper | None:
         """Give the shaper of a move by impulses, not begun: target (joints,), its end [rad]."""
@@ -69,7 +69,7 @@ class Shaping:
         frequency, damping = self.frequency, self.damping
         if frequency <= 0.0:
             if self.payload is None or self.schedule is None:
-                self.note = 'the payload is unknown: start payload_estimator'
+                self.note = 'the payload is unknown; start payload_estimator'
                 return None
             mode = self.schedule.at(self.payload, target).modes[0]
             frequency, damping = mode.frequency, max(mode.damping, 0.0)
@@ -91,7 +91,7 @@ class Shaping:
         if self.kind != 'elastic':
             return None
         if payload is None:
-            self.note = 'the payload is unknown: start payload_estimator'
+            self.note = 'the payload is unknown; start payload_estimator'
             return None
         along = partial(self.along, payload)
         try:
@@ -105,7 +105,7 @@ class Shaping:
         try:
             return self.refine(found, limits, payload, period)
         except SimulationError as err:
-            self.note = f'shaped by gain_schedule alone, as the elastic model failed: {err}'
+            self.note = f'only gain_schedule shapes motion, as the elastic model failed ({err})'
             return found
 
 

@@ -78,8 +78,8 @@ def from_state(trajectory: Trajectory, state: MotionState, begin: float) -> Traj
     """Give the path from a state, at a time since the start [s], through the points after it."""
     left = trajectory.t > begin
     if not left.any():
-        msg = f'{LATE}: the last was due {begin - trajectory.t[-1]:.3g} s ago'
-        raise SignalError(msg, remedy='set header.stamp to the start, or to 0 for now')
+        msg = f'{LATE}: the last one was due {begin - trajectory.t[-1]:.3g} s ago'
+        raise SignalError(msg, remedy='set header.stamp to the time of the start, or to 0 for now')
 
     def joined(first: FloatArray, rest: FloatArray | None) -> FloatArray | None:
         # what the points do not have is not kept of the state

@@ -335,11 +335,11 @@ class _Study:
         if len(masses) > 1:
             said = ', '.join(f'{"unknown" if mass is None else f"{mass:g} kg"} ({bag})'
                              for mass, bag in list(masses.items())[:2])
-            raise UsageError(f'bags of several payloads cannot be compared: {said}',
+            raise UsageError(f'bags of several payloads cannot be compared ({said})',
                              remedy='list bags of one payload in the plan')
         if not self.dates:
-            raise FitError(f'none of {len(self.unused)} bags in the plan can be used; the first: '
-                           f'bag {self.unused[0]}')
+            raise FitError(f'none of the bags in the plan ({len(self.unused)}) can be used; bag '
+                           f'{self.unused[0]}')
         for date_ in self.dates.values():
             date_.sights = parted(date_.whole, PARTS)
 
@@ -383,7 +383,7 @@ class _Study:
             date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
             try:
                 if len(used) < 2:
-                    raise FitError(f'only {len(used)} parts of its bags can be used, 2 are needed',
+                    raise FitError(f'{len(used)} parts of its bags can be used, but 2 are needed',
                                    remedy='record more')
                 date.models = {output: found for (_, output), found in fold_models(
                     Summing(tasks[name], tuple(date.sights))).items()}

@@ -343,9 +343,9 @@ def refuse_copies(training: Sequence[BagData], test: Sequence[BagData]) -> None:
         for other in (*training[i + 1:], *test):
             same = one.recording.checksum == other.recording.checksum != ''
             if same and one.choice.overlaps(other.choice):
-                raise FitError(f'{other.choice}: is a copy of the training bag {one.choice} '
-                               f'(sha256 {one.recording.checksum[:12]} of both), which is no test '
-                               'of the model; give another recording in its place')
+                raise FitError(f'{other.choice} has the same samples as the training bag '
+                               f'{one.choice}, so it does not test the model; give another '
+                               'recording in its place')
 
 
 def common_outputs(data: Sequence[BagData]) -> tuple[str, ...]:
@@ -420,8 +420,8 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
             raise UsageError(f'payload_of= {text}: expected BAG=KG, 0 kg or more, as in run1=0.2')
         resolved = str(Path(path).resolve())
         if resolved not in known:
-            raise UsageError(f'payload_of= {text}: {path!r} is not a bag that was given; write '
-                             'BAG in BAG=KG as it is written there')
+            raise UsageError(f'payload_of= {text}: {path!r} is not among the bags that are '
+                             'given; write BAG in BAG=KG as it is written there')
         found[resolved] = mass
     return found
 
@@ -436,7 +436,7 @@ def payload_range(
     unknown = [repr(str(bag.choice)) for bag in (*training, *test) if bag.payload is None]
     if unknown:
         raise UsageError(f'training bags have payloads of {min(masses):g} to {max(masses):g} kg, '
-                         f'but that of {", ".join(unknown)} is not known; state it (tudor fit '
+                         f'but that of bag {", ".join(unknown)} is not known; state it (tudor fit '
                          '--payload-of BAG=KG), or ignore all payloads (--ignore-payload)')
     return min(masses), max(masses)
 
@@ -445,8 +445,8 @@ def model_for(model: Model, bag: BagData) -> Model:
     """Put the payload of a bag into a model that knows of payloads; others stay as they are."""
     if model.payload_range is not None:
         if bag.payload is None:
-            raise UsageError(f'the payload of bag {str(bag.choice)!r} is not known, and the model '
-                             'needs it', remedy='give payload= [kg], or the key custom_data: '
-                             '{payload: KG} in metadata.yaml of the bag')
+            raise UsageError(f'the payload of bag {str(bag.choice)!r} is not known, but the model '
+                             'needs it', remedy='give payload= [kg], or write custom_data: '
+                             '{payload: KG} into metadata.yaml of the bag')
         return model.at(bag.payload)
     return model

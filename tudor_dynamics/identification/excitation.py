@@ -77,11 +77,11 @@ def series(bounds: Limits, limits: Limits, seconds: float, highest: float, dt: f
     """Lay out the basis: seconds, dt [s], highest [Hz]."""
     length = seconds - 2.0 * REST
     harmonics = int(highest * length + 1e-9)
-    what = f'a Fourier series of {seconds:g} s up to {highest:g} Hz'
+    what = f'a motion of {seconds:g} s with frequencies up to {highest:.3g} Hz'
     if length < 2.0 * FADE or harmonics < 1:
-        raise SignalError(f'{what} has less than one period between its ramps; raise seconds= ' + (
+        raise SignalError(f'{what} has less than one period; raise seconds= ' + (
             f'to {2.0 * (REST + FADE):g} or more' if length < 2.0 * FADE else
-            f'or highest=, which has to be above {1.0 / length:.3g} Hz for this time'))
+            f'or raise highest= above {1.0 / length:.3g} Hz'))
     check_budget(what, seconds / dt, 112.0 * harmonics, 'lower seconds=, rate= or highest=')
     t = np.asarray(np.arange(int(round(seconds / dt)) + 1) * dt - REST, dtype=np.float64)
     window = [part[:, None] for part in fade(t, length, FADE)]

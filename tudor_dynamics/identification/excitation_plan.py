@@ -184,7 +184,7 @@ def _within(fine: Series, x: FloatArray, bounds: Bounds) -> Reference:
     if factor < 0.1:
         found = bounds.beyond(fine.motion(scaled(0.1))[::every])
         near = f'{" and ".join(found.nearest)} too close' if found.nearest else 'too large efforts'
-        msg = f'no motion was found within all limits: even small ones have {near}'
+        msg = f'no motion was found within all limits, as even small ones have {near}'
         raise SignalError(msg, remedy='give another seed, smaller ranges in joints[].planned, '
                                       'or an SRDF that disables false collisions')
     q, dq, ddq = np.split(fine.motion(scaled(factor)), 3, axis=1)
@@ -251,8 +251,8 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
             found[output] = model if model.states is None else _planned(bundle.arm, output)
             noise[output] = model.deviations()
     if not found:
-        raise UsageError('model= has no analytical model of a single payload', remedy='give '
-                         'noise= in its place')
+        raise UsageError('the model of model= has no analytical part for one payload',
+                         remedy='give noise= in its place')
     return Target(arm.with_friction_of(bundle.arm), found, bundle.preprocessing,
                   Noise(noise, residual=True), known)
 
@@ -409,11 +409,11 @@ def read_plan(path: str | Path) -> PlanFolder:
     try:
         head = _Head.model_validate_json(text)
     except ValidationError as err:
-        raise UsageError(f'not a valid plan ({validation_message(err, add="")})',
+        raise UsageError(f'the plan is not valid, as {validation_message(err, add="")}',
                          place=path / HEAD, remedy='plan again with tudor excite') from None
     if (head.format, head.version) != (FORMAT, VERSION):
-        raise UsageError(f'found {head.format[:60]} {head.version}, expected {FORMAT} {VERSION}',
-                         place=path / HEAD, remedy='plan again with this version')
+        raise UsageError(f'the plan has the format {head.format[:60]} {head.version}, not {FORMAT}'
+                         f' {VERSION}', place=path / HEAD, remedy='plan again with tudor excite')
     noise = {output: np.array(list(values.values())) for output, values in head.noise.items()}
     return PlanFolder(path, read_trajectory(path / TABLE),
                       Noise(noise, head.noise_of == 'residuals'), head.noise_stated)

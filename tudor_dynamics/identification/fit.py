@@ -168,8 +168,8 @@ def check_arm(arm: Arm) -> None:
         raise FitError(f'{arm.source}: the elastic model does not support the key couplings; '
                        'remove that key, or leave elastic out of models=')
     if not arm.gauges:
-        raise FitError(f'{arm.source}: has no gauges, which the elastic model needs; add the key '
-                       'gauges, or leave elastic out of models=')
+        raise FitError(f'{arm.source}: the description has no gauges, which the elastic model '
+                       'needs; add the key gauges, or leave elastic out of models=')
     try:
         DrivenArm(arm)
     except TudorError as err:
@@ -443,8 +443,7 @@ def fit_models(
     outputs = common_outputs([*training, *test])
     if not outputs:
         have = {str(bag.choice): [o for o in OUTPUTS if bag.has(o)] for bag in (*training, *test)}
-        msg = f'the bags have neither efforts nor strains in common ({have}); fit them apart'
-        raise FitError(msg)
+        raise FitError(f'the bags share neither efforts nor strains ({have}); fit them apart')
     notes = []
     for output in OUTPUTS:
         some = [str(bag.choice) for bag in (*training, *test) if bag.has(output)]

@@ -134,8 +134,9 @@ def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
                       'analytical')
     found = {output: kinds[chosen] for output, kinds in bundle.models.items() if chosen in kinds}
     if chosen == 'elm' or not found:
-        raise UsageError(f'loads are estimated by a model of the kind {chosen}; this bundle has '
-                         f'the kinds {", ".join(have)}', remedy='leave out kind=, or ' * bool(
+        wanted = 'analytical or elastic' if chosen == 'elm' else chosen
+        raise UsageError(f'a load is estimated by a model of the kind {wanted}, but this model '
+                         f'has the kinds {", ".join(have)}', remedy='leave out kind=, or ' * bool(
                              kind) + 'fit one with tudor fit --models analytical elastic')
     return found
 

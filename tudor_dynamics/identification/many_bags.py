@@ -229,7 +229,7 @@ class Pass(ABC, Generic[Kept]):
         lacking = [output for output in OUTPUTS
                    if output in self.task.outputs and not bag.has(output)]
         if lacking:
-            raise BagError(f'has no {" and no ".join(lacking)}, which the other bags have',
+            raise BagError(f'the bag has no {" and no ".join(lacking)}, which the other bags have',
                            place=str(bag.choice), remedy='fit this bag separately')
         return [bag, *(filtered(bag, spec) for spec in self.task.specs[1:])]
 
@@ -419,8 +419,8 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
     said = f'{bags} bags are fitted one by one'
     fewer = 'leave out stream=' if bags < FROM else f'name fewer than {FROM} bags'
     if others:
-        raise UsageError(f'{said}, which no {" or ".join(others)} model can be',
-                         remedy=f'leave such models out, or {fewer}')
+        raise UsageError(f'{said}, but {" and ".join(others)} models need all at once',
+                         remedy=f'leave {" and ".join(others)} out of models=, or {fewer}')
     estimator = ESTIMATORS.get(settings.estimator)
     if estimator is not None and estimator.sample_weights is not None:
         raise UsageError(f'{said}, but {estimator.words} needs all at once',
@@ -527,7 +527,7 @@ class ManyBags:
         answers = go_through(trials, self.streaming.jobs, self._count('judge'))
         lost = [item for item in answers[:len(known)] if isinstance(item, Unused)]
         if lost:
-            raise FitError(f'{lost[0]} (earlier in this fit it could be read)',
+            raise FitError(f'a bag cannot be read any more: {lost[0]}',
                            remedy='fit again, and do not change bags during a fit')
         judged = [item for item in answers[len(known):] if not isinstance(item, Unused)]
         self._leave_out([item for item in answers[len(known):] if isinstance(item, Unused)])
@@ -544,13 +544,13 @@ class ManyBags:
 
     def _refuse_few(self, used: Sequence[object], given: Sequence[object]) -> None:
         if len(used) < 2:
-            raise FitError(f'{len(used)} of {len(given)} training bags can be used, 2 are needed: '
-                           f'{self.unused[0]}', remedy='give other bags')
+            raise FitError(f'{len(used)} of {len(given)} training bags can be used, but 2 are '
+                           f'needed; bag {self.unused[0]}', remedy='or give other bags')
 
     def _refuse_no_test(self, used: Sequence[object], given: Sequence[object]) -> None:
         if given and not used:
-            raise FitError(f'no test bag can be used: {self.unused[-1]}',
-                           remedy='give other test bags')
+            raise FitError(f'no test bag can be used; bag {self.unused[-1]}',
+                           remedy='or give other test bags')
 
     def _usable(
         self, training: Sequence[SurveyedBag | Unused], test: Sequence[SurveyedBag | Unused],
@@ -571,10 +571,10 @@ class ManyBags:
                     if some is training:
                         same.append(item)
                     continue
-                copy = Unused(str(item.choice), f'is a copy of the training bag {other.choice} '
-                                                f'(sha256 {item.checksum[:12]})')
+                copy = Unused(str(item.choice),
+                              f'it has the same samples as the training bag {other.choice}')
                 if some is test:
-                    raise FitError(f'{copy} and cannot test the model',
+                    raise FitError(f'bag {copy}, so it does not test the model',
                                    remedy='give another recording in its place')
                 wrong.append(copy)
         self._leave_out(wrong)
@@ -584,14 +584,14 @@ class ManyBags:
 
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
         if wrong and self.streaming.strict:
-            raise FitError(f'{len(wrong)} bags cannot be used, but strict= needs all; the first: '
-                           f'bag {wrong[0]}', remedy='leave out such bags, or leave out strict=')
+            raise FitError(f'{len(wrong)} of the bags cannot be used, but strict= needs all; bag '
+                           f'{wrong[0]}', remedy='or leave out these bags, or strict=')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
             warnings.warn(f'bag {item}; the fit leaves this bag out', TudorWarning, stacklevel=2)
         self.unused += wrong
         if wrong and len(self.unused) > WARNED:
-            warnings.warn(f'{len(self.unused)} bags are left out, the fit uses the others; why: '
-                          'see the key unused of the JSON output', TudorWarning, stacklevel=2)
+            warnings.warn(f'{len(self.unused)} bags are left out of the fit; the key unused of '
+                          'the JSON output says why', TudorWarning, stacklevel=2)
 
     def _sample(self, seen: Sequence[SurveyedBag]) -> list[BagData]:
         """Read some bags, evenly among all; those that cannot be read are named later."""

@@ -121,12 +121,12 @@ def _of_model(result: FitResult, item: FittedOutput, out: Path | None) -> list[N
     if gap > LARGEST_GAP:
         found.append(NextStep(
             gap, f'{name}: the fit is {gap:.0f} percentage points below that on the training '
-            'bags: record bags with other motion'))
+            'bags; record bags with other motion'))
     known = item.model.conditioning()
     if known.unexcited:
         shown = ', '.join(known.unexcited[:3]) + (' ...' if len(known.unexcited) > 3 else '')
         found.append(NextStep(
-            settings.UNEXCITED_GAIN, f'{name}: the motion does not determine {shown}: record one '
+            settings.UNEXCITED_GAIN, f'{name}: the motion does not determine {shown}; record one '
             'planned by tudor excite with joint limits and floor height', _excite(result, out)))
     held = [(channel, score, score.standing_rmse, score.moving_rmse)
             for channel, score in validation.channels.items()
@@ -139,7 +139,7 @@ def _of_model(result: FitResult, item: FittedOutput, out: Path | None) -> list[N
                          for channel, _, rest, moving in held)
         found.append(NextStep(
             gain, f'{name}: the RMS error is larger at rest ({each}), as motion does not show '
-            'static friction: judge the arm at rest by changes of the effort, or by strain'))
+            'static friction; judge the arm at rest by changes of the effort, or by strain'))
     return found
 
 
@@ -265,9 +265,10 @@ class ErrorChange:
     def __str__(self) -> str:
         """Write it on one line."""
         said = 'has grown since the validation' if self.changed else 'is as in the validation'
-        return (f'{self.output} {self.kind}, {self.channel}: the RMS error {said}: {self.now:.3g} '
-                f'now ({100 * self.relative_now:.1f} % of the signal), {self.then:.3g} then ('
-                f'{100 * self.relative_then:.1f} %), growth {self.sigmas:+.1f} standard errors')
+        return (f'{self.output} {self.kind}, {self.channel}: the RMS error {said}; now '
+                f'{self.now:.3g} ({100 * self.relative_now:.1f} % of the signal), then '
+                f'{self.then:.3g} ({100 * self.relative_then:.1f} %), growth {self.sigmas:+.1f} '
+                'standard errors')
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values."""
@@ -370,7 +371,7 @@ def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
     """Compare a fit with the plan of its recordings."""
     arm, names = result.arm, plan.trajectory.joints
     if sorted(names) != sorted(arm.active_joints):
-        msg = f'the plan moves {", ".join(names)}, the arm has {", ".join(arm.active_joints)}'
+        msg = f'the plan moves {", ".join(names)}, but the arm has {", ".join(arm.active_joints)}'
         raise UsageError(msg, place=plan.path, remedy=f'give a plan of arm {arm.name!r}')
     trajectory = plan.trajectory.of(arm.active_joints)
     models = {item.output: item.model for item in result.fitted

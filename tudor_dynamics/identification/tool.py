@@ -117,14 +117,13 @@ def find_moves(
     return found
 
 
-def check_efforts(arm: Arm) -> None:
+def check_efforts(arm: Arm, without: str = 'leave vibration out of models=') -> None:
     """Refuse an arm whose rings have no size, before hours of work and not after."""
     unknown = [repr(joint.name) for joint in arm.joints if joint.effort.unit == 'A']
     if unknown:
         raise FitError(f'{arm.source}: efforts of {", ".join(unknown)} are in A, but the model of '
-                       'vibration needs torques [N m] or forces [N]',
-                       remedy='correct the key effort.unit, record torques, or leave vibration '
-                       'out of models=')
+                       'vibration needs torques [N m] or forces [N]', remedy='record torques and '
+                       f'set joints[].effort.unit to N m, or {without}')
 
 
 def tool_of_bags(arm: Arm, bags: Sequence[BagData], model: Model | None) -> FlexibleTool:
@@ -163,9 +162,9 @@ class _Search:
     def __init__(self, moves: Sequence[Moves]) -> None:
         self.moves, self.rests = moves, [rest for one in moves for rest in one.rests]
         if len(self.rests) < settings.TOOL_LEAST:
-            raise FitError(f'{len(self.rests)} rests; a flexible tool needs '
-                           f'{settings.TOOL_LEAST} or more', remedy='let the arm rest for three '
-                           'seconds or more after each motion')
+            raise FitError(f'the bags have {len(self.rests)} rests after a motion, but the model '
+                           f'of vibration needs {settings.TOOL_LEAST} or more', remedy='record '
+                           'motions after each of which the arm rests for three seconds')
 
     def units(self, scale: float) -> Iterator[FloatArray]:
         """Give expected errors: each sample errs by noise, a whole rest by a part of its ring."""
@@ -280,10 +279,10 @@ class _Search:
         clear = [k for k, share in enumerate(left)
                  if loud[k] and share < 1.0 - settings.RING_CLEAR]
         if len(clear) < settings.TOOL_LEAST or 2 * len(clear) < sum(loud):
-            raise FitError(f'a flexible tool explains only {len(clear)} of {sum(loud)} rests that '
-                           f'ring; {settings.TOOL_LEAST}, and half of all, are needed',
-                           remedy='record moves of tudor excite --for vibration, or faster '
-                           'ones with rests of 3 s or more')
+            raise FitError(f'the tool rings in {sum(loud)} rests, but a model of its vibration '
+                           f'explains only {len(clear)}; half, and {settings.TOOL_LEAST} or more, '
+                           'are needed', remedy='record moves of tudor excite --for vibration, '
+                           'or faster ones with rests of 3 s or more')
         covariance = 0.5 * (best.covariance + best.covariance.T)[:-1, :-1]
         mass, length, *others = np.exp(x[6:-1]).tolist()
         return FlexibleTool.model_validate({

@@ -104,7 +104,7 @@ def learn_all(
                 found[method, kind] = learned
             else:
                 name = channels[known.index(False) % len(channels)]
-                missing[method, kind] = f'the residual of {name!r} is always 0: check its signal'
+                missing[method, kind] = f'the residual of {name!r} is always 0; check its sensor'
     return found, missing
 
 
@@ -141,8 +141,7 @@ def marks(model: Model, arm: Arm, bag: BagData) -> tuple[str, ...]:
         share = float(np.mean(inertia < 0.0))
         if share > settings.NEGATIVE_SHARE:
             found.append(f'the inertia about {name} is negative at {100.0 * share:.0f} % '
-                         f'of the poses (least {inertia.min():.2g} in effort per acceleration), '
-                         'which is impossible: record faster motion of this joint')
+                         'of the poses, which is impossible; record faster motion of this joint')
     return (*found, *_weights(model, arm, still, rest))
 
 
@@ -161,7 +160,7 @@ def _weights(model: Model, arm: Arm, still: FloatArray, rest: FloatArray) -> lis
         slope = float(identified[:, joint] @ described[:, joint] / sizes[joint]**2)
         if not 1.0 / settings.WEIGHT_OFF <= slope <= settings.WEIGHT_OFF:
             found.append(f'the load of gravity on {name} is {slope:.2g} times that of the '
-                         'description: check masses, the unit of its effort, and what the arm '
+                         'description; check masses, the unit of its effort, and what the arm '
                          'carries')
     return found
 

@@ -140,7 +140,7 @@ def bent_links(facts: Mapping[str, Any], arm: Arm) -> BentLinks | None:
     try:
         np.linalg.cholesky(density)
     except np.linalg.LinAlgError:
-        msg = f'{FACT} of the bundle: noise density not positive definite; fit the model again'
+        msg = f'{FACT} of the model is damaged (noise not positive definite); fit the model again'
         raise ModelError(msg) from None
     return BentLinks(part.cutoff, bending, made, density)
 

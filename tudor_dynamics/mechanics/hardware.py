@@ -164,8 +164,8 @@ def drive_row(motor: MotorSpec, dt: float, chosen: Imperfections) -> FloatArray:
     """Lay out the parameters of one motor: dt [s]; returns (PARAMETERS,)."""
     inertia, torque = motor.reflected_inertia, motor.joint_torque_constant
     if inertia <= 0.0:
-        raise SimulationError(f'motors: rotor_inertia of joint {motor.joint!r} is 0; give '
-                              'its true value in the arm description')
+        raise SimulationError(f'the rotor_inertia of joint {motor.joint!r} is 0; give its true '
+                              'value under motors in the arm description')
     # A rigid gear is as stiff as the step allows, well damped.
     stiffest = inertia * (settings.RIGID_GEAR / dt) ** 2
     stiffness, damping = motor.stiffness, motor.damping
@@ -377,8 +377,7 @@ def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
                                   f'{push.joint!r}; choose a place from 0 to {length:g} m')
         values = (push.time, push.duration, push.rise, *push.force)
         if not np.isfinite(values).all() or push.duration <= 0.0 or push.rise < 0.0:
-            msg = f'{push}: times and forces must be finite, the duration positive'
-            raise SimulationError(msg)
+            raise SimulationError(f'{push}: give finite times and forces, and a duration above 0')
         row[:] = (push.time, push.duration, min(push.rise, 0.5 * push.duration), body,
                   push.distance, *push.force)
     return table

@@ -241,8 +241,7 @@ class Builder:
         tip = self.tip_frame()
         if not children and tip is not None and tip.parentJoint == index:
             return np.array(tip.placement.translation)
-        msg = f'{where} has no end, and the kinematics do not give it; add end or length'
-        raise SimulationError(msg)
+        raise SimulationError(f'the end of {where} is not known; add the key end or length to it')
 
     def tip_frame(self) -> pin.Frame | None:
         """Frame at the end of the chain: ``tip``, or the last one on the last joint."""
@@ -274,8 +273,7 @@ class Builder:
                 y = np.eye(3)[int(np.argmin(np.abs(x)))]
         y = y - (y @ x) * x
         if np.linalg.norm(y) < 1e-6:
-            msg = f'{where}: height_axis points along the beam; give a direction across it'
-            raise SimulationError(msg)
+            raise SimulationError(f'{where} has its height_axis along it; give a direction across')
         y = y / np.linalg.norm(y)
         self.beams[name] = properties = beam_properties(beam)
         floats[at.BODY_ROTATION:at.BODY_ROTATION + 9] = np.column_stack(
@@ -398,8 +396,8 @@ def build_mechanism(arm: Arm) -> Mechanism:
         raise SimulationError(f'{arm.source}: the simulator does not model couplings; remove them '
                               'from a copy of the description to simulate the arm without them')
     if not arm.spec.links and not any(i.mass > 0 for i in list(arm.full_model.inertias)[1:]):
-        raise SimulationError(f'{arm.source}: no links, which simulation and elastic models need; '
-                              'add the key links, as docs/reference/arm_yaml.md shows')
+        raise SimulationError(f'{arm.source}: the key links is missing, which simulation and '
+                              'elastic models need; add it, as docs/reference/arm_yaml.md shows')
     for index in range(1, arm.full_model.njoints):
         builder.link(index)
     tip = builder.tip_frame()

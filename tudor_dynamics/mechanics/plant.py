@@ -102,10 +102,9 @@ class Plant(Shown):
     ) -> None:
         check_type(mechanism, Mechanism, 'mechanism', 'build_mechanism(arm)')
         if not (np.isfinite(dt) and dt > 0.0):
-            raise SimulationError(f'dt= must be above 0 s, found {dt}')
+            raise SimulationError(f'dt= {dt}: give more than 0 s')
         if not 0.0 <= rho <= 1.0:
-            msg = f'rho, the damping of the integrator, must be from 0 to 1, found {rho}'
-            raise SimulationError(msg)
+            raise SimulationError(f'rho, damping of the integrator, is {rho}; give 0 to 1')
         self.mechanism = mechanism
         n = mechanism.size
         self.tables = PlantTables(
@@ -360,9 +359,9 @@ class Plant(Shown):
             z[elastic] -= change * min(1.0, 0.2 / max(largest, 1e-300))
             if largest < 1e-11:
                 return
-        msg = (f'arm {mechanism.name!r}: no static equilibrium was found: links are too weak '
-               'for their weight: check sections, material, or use simulation.start: undeformed')
-        raise SimulationError(msg)
+        raise SimulationError(f'arm {mechanism.name!r}: links are too weak for their weight; '
+                              'correct their section and material, or set simulation.start: '
+                              'undeformed in the arm description')
 
     def _check_step(self) -> None:
         """Refuse a step that cannot follow the slowest vibration of the links, joints held."""
@@ -388,14 +387,14 @@ class Plant(Shown):
         elif status == gen.SINGULAR:
             loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
                      if not self.tables.prescribed[index]]
-            msg = (f'{name}: the mass matrix is singular, as {" or ".join(map(repr, loose))} or a '
-                   'beam moves no mass; give its entry in links a mass, or hub_inertia')
+            msg = (f'{name}: {" or ".join(map(repr, loose))} or a beam moves no mass, so its '
+                   'acceleration is unknown; give its entry in links a mass or hub_inertia')
         elif status == gen.TOO_BENT:
-            msg = (f'{name}: at t = {t:.6g} s a link is bent by more than '
-                   f'{settings.MAX_ROTATION} rad, where a linear beam means nothing; energy '
-                   f'before: {self.energy().total:.6g} J; check torques and sections')
+            msg = (f'{name}: at {t:.4g} s a link bends by more than {settings.MAX_ROTATION} rad, '
+                   'where the model of a beam is wrong; lower the torques, or give links a '
+                   'stiffer section in the arm description')
         else:
-            msg = (f'{name}: the run diverged at t = {t:.6g} s (energy before that: '
-                   f'{self.energy().total:.3g} J); take time steps below {self.dt:g} s, or look '
-                   'for torques that are too large and masses that are too small')
+            msg = (f'{name}: the simulation diverged at {t:.4g} s; take time steps below '
+                   f'{self.dt:g} s, lower the torques, or correct masses that are too small in '
+                   'the arm description')
         raise SimulationError(msg)

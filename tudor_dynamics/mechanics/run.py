@@ -240,7 +240,7 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
     mechanism = plant.mechanism
     unknown = [name for name in free_joints if name not in mechanism.joints]
     if unknown or count < 1:
-        raise SimulationError(f'free joints {unknown}: use some of {list(mechanism.joints)}'
+        raise SimulationError(f'no joints {unknown}; free some of {list(mechanism.joints)}'
                               if unknown else f'{count} modes; give a count of 1 or more')
     free = mechanism.elastic.copy()
     for joint in free_joints:
@@ -290,7 +290,7 @@ def count_steps(seconds: float, dt: float, rate: float) -> tuple[int, int]:
     for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
         check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
         if not 0.0 < value < 1e9:
-            raise UsageError(f'{name}= must be above 0 and below 1e9, found {value}')
+            raise UsageError(f'{name}= {value}: give a number above 0 and below 1e9')
     check_budget(f'a run of {seconds:g} s at steps of {dt:g} s', seconds / dt)
     total = max(int(round(seconds / dt)), 1)
     return total, max(int(round(1.0 / (rate * dt))), 1) if rate * dt > 1e-9 else 2 * total

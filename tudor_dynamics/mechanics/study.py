@@ -159,7 +159,7 @@ def _evaluate(node: ast.AST, t: FloatArray) -> FloatArray:
             and node.func.id in FUNCTIONS and not node.keywords):
         return FUNCTIONS[node.func.id](*(_evaluate(arg, t) for arg in node.args))
     text = ast.unparse(node) if isinstance(node, ast.expr) else type(node).__name__
-    raise SimulationError(f'{text!r} is not allowed in an expression: use t, numbers, + - * / ** '
+    raise SimulationError(f'{text!r} is not allowed in an expression; use t, numbers, + - * / ** '
                           f'%, comparisons, pi, e and {", ".join(sorted(FUNCTIONS))}')
 
 
@@ -189,8 +189,8 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
     """Read a CSV table: time [s], then one column a joint, or a direction."""
     table = read_trajectory(path)
     if len(table.t) < 2 or not {*table.joints} <= {*names}:
-        raise SimulationError(f'{path}: found {len(table.t)} rows of {list(table.joints)}; '
-                              f'expected two rows or more, of t and some of {list(names)}')
+        raise SimulationError(f'{path}: it has {len(table.t)} rows of {", ".join(table.joints)}; '
+                              f'give two rows or more, of t and some of {", ".join(names)}')
     return table.t, dict(zip(table.joints, table.q.T, strict=True))
 
 
@@ -272,7 +272,7 @@ def sampled_columns(
     result = np.zeros((t.size, len(columns)))
     for name, value in given.items():
         if name not in allowed:
-            raise SimulationError(f'{what} of {name!r}: unknown name; use some of {list(allowed)}')
+            raise SimulationError(f'{what}: there is no {name!r}; use some of {list(allowed)}')
         result[:, columns.index(name)] = sampled(value, t, f'{what} of {name}')
     return result
 
@@ -342,7 +342,7 @@ class SimulatedRun(Shown):
         what, _, which = signal.partition(':')
         if signal not in self.signals:
             known = ', '.join(self.signals)
-            raise SimulationError(f'no such signal: {signal!r}; choose from {known}')
+            raise SimulationError(f'there is no signal {signal!r}; choose from {known}')
         if what in ('q', 'dq', 'effort'):
             values = np.asarray(getattr(run, what))[:, [mechanism.joints.index(which)]]
             unit = {'q': 'deg', 'dq': 'deg/s', 'effort': 'N m'}[what]
@@ -519,11 +519,9 @@ def simulate(
     places = plant.state.q.copy()
     for name, place in (start or {}).items():
         if name not in mechanism.joints:
-            msg = f'start names {name!r}, no joint; use some of {list(mechanism.joints)}'
-            raise UsageError(msg)
+            raise UsageError(f'start names {name!r}, no joint of {", ".join(mechanism.joints)}')
         if not np.isfinite(place):
-            msg = f'start of {name!r}: found {place}, expected a position [rad or m]'
-            raise SimulationError(msg)
+            raise SimulationError(f'start of {name!r} is {place}; give a position [rad or m]')
         places[mechanism.joints.index(name)] = place
     if start is not None or forces is not None:
         plant.reset(places, external_force=None if forces is None else forces[0])

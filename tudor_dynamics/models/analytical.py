@@ -279,8 +279,7 @@ class AnalyticalModel(MemorylessModel):
     def coefficients(self) -> FloatArray:
         """Give the parameters on all columns, shape (n_channels, n_columns)."""
         if not self.groups_:
-            msg = 'the analytical model has no parameters yet: call fit, or load a bundle'
-            raise NotFittedError(msg)
+            raise NotFittedError('the analytical model has no parameters yet; fit it, or load one')
         if self._full is not None and self._full_of is self.groups_:
             return self._full
         full = np.zeros((len(self.channels), len(self.regressor.columns)))

@@ -128,7 +128,7 @@ def read(part: type[Part], content: Any, context: dict[str, Any] | None = None) 
     try:
         return part.model_validate(content, context=context)
     except ValidationError as err:
-        raise ModelError(validation_message(err), remedy=AGAIN) from None
+        raise ModelError(validation_message(err, add=''), remedy=AGAIN) from None
 
 
 # -- The contract of models: what each of them offers, whatever is inside

@@ -162,8 +162,8 @@ class ModelBundle(Shown):
                 return self
             what = ('one payload of unknown mass; give none' if known is None else
                     f'one payload of {known:g} kg; give that one')
-            raise ModelError(f'the model cannot predict for a payload of {payload:g} kg: it was '
-                             f'fitted to {what}, or fit a model to bags with several payloads '
+            raise ModelError(f'the model cannot predict for a payload of {payload:g} kg, as it '
+                             f'was fitted to {what}, or fit a model to bags with several payloads '
                              '(tudor fit BAGS --payload-of BAG=KG ...)')
         causal = self.causal
         if causal is not None:
@@ -206,6 +206,7 @@ MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000
              'elm.npz': 200_000_000, 'data.npz': 200_000_000}
 FORMAT = 'tudor_dynamics/model'
 VERSION = 1
+GIVE = 'give the folder that tudor fit wrote'
 MARK = 'checksum: '  # begins the last line of ``model.yaml``, a checksum over all before it
 
 
@@ -264,7 +265,7 @@ def _read_file(path: Path, name: str) -> bytes:
     except OSError as err:
         msg = ('no such folder' if isinstance(err, FileNotFoundError) and not path.is_dir() else
                f'{name} cannot be read ({err.strerror})')
-        raise ModelError(msg, place=path, remedy='give the folder that tudor fit wrote') from None
+        raise ModelError(msg, place=path, remedy=GIVE) from None
 
 
 class ModelsPart(BundlePart):
@@ -299,18 +300,18 @@ def _read_head(path: Path) -> HeadPart:
     try:
         text = _read_file(path, 'model.yaml').decode()
     except UnicodeDecodeError:
-        raise ModelError('not UTF-8 text; give a model bundle of tudor fit', place=file) from None
+        raise ModelError('the file is not UTF-8 text', place=file, remedy=GIVE) from None
     body, mark, checksum = text.rpartition(MARK)
     if not mark or checksum != f'{_sha256(body.encode())}\n':
         raise ModelError('this file of the model was edited or is incomplete (wrong checksum)',
                          place=file, remedy=f'restore it, or {AGAIN}')
     head = load_yaml(body, file)
     if not isinstance(head, dict) or head.get('format') != FORMAT:
-        raise ModelError(f'not a model bundle: its format is not {FORMAT!r}', place=file,
-                         remedy='give a model bundle of tudor fit')
+        raise ModelError(f'the file is no model, as its format is not {FORMAT!r}', place=file,
+                         remedy=GIVE)
     if head.get('version') != VERSION:
-        raise ModelError(f'bundle version {head.get("version")!r}; this program reads version '
-                         f'{VERSION}: update tudor_dynamics, or fit the model again', place=file)
+        raise ModelError(f'format version {head.get("version")!r}, but this program reads version '
+                         f'{VERSION}; update tudor_dynamics, or fit the model again', place=file)
     try:
         return read(HeadPart, {**head, 'digest': checksum.strip()})
     except ModelError as err:
@@ -362,7 +363,7 @@ def unpack(models: Mapping[str, AnalyticalModel], content: bytes, file: Path) ->
                              for matrix, k in zip(values[0], counts[0], strict=True)])
             model.data_ = data
     except (KeyError, TypeError, ValueError, IndexError) as err:
-        raise ModelError(f'the sums over training bags do not fit the models ({err})', place=file,
+        raise ModelError(f'the file does not go with the models ({err})', place=file,
                          remedy=AGAIN) from None
 
 
@@ -511,9 +512,9 @@ def load_bundle(
     # but for the friction of its joints, which a fit may choose
     if arm is not None and arm.with_friction_of(own).digest != own.digest:
         raise ModelError(
-            f'the model was fitted to another description (of {own.name!r}) than {arm.source} '
-            f'(of {arm.name!r})', place=path,
-            remedy='set arm= to the description that it was fitted to, or fit it again')
+            f'the model is of the arm {own.name!r}, and was fitted with another description than '
+            f'{arm.source} (arm {arm.name!r})', place=path,
+            remedy='set arm= to the description that it was fitted with, or fit it again')
     try:
         arrays = load_npz(content['elm.npz'], path / 'elm.npz') if 'elm.npz' in content else {}
         models = _models(own, head, arrays, '')
@@ -540,8 +541,8 @@ def _models(
         found[output] = {}
         for kind, content in kinds.items():
             if kind not in KINDS:
-                raise ModelError(f'unknown model kind {kind!r}; this version reads '
-                                 f'{", ".join(KINDS)}: update tudor_dynamics')
+                raise ModelError(f'the model has a part of the unknown kind {kind!r}; this '
+                                 f'version reads {", ".join(KINDS)}, so update tudor_dynamics')
             begin = f'{prefix}{output}_{kind}_'
             own = {name.removeprefix(begin): array for name, array in arrays.items()
                    if name.startswith(begin)}
@@ -553,6 +554,6 @@ def _arm(content: Any, known: dict[str, bytes], path: Path) -> Arm:
     kinematics = content.get('kinematics') if isinstance(content, dict) else None
     urdf = kinematics.get('urdf') if isinstance(kinematics, dict) else None
     if urdf is not None and (urdf != 'arm.urdf' or urdf not in known):
-        raise ModelError(f'{path}: arm.yaml names the URDF {urdf!r}; expected arm.urdf, with a '
-                         'checksum; fit the model again')
+        raise ModelError(f'{path}: arm.yaml of the model names the URDF {urdf!r}, not arm.urdf; '
+                         'fit the model again')
     return arm_from_dict(content, base=path, source=str(path / 'arm.yaml'))

@@ -188,10 +188,10 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
-            'the model gives no masses, as it has no analytical model of efforts for one payload',
+            'masses need an analytical model of efforts for one payload, which is missing',
             remedy='run tudor fit on bags that have efforts and were recorded with one payload')
     if not model.data_:
-        raise ModelError('the bundle lacks the sums over its training bags (data.npz)',
+        raise ModelError('the model lacks the file data.npz, of which masses are computed',
                          remedy='fit the model again with this version')
     return model
 
@@ -261,7 +261,7 @@ def side_of(path: str | Path) -> Side:
     arm = load_arm(path)
     bodies = described_bodies(arm)
     if not any(body[0] > 0.0 for body in bodies.values()):
-        raise UsageError('describes no masses, so there is nothing to compare', place=path,
+        raise UsageError('the description has no masses, so nothing can be compared', place=path,
                          remedy='give a description whose URDF has masses, or the folder that '
                                 'tudor fit wrote')
     return Side(str(path), arm, bodies)

@@ -143,8 +143,7 @@ class ExtremeLearningMachine(MemorylessModel):
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
         if self.output_weights_ is None:
-            msg = f'the ELM of {output} has no weights yet: call fit before saving it'
-            raise NotFittedError(msg)
+            raise NotFittedError(f'the ELM of {output} has no weights yet; fit it, then save it')
         content: dict[str, Any] = {
             'hidden': self.hidden, 'ridge': self.ridge, 'seed': self.seed, 'clip': self.clip,
             'channels': list(self.channels)}
@@ -191,7 +190,7 @@ class ExtremeLearningMachine(MemorylessModel):
 
     def _weights(self) -> FloatArray:
         if self.output_weights_ is None:
-            raise NotFittedError('the ELM has no weights yet: call fit, or load a bundle')
+            raise NotFittedError('the ELM has no weights yet; fit it, or load a fitted one')
         return self.output_weights_
 
     def _features(self, motion: FloatArray) -> FloatArray:

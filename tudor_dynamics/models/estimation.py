@@ -310,8 +310,8 @@ class _Problem:
         try:
             best = linalg.solve(information, total[:-1, -1] / size, assume_a='pos')
         except linalg.LinAlgError:
-            raise FitError('the motion does not determine torque constants and base parameters',
-                           remedy='record more, or add joints[].effort.torque_constant') from None
+            raise FitError('the motion does not determine the torque constants', remedy='record '
+                           'more motion, or add joints[].effort.torque_constant') from None
         vector = np.append(-(best / size), 1.0)
         return grams, vector, np.array([max(0.0, float(vector @ g @ vector)) for g in grams])
 

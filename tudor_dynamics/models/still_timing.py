@@ -76,7 +76,7 @@ def still_timing(
             return timing.trajectory(given, c)
         if timing.first == 0:
             break
-    raise SignalError(f'no timing of this path leaves the tool still: {100.0 * left:.0f} % of '
+    raise SignalError(f'no timing of this path leaves the tool still, as {100.0 * left:.0f} % of '
                       'the ring remain', remedy='begin more slowly, or shape it by zv or zvd')
 
 

@@ -275,12 +275,12 @@ class Wish:
         if not 0.02 <= self.damping_ratio <= 0.95:
             raise UsageError(f'damping_ratio= {self.damping_ratio:g}: give 0.02 to 0.95')
         if not 0.0 <= self.delay <= LONGEST_DELAY:
-            raise UsageError(f'a delay of {self.delay:g} s: expected 0 to {LONGEST_DELAY:g} s')
+            raise UsageError(f'delay= {self.delay:g} s: give 0 to {LONGEST_DELAY:g} s')
         payloads = self.payloads
         if not payloads or any(not math.isfinite(p) or p < 0.0 for p in payloads) or list(
                 payloads) != sorted(set(payloads)):
-            raise UsageError(f'payloads= {list(payloads)}: expected masses of 0 kg or more, '
-                             'each larger than the one before')
+            raise UsageError(f'payloads= {" ".join(f"{mass:g}" for mass in payloads)}: give '
+                             'masses of 0 kg or more, each larger than the one before')
 
 
 def pose_axes(tuned: TunedArm) -> tuple[FloatArray, ...]:
@@ -436,6 +436,6 @@ def refiner_of(arm: Arm, bundle: ModelBundle) -> MoveRefiner:
     """Give what refines moves by the elastic model of a bundle."""
     model = elastic_of(bundle, 'strain')
     if model is None:
-        raise ModelError('refining moves needs an elastic model of strain; the bundle has none',
-                         remedy='fit one to bags with strain: `tudor fit --models elastic`')
+        raise ModelError('moves are refined by an elastic model of strain, which the model folder '
+                         'lacks', remedy='run `tudor fit --models elastic` on bags with strain')
     return MoveRefiner(TunedArm(arm, model))

@@ -198,6 +198,6 @@ class ArmSimulatorNode(TudorNode):
             return ERROR, (f'{self.arm.failure}; the arm rests at its initial pose until you call '
                            'the service ~/reset')
         if level != OK:
-            return WARN, (f'no commands arrive on {VELOCITY_COMMANDS}, so the joints stand still: '
+            return WARN, (f'no commands arrive on {VELOCITY_COMMANDS}, so the joints stand still; '
                           'start oscillation_damper')
         return level, message

@@ -74,12 +74,12 @@ class BagPlayerNode(TudorNode):
     def _open(self) -> None:
         bag, offset = self.value('bag'), float(self.value('start_offset'))
         if not bag:
-            raise BagError('no bag: set the parameter bag to a rosbag2 directory, .mcap or .db3')
+            raise BagError('the parameter bag is empty; set it to a rosbag2 directory or file')
         self.track = track = read_track(bag, self.value('topics'))
         self._first = int(np.searchsorted(track.time, track.time[0] + round(offset * 1e9)))
         if self._first == len(track.time):
-            raise BagError(f'the bag lasts {(track.time[-1] - track.time[0]) * 1e-9:.3f} s; lower '
-                           f'the parameter start_offset, now {offset:g} s', place=bag)
+            raise BagError(f'the bag lasts {(track.time[-1] - track.time[0]) * 1e-9:.3f} s, but '
+                           f'the parameter start_offset is {offset:g} s; lower it', place=bag)
         for topic, msgtype in track.topics.items():
             try:
                 kind = message_class(msgtype)

@@ -48,7 +48,7 @@ class BagRecorderNode(TudorNode):
         self._own = 'the topics to record'
         try:
             if not self.value('bag'):
-                raise BagError('no bag: set the parameter bag to the directory to create')
+                raise BagError('the parameter bag is empty; set it to the directory to create')
             self.writer = LiveWriter(self.value('bag'), self.value('storage'))
         except TudorError as err:
             self.fail(err)
@@ -99,7 +99,7 @@ class BagRecorderNode(TudorNode):
             return
         if not known:
             self.recorded[topic] = None
-            self.get_logger().warning(f'unknown type {msgtype}: record {topic} by ros2 bag record')
+            self.get_logger().warning(f'unknown type {msgtype}; record {topic} by ros2 bag record')
             return
         reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offers)
         kept = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offers)

@@ -78,7 +78,7 @@ class SignTester(Trial):
                 watch = False
         response = self._response(gauge)
         if response is None:
-            raise TudorError(f'gauge {self.arm.gauge_names[gauge]!r}: under 20 strains came in '
+            raise TudorError(f'gauge {self.arm.gauge_names[gauge]!r} sent under 20 strains in '
                              f'{seconds:g} s on {self.arm.gauges[gauge].topic}; check its driver')
         return response
 
@@ -107,7 +107,7 @@ class SignTester(Trial):
         response = self.listen(self._gauge(joint), RECORD, watch=share > 0.0)
         if abs(self.q[index] - self._goal[index]) > 0.5 * abs(step):
             raise TudorError(f'{joint} is at {self.q[index]:.3g}, not at {self._goal[index]:.3g} '
-                             f'{self.arm.position_units[joint]}: see the diagnostics of {DAMPER}, '
+                             f'{self.arm.position_units[joint]}; see the diagnostics of {DAMPER}, '
                              'then test again')
         return response
 

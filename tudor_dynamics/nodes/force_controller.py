@@ -131,8 +131,8 @@ class ForceControllerNode(MovingNode):
         if controller is None or level != OK:
             return level, message
         if controller.phase is Phase.HELD:
-            return ERROR, f'{controller.cause}: the arm stands until you call the service ~/reset'
+            return ERROR, f'{controller.cause}; the arm stands until you call the service ~/reset'
         if self.static.source == 'none':
-            return WARN, ('the weight of the arm in the gauge readings is unknown: set the '
+            return WARN, ('the weight of the arm in the gauge readings is unknown; set the '
                           'parameter model, or add the key links to the arm description')
         return OK, controller.cause

@@ -139,7 +139,7 @@ class JointTester(Trial):
             largest = NUDGE_LARGEST * step
             answer = self.nudge(joint, step)
             while answer.right is None and 2.0 * step <= largest:
-                print(f'{answer.text}; this is unclear: trying a larger step', flush=True)
+                print(f'{answer.text}; this is unclear, so a larger step follows', flush=True)
                 step *= 2.0
                 self.start()
                 answer = self.nudge(joint, step)
@@ -150,8 +150,8 @@ class JointTester(Trial):
             self._activate(False)
         self.set_damping(damping)
         if not answer.right:
-            end = (f'{DAMPER} is inactive now: correct this, then test again before any motion'
-                   if answer.right is False else 'unclear: take a larger --step or --slide')
+            end = (f'{DAMPER} is inactive now; correct this, then test again before any motion'
+                   if answer.right is False else 'unclear; take a larger --step or --slide')
             print(self._hinted(end))
             return 1
         if set(joints) == set(self.arm.active_joints) and self._tested.service_is_ready():

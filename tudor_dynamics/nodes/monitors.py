@@ -103,7 +103,7 @@ class WatchedArm:
             host.get_logger().error(f'{self.namespace}: a defect of tudor, please report it: '
                                     f'{node.failure}')
             last = node.failure.strip().splitlines()[-1]
-            self.fault = f'the monitor failed and restarts in {pause:g} s: {last}'
+            self.fault = f'its monitor failed and restarts in {pause:g} s ({last})'
             self.failures += 1
             self._due = now + pause
             self.end(host)
@@ -147,8 +147,8 @@ class MonitorsNode(TudorNode):
         for arm in self.arms:
             arm.make()
         if not self.arms:
-            self.fault = ('no namespaces: set the parameter namespaces to those of the arms, such '
-                          "as ['left', 'right']; for a single arm run the node monitor")
+            self.fault = ('the parameter namespaces is empty; set it to the namespaces of the '
+                          "arms, such as ['left', 'right'], or run the node monitor for one arm")
         refused = [f'{arm.namespace}: {arm.fault}' for arm in self.arms if arm.fault]
         if refused and len(refused) == len(self.arms):
             self.close()
@@ -164,11 +164,10 @@ class MonitorsNode(TudorNode):
                 namespace = expand_topic_name(name, self.get_name(), self.get_namespace())
                 validate_namespace(namespace)
             except (InvalidNamespaceException, ValueError) as err:
-                msg = f'parameter namespaces: {name!r} is no valid namespace: {err}'
+                msg = f'the parameter namespaces has {name!r}, which is no valid namespace ({err})'
                 raise TudorError(msg) from None
             if namespace in found:
-                msg = f'parameter namespaces: {name!r} appears twice; give each arm its own'
-                raise TudorError(msg)
+                raise TudorError(f'parameter namespaces has {name!r} twice; give each arm its own')
             found.append(namespace)
         return found
 
@@ -187,13 +186,13 @@ class MonitorsNode(TudorNode):
     def verdict(self) -> tuple[bytes, str]:
         """Say which arms are not watched; what the others see their own monitors say."""
         level, message = super().verdict()
-        faults = [f'{arm.namespace} is not watched, because of {arm.fault}; see the traceback in '
-                  'the log' for arm in self.arms if arm.fault]
+        faults = [f'the arm in {arm.namespace} is not watched ({arm.fault}); see the traceback in '
+                  'the log of this node' for arm in self.arms if arm.fault]
         failed = [arm.namespace for arm in self.arms if arm.failures]
         if level == OK and faults:
             return ERROR, '; '.join(faults)
         if level == OK and failed:
-            return WARN, (f'the monitor of {", ".join(failed)} failed and runs again; report '
+            return WARN, (f'the monitor in {", ".join(failed)} failed and runs again; report '
                           'the error in the log, as docs/howto/report_a_bug.md says')
         return level, message
 

@@ -209,7 +209,7 @@ class OscillationDamperNode(MovingNode):
         if clock := self.clocks.fault():
             return ERROR, f'{self._own}: {clock}'
         if controller.blind:
-            return STALE, (f'no joint positions arrive on {self._own}, so no commands are sent: '
+            return STALE, (f'no joint positions arrive on {self._own}, so no commands are sent; '
                            'start the driver of the arm')
         if controller.missing:
             return STALE, (f'{self._own}: {controller.cause}; until then the damper commands '
@@ -218,8 +218,8 @@ class OscillationDamperNode(MovingNode):
             return self.crowded
         gains = controller.gains
         if gains.excited:
-            return ERROR, (f'the damper is off: {gains.excited}; run damper_sign_test, check '
-                           'the gains and the loop delay, then call the service ~/reset')
+            return ERROR, (f'the damper is off, as {gains.excited}; run damper_sign_test, lower '
+                           'damper.joints[].gain, then call the service ~/reset')
         if bad := self._gauge_faults(controller):
             return ERROR, ALSO.join(bad)
         if self.crowded:
@@ -230,15 +230,15 @@ class OscillationDamperNode(MovingNode):
         delay = f'{1e3 * (gains.assumed_delay + gains.late):.0f} ms'
         if gains.allowed_share < 1.0:
             off = 'is off' if gains.allowed_share == 0.0 else 'acts with reduced gain'
-            return WARN, (f'the damper {off}: the loop delay is {delay}; shorten it (driver, '
-                          f'network); full gain needs at most {1e3 * gains.full_delay:.0f} ms')
+            return WARN, (f'the damper {off}, as joints answer after {delay} (limit '
+                          f'{1e3 * gains.full_delay:.0f} ms); speed up driver and network')
         gain = gains.position_gain_in_use
         if gain < gains.position_gain:
-            return WARN, (f'a loop delay of {delay} lowers the position gain to {gain:.2g} per s, '
-                          f'from {gains.position_gain:g}; shorten the delay (driver, network)')
+            return WARN, (f'joints answer after {delay}, so the position gain is {gain:.2g} per s '
+                          f'in place of {gains.position_gain:g}; speed up driver and network')
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
-            return WARN, f'fixed gains: {adaptation.unknown}'
+            return WARN, f'gains do not follow the payload, as {adaptation.unknown}'
         if note := controller.reference.refusal or self.clocks.offset(self._own):
             return WARN, note
         if (limits := controller.limits).missing:

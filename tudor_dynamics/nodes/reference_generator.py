@@ -261,9 +261,9 @@ class ReferenceGeneratorNode(MovingNode):
         elif alive:
             self._unwatched = f'{names} cannot detect collisions; see the diagnostics of {names}'
         elif self.monitors:
-            self._unwatched = f'no diagnostics come from {names} any more; restart {names}'
+            self._unwatched = f'no diagnostics come from {names} any more; start {names} again'
         else:
-            self._unwatched = f'no node publishes the topic {COLLISION!r}; start monitor'
+            self._unwatched = f'no node publishes the topic {COLLISION!r}; start the node monitor'
         self.source.halt(self._unwatched if self.value('require_monitor') else '')
         self._heard = {name: item for name, item in self._heard.items() if now - item[0] < 60.0}
 
@@ -298,17 +298,17 @@ class ReferenceGeneratorNode(MovingNode):
         if level != OK:
             return level, message
         if source.reacting or source.collision:
-            return WARN, (f'the node accepts no goals after a collision (reaction: '
-                          f'{self.value("reaction")}): check the arm, call the service ~/reset')
+            return WARN, (f'the node accepts no goals after a collision (its reaction is '
+                          f'{self.value("reaction")}); free the arm, call the service ~/reset')
         if source.halted:
-            return WARN, f'the node accepts no goals: {source.halted}'
+            return WARN, f'the node accepts no goals, as {source.halted}'
         if self.crowded is not None:
             return self.crowded
         if len(self.monitors) > 1:
             return WARN, (f'the topic {COLLISION!r} has {len(self.monitors)} publishers, in nodes '
                           f'{", ".join(self.monitors)}; stop all but the one of this arm')
         if self._unwatched and self.monitors:
-            return WARN, f'collisions are not detected any more: {self._unwatched}'
+            return WARN, f'collisions are not detected any more, as {self._unwatched}'
         return level, message
 
 

@@ -112,8 +112,8 @@ class TrajectoryRelayNode(TudorNode):
 
     def _reset(self) -> str:
         if self.collision:
-            raise UsageError(f'a collision is still reported on {COLLISION!r}', remedy='check '
-                             'the arm, reset the node that reports it, then reset this node')
+            raise UsageError(f'a collision is still reported on {COLLISION!r}', remedy='free the '
+                             'arm, call the service reset of the monitor, then that of this node')
         self.held = False
         return 'accepts trajectories again'
 
@@ -141,7 +141,7 @@ class TrajectoryRelayNode(TudorNode):
         """Forward a goal; give why not."""
         if self._client is None or not self._client.server_is_ready():
             return self._refuse(f'the controller {self.value("controller")!r} offers no action '
-                                'follow_joint_trajectory: activate it')
+                                'follow_joint_trajectory; activate it')
         why = self._check(goal.trajectory)
         if not why:
             self._leave('a newer goal replaced this one')
@@ -199,9 +199,9 @@ class TrajectoryRelayNode(TudorNode):
         follower = self.follower
         assert follower is not None
         if self.held or self.collision:
-            raise SignalError('a collision was reported; check the arm, call the service ~/reset')
+            raise SignalError('a collision was reported; free the arm, call the service ~/reset')
         if self._q is None or self.steady() - self._at > self.value('timeout'):
-            raise SignalError(f'no joint positions arrive on {self._own}: start the driver')
+            raise SignalError(f'no joint positions arrive on {self._own}; start the driver')
         self._step()
         state = self._state()
         held = state.q if follower.path is None else follower.path.target
@@ -223,7 +223,7 @@ class TrajectoryRelayNode(TudorNode):
                 name, away = self._names[int(off.argmax())], off.max()
                 raise SignalError(
                     f'{name!r} is {away:.3g} {self._units[name]} away from the point that is due, '
-                    f'more than start_tolerance {self.value("start_tolerance"):g}',
+                    f'more than the parameter start_tolerance, {self.value("start_tolerance"):g}',
                     remedy='begin where the arm is, or raise time_from_start of the points')
             why = Path(own, whole, since).beyond(follower.bounds)
             if not why:
@@ -244,11 +244,11 @@ class TrajectoryRelayNode(TudorNode):
             tool = self._tool if kind == TIMING or not frequency else None
             if kind == TIMING and tool is None:
                 raise SignalError('shaping is timing, but the parameter tool is empty', remedy=(
-                    'set it to a bundle of `tudor fit --models analytical vibration`'))
+                    'set it to what `tudor fit --models analytical vibration` wrote'))
             if tool is None and not frequency:
-                raise SignalError('no frequency is known', remedy='set the parameter '
-                                  'shaping_frequency [Hz], or the parameter tool to the path of '
-                                  'a model')
+                raise SignalError('the frequency of the tool is not known', remedy='set the '
+                                  'parameter shaping_frequency [Hz], or the parameter tool to the '
+                                  'folder that `tudor fit --models analytical vibration` wrote')
             shape = partial(shaped_for, tool, kind=kind) if tool is not None else partial(
                 convolved, shaper=impulses(kind, frequency, self.value('shaping_damping')))
             if np.abs(state.dq).max() > AT_REST:
@@ -258,7 +258,7 @@ class TrajectoryRelayNode(TudorNode):
             return shape(from_state(whole, state, begin) if whole.t[0] > begin else whole)
         except SignalError as err:
             if self.value('not_shaped') == 'refuse':
-                raise SignalError(f'the trajectory cannot be shaped: {err}') from None
+                raise SignalError(f'it cannot be shaped, as {err}') from None
             self.not_shaped = str(err)
             return whole
 
@@ -308,13 +308,13 @@ class TrajectoryRelayNode(TudorNode):
         if level != OK:
             return level, message
         if self.held or self.collision:
-            return WARN, 'a collision stopped the arm; check it, then call the service ~/reset'
+            return WARN, 'a collision stopped the arm; free it, then call the service ~/reset'
         if not self._output.get_subscription_count():
-            return WARN, f'no node hears {self._output.topic_name}: activate that controller'
+            return WARN, f'no node hears {self._output.topic_name}; activate that controller'
         if self.refused:
             return WARN, f'trajectory refused: {self.refused}'
-        return ((WARN, f'trajectory passed on unshaped: {self.not_shaped}') if self.not_shaped else
-                (level, message))
+        return ((WARN, f'trajectory passed on unshaped, as {self.not_shaped}')
+                if self.not_shaped else (level, message))
 
     def close(self) -> None:
         if self.follower is not None:

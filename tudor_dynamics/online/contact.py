@@ -73,11 +73,11 @@ LINK_ALONE = 'efforts show the link alone; gauges would show force and place'
 def not_known(span: Span, newtons: tuple[float, float], *, placed: bool) -> str:
     """Say what is not known of a contact on a span, why, and what would show it."""
     return '; '.join([
-        'the gauges cannot separate place and force: two gauges before the place would show it'
-        if span.spread else f'one gauge on the link of {span.joint}: a push at its end is '
+        'the gauges cannot separate place and force; two gauges before the place would show it'
+        if span.spread else f'the link of {span.joint} has one gauge, so a push at its end is '
         'assumed; a second gauge would show the place'] * (not placed) + [
         f'a force along the link of {span.joint} shows in no gauge'] * (not span.along) + [
-        f'strain and described masses give newtons to {100.0 * newtons[1]:.0f} % only: add '
+        f'strain and described masses give newtons to {100.0 * newtons[1]:.0f} % only; add '
         'sensors[].gain, or fit bags of two known payloads'] * math.isnan(newtons[0]))
 
 
@@ -243,8 +243,7 @@ class ContactEstimator(Shown):
     def __init__(self, bundle: ModelBundle, kind: str) -> None:
         model = bundle.models.get('strain', {}).get(kind)
         if model is None:
-            msg = f'contacts need a model of strain of kind {kind}; fit one to bags with strain'
-            raise ModelError(msg)
+            raise ModelError(f'contacts need a {kind} model of strain; fit one with strain')
         gain = gauge_gain(bundle.arm, model)
         deviation = np.abs(strain_deviation(bundle, kind) / gain)
         if not np.isfinite(deviation).any():
@@ -435,8 +434,8 @@ class TorqueEstimator:
         self._gain = torque_scale(arm)
         usual = validation_rmse(bundle, 'effort', 'analytical')
         if usual is None:
-            raise ModelError('contacts from efforts need the validation error of the model, which '
-                             'the bundle lacks: fit the model to several bags, or give test bags')
+            raise ModelError('contacts from efforts need the error of the model on other bags, '
+                             'which is unknown; fit the model to several bags, or give test bags')
         if not np.isfinite(self._gain).any():
             raise ModelError(f'arm {arm.name!r}: no torque constant is known; add motors[] with '
                              'torque_constant and gear_ratio to the arm description')

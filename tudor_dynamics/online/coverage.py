@@ -54,23 +54,23 @@ class SensorHealth:
 
 
 MEANING = {
-    'settling': 'filters settle after the first message, or a pause, on {on}: wait some seconds; '
-                'if this lasts, look for pauses with `ros2 topic hz {on}`',
-    'gap': 'messages on {on} are lost: compare `ros2 topic hz` with the rate of the driver; equal '
-           'rates mean that this computer is too busy, others that the network loses them',
-    'not_finite': 'messages on {on} have NaN or infinite values: check the driver',
-    'duplicate_stamp': 'stamps on {on} repeat: check the driver, and look for a second publisher',
-    'backward_stamp': 'stamps on {on} go back: check the driver, and look for a second publisher',
-    'unknown_names': 'messages on {on} lack some joints or gauges of the model: publish all of '
+    'settling': 'filters settle for some seconds after the first message, or a pause, on {on}; '
+                'wait, or, if this lasts, look for pauses with `ros2 topic hz {on}`',
+    'gap': 'messages on {on} are lost; compare `ros2 topic hz` with the rate of the driver: if '
+           'both are equal, this computer is too busy, otherwise the network loses messages',
+    'not_finite': 'messages on {on} have NaN or infinite values; check the driver and its sensors',
+    'duplicate_stamp': 'stamps on {on} repeat; correct the driver, or stop a second publisher',
+    'backward_stamp': 'stamps on {on} go back; correct the driver, or stop a second publisher',
+    'unknown_names': 'messages on {on} lack some joints or gauges of the model; publish all of '
                      'them in one message, or set the parameter model to the model of this arm',
-    'other_names': 'no name in messages on {on} is that of a joint or gauge of the model: set the '
-                   'parameter model to the model of this arm, or correct the names in its driver',
-    'short_array': 'messages on {on} have fewer values than names: correct the driver',
-    'no_measurement': 'no measurements come on {on} during the motion: check topic and driver',
-    'no_neighbour': 'no stamp on {on} is near that of a joint state: publish {on} at the rate of '
+    'other_names': 'messages on {on} name no joint or gauge of the model; set the parameter model '
+                   'to the model of this arm, or correct the names in the driver',
+    'short_array': 'messages on {on} have fewer values than names; correct the driver',
+    'no_measurement': 'no measurements come on {on} during the motion; start what publishes there',
+    'no_neighbour': 'no stamp on {on} is near that of a joint state; publish {on} at the rate of '
                     'the joint states, and synchronise the clocks of both publishers',
-    'no_prediction': 'no prediction comes, or the model diverged: check the node that predicts',
-    'no_thresholds': 'the model has no thresholds: fit it with more motion without contact, or '
+    'no_prediction': 'no prediction comes, or the model diverged; check the node that predicts',
+    'no_thresholds': 'the model has no thresholds; fit it with more motion without contact, or '
                      'call the service ~/calibrate while the arm moves without contact'}
 """Causes for which a sample is not judged; ``on``: the topics that they are about."""
 ALSO = '\n'  # between two texts of one level; the first is the message of a diagnosis
@@ -192,7 +192,7 @@ class OutputCoverage:
                 stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
                 if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
             why = self._apart(new, old) if not silent else (
-                f'no message came on {" nor on ".join(silent)}: start what publishes there')
+                f'no message came on {" or on ".join(silent)}; start what publishes there')
             return CoverageReport(
                 CoverageLevel.NONE, f'collisions cannot be detected in any sample of {self.output}'
                 f'{f", because {why}" if why else self._main(causes, motions)}', 1.0, causes)
@@ -244,7 +244,7 @@ class OutputCoverage:
                 one, other = self.streams[place].topic, self.streams[0].topic
                 side = 'later' if offset > 0.0 else 'earlier'
                 return (f'stamps of {one} are {1e3 * abs(offset):.0f} ms {side} than those of '
-                        f'{other} (limit {1e3 * limit:.0f} ms): synchronise the clocks')
+                        f'{other} (limit {1e3 * limit:.0f} ms); synchronise their clocks')
         return ''
 
     def _period(self, place: int, new: _Counts, old: _Counts) -> float:

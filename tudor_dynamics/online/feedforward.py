@@ -286,8 +286,8 @@ class DeflectedArm:
         motor, torque = np.zeros_like(q), np.zeros_like(q)
         done = invert(q, dq, ddq, reach, motor, torque, self._tables, *self._driven.arrays)
         if done < len(q):
-            msg = (f'{self._name}: links and gears cannot hold point {done + 1} of the motion, '
-                   f'q = {np.round(q[done], 3).tolist()}')
+            msg = (f'{self._name}: links and gears cannot hold point {done + 1} of {len(q)} of '
+                   f'the motion, at the positions {np.round(q[done], 3).tolist()}')
             raise SimulationError(msg, remedy='move more slowly there, or correct the stiffness '
                                               'of links and gears in the arm description')
         return motor, torque
@@ -349,8 +349,8 @@ class Feedforward(Shown):
     ) -> None:
         arm, efforts = bundle.arm, bundle.models.get('effort', {})
         if kind not in efforts:
-            msg = (f'kind= {kind}: the effort models of this bundle are of the kinds '
-                   f'{", ".join(efforts) or "none"}')
+            msg = (f'kind= {kind}: the model was fitted to efforts as '
+                   f'{", ".join(efforts) or "none"} only')
             raise ModelError(msg, remedy=f'choose such a kind, or run tudor fit --models {kind}')
         self.joints = arm.active_joints
         self.units = tuple(
@@ -459,9 +459,10 @@ class Feedforward(Shown):
         beyond = ((motor < low) | (motor > high)) & (wanted >= low) & (wanted <= high)
         if beyond.any():
             point, joint = np.argwhere(beyond)[0]
-            msg = (f'at point {point + 1}, the motor of {self.joints[joint]!r} has to be at '
+            name = self.joints[joint]
+            msg = (f'at point {point + 1} of {len(motor)}, the motor of {name!r} has to be at '
                    f'{motor[point, joint]:.4g} to compensate bending, beyond its position limits '
-                   f'{low[joint]:.4g} to {high[joint]:.4g} {self._unit[self.joints[joint]]}')
+                   f'{low[joint]:.4g} to {high[joint]:.4g} {self._unit[name]}')
             raise SignalError(msg, remedy='keep the wanted motion further from these limits')
 
     def _check_held(self, trajectory: Trajectory) -> None:
@@ -470,8 +471,8 @@ class Feedforward(Shown):
             if name in self.joints:
                 continue
             if name not in self._held:
-                msg = (f'the trajectory names the joint {name!r}, which the model does not know; '
-                       f'it knows {", ".join((*self.joints, *self._held))}')
+                msg = (f'the trajectory has the joint {name!r}, but the model has the joints '
+                       f'{", ".join((*self.joints, *self._held))}')
                 raise SignalError(msg, remedy='name joints as the arm description does')
             off = np.abs(column - self._held[name])
             if off.max() > HELD_WITHIN:

@@ -326,14 +326,14 @@ class Watch:
                 for method, (factor, _) in self.widened.items() if factor > WIDENING_WARNING]
         return '' if not wide else (
             'weak collisions are missed, as this motion differs from the training and thresholds '
-            f'are raised ({", ".join(wide)}): call the service ~/calibrate during this motion, '
+            f'are raised ({", ".join(wide)}); call the service ~/calibrate during this motion, '
             'while nothing touches the arm, or fit the model again with bags of this motion too')
 
     def stuck(self, seconds: float) -> str:
         """Say which channels have not changed for a time, while the arm moved; empty for none."""
         dead = [name for health in self._health.values() for name in health.dead(seconds)]
-        return '' if not dead else (f'{", ".join(dead)}: the reading has not changed for '
-                                    f'{seconds:g} s of motion; check the sensor and its driver')
+        return '' if not dead else (f'the reading of {", ".join(dead)} has not changed for '
+                                    f'{seconds:g} s of motion; check this sensor and its driver')
 
     def sensors(self, seconds: float) -> dict[str, str]:
         """Say whether the readings of each channel are ok, stuck for a time [s], or silent."""

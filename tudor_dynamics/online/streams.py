@@ -339,8 +339,8 @@ class Predictor:
             if kind in bundle.models.get(output, {})}
         if not self.models:
             have = sorted({k for kinds in bundle.models.values() for k in kinds})
-            msg = f'the bundle has no model of kind {kind!r}; set kind to one it has: {have}'
-            raise ModelError(msg)
+            raise ModelError(f'the model folder has models of the kinds {", ".join(have)}, not '
+                             f'{kind!r}; set kind= to one of these')
         self._live = type(next(iter(self.models.values()))).live(self.models)
         self.observing = self._live.observing
         self._stamp = 0

@@ -338,8 +338,8 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> tuple[str, tu
     """Describe an arm as its elastic model has found it, as YAML; name what has no place there."""
     model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if model is None:
-        raise ModelError('an arm description needs an elastic model, which this bundle lacks',
-                         remedy='fit one with tudor fit --models analytical elastic')
+        raise ModelError('an arm description is made of an elastic model, which this model folder '
+                         'lacks', remedy='fit one with tudor fit --models analytical elastic')
     writer = _Writer(model)
     writer.physical()
     for joint, drive in elastic_drives(bundle).items():
@@ -350,7 +350,7 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> tuple[str, tu
     try:
         spec = ArmSpec.model_validate(writer.content)
     except ValidationError as err:
-        raise ModelError(f'the identified values are not valid: {validation_message(err)}',
+        raise ModelError(f'the identified values are not valid, as {validation_message(err)}',
                          remedy='fit again with more motion') from None
     content = spec.model_dump(mode='json', exclude_defaults=True)
     if bundle.arm.urdf is not None:

@@ -212,8 +212,8 @@ def zero_phase(
     n = len(t)
     dt = float(t[-1] - t[0]) / (n - 1)
     if not 0 < cutoff < 0.5 / dt:
-        raise SignalError(f'cutoff= {cutoff:g} Hz: not between 0 and {0.5 / dt:.4g} Hz (half the '
-                          'sample rate)', remedy='lower it, here or in the arm description')
+        raise SignalError(f'cutoff= {cutoff:g} Hz: give more than 0 and less than {0.5 / dt:.4g} '
+                          'Hz, half the sample rate (here or as preprocessing.cutoff of the arm)')
     sections = low_pass_sections(butterworth(4), cutoff * dt)
     grid = t[0] + dt * np.arange(n)
     uniform = bool(np.max(np.abs(grid - t)) < 1e-3 * dt)

@@ -238,8 +238,8 @@ def motion_limits(arm: Arm) -> Limits:
                                              strict=True):
         if not (np.isfinite(velocity) and np.isfinite(acceleration)):
             raise SignalError(f'{arm.source}: joint {joint.name!r} lacks a limit of velocity or '
-                              'acceleration, which each planned motion needs; add '
-                              'limits: {velocity: ..., acceleration: ...}')
+                              'acceleration, which each planned motion needs; add limits: '
+                              '{velocity: ..., acceleration: ...} to its entry in joints')
     return planned
 
 
@@ -383,9 +383,9 @@ def denser(trajectory: Trajectory, rate: float) -> Trajectory:
     """Put more points onto the splines, so that efforts follow what lies between: rate [Hz]."""
     seconds = float(trajectory.t[-1] - trajectory.t[0])
     if not 0.0 < rate < float('inf') or seconds * rate > settings.MOST_POINTS:
-        raise SignalError(f'rate= {rate:g} points per second, for {seconds:g} s', remedy='raise '
-                          'it above 0' if rate <= 0.0 else
-                          f'lower it: at most {settings.MOST_POINTS} points are possible')
+        raise SignalError(f'rate= {rate:g} points per second, for {seconds:g} s', remedy='give '
+                          'more than 0' if rate <= 0.0 else
+                          f'lower it, as at most {settings.MOST_POINTS} points are possible')
     if len(trajectory.t) < 2:
         return trajectory
     t = np.linspace(trajectory.t[0], trajectory.t[-1], max(1, round(seconds * rate)) + 1)

@@ -336,7 +336,7 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
         stretches.append(Stretch(
             t, stamp, states, effort, strain, decimation, margin, before, since))
     if not stretches:
-        raise SignalError(f'{recording.path}: no stretch without gaps is longer than '
+        raise SignalError(f'{recording.path}: no part without gaps is longer than '
                           f'{2 * spec.settle:.3g} s and {settings.FEWEST} samples; record '
                           'longer, or lower preprocessing.settle or raise preprocessing.rate')
     return stretches

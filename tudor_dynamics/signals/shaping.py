@@ -216,7 +216,7 @@ def plan_shaped(
     period = 2.0 * math.pi / float(along(target[None]).omega[0, 0])
     moving = np.abs(target - start) > 1e-9
     if not moving.any():
-        raise SignalError('no joint has to move: the arm is at the target already')
+        raise SignalError('no joint has to move, as the arm is at the target already')
     for more in range(settings.TRIES):
         duration = plain.remaining + (settings.LONGER + 0.25 * more) * period
         s = np.linspace(0.0, 1.0, KNOTS + 1)[:, None]

@@ -81,7 +81,7 @@ def test_rows_in_the_form_of_a_description(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('name', 'text', 'part'), [
-    ('rows.yaml', 'convention: other\ndh: []', "convention 'other'; give"),
+    ('rows.yaml', 'convention: other\ndh: []', "convention is 'other'; give"),
     ('rows.yaml', '7', 'no D-H rows'), ('rows.yaml', 'dh: [5]', 'row 1'),
     ('rows.yaml', 'dh: [[0, 0', 'rows.yaml'),
     ('rows.txt', '0 0 0 2*pi/3\n0 0 0 -4*pi', 'line 2: an angle of -12.5664 looks like degrees'),

@@ -312,7 +312,7 @@ def units(case: Case) -> Iterator[Alternative]:
             yield Alternative(
                 case, 'effort_unit', (joint.name,), case.usual,
                 f'effort of {joint.name!r} is {size:.3g} times as large as the other efforts '
-                f'suggest: its unit seems to be {other}, not {unit}', '', size,
+                f'suggest, so its unit seems to be {other}, not {unit}', '', size,
                 {'effort': _scaled(len(case.arm.joints), i, 1.0 / scale)})
 
 
@@ -395,7 +395,7 @@ def opposite(case: Case, hinted: Mapping[int, float]) -> list[Finding]:
     if hinted:
         names = case.arm.active_joints
         return [found(
-            'effort_sign', f'effort and position of {names[i]!r} have opposite signs: '
+            'effort_sign', f'effort and position of {names[i]!r} have opposite signs, as '
             'friction would drive the joint, not brake it', case.recording.path, (names[i],),
             size=-1.0, now=power, otherwise=-power, measure='correlation of friction and speed',
             remedy='change the sign of the effort in the driver, or that of the position')

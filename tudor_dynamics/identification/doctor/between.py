@@ -205,7 +205,7 @@ def _loads(cases: Sequence[Case], stated: Sequence[float | None], pairs: Pairs) 
     if len(chosen) > 1:
         shown = ' and '.join(f'{masses[k]:g}' for k, _ in chosen)
         return [found('payload_wrong', f'the stated payloads of {shown} kg contradict each '
-                      'other: one of them is wrong', ', '.join(names[k] for k, _ in chosen))]
+                      'other, so one is wrong', ', '.join(names[k] for k, _ in chosen))]
     what = f'the stated payload is {masses[j]:g} kg, but the other bags suggest'
     if math.isnan(mass):
         return [found('payload_wrong', f'{what} a different one', names[j])]

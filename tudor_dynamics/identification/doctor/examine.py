@@ -64,7 +64,7 @@ def suspects(arm: Arm) -> tuple[list[Finding], Arm]:
             f'distance of gauge {gauge.name!r} is {gauge.distance:.4g} m, but the link of joint '
             f'{gauge.joint!r} is no longer than {limit:.4g} m')
         if gauge.distance > 1.0 and gauge.distance / 1000.0 <= limit:
-            kind, what = 'gauge_in_millimetres', f'{what}: the distance seems to be in mm'
+            kind, what = 'gauge_in_millimetres', f'{what}, so it seems to be in mm'
             content['distance'] = gauge.distance / 1000.0
             mended = _rebuilt(arm, {'gauges': gauges})
         findings.append(found(kind, what, channels=(gauge.name,), size=gauge.distance))
@@ -78,7 +78,7 @@ def _table(arm: Arm) -> tuple[list[Finding], Arm]:
                     for place in list(arm.full_model.jointPlacements)[1:])
         return [] if not reach > settings.LONGEST_ARM else [found(
             'dh_in_millimetres', f'the URDF reaches {reach:.4g} m (limit '
-            f'{settings.LONGEST_ARM:g}): its lengths look like millimetres', size=reach,
+            f'{settings.LONGEST_ARM:g} m), so its lengths look like millimetres', size=reach,
             remedy='scale the origins in the URDF by 0.001')], arm
     a, alpha, d, theta = np.array(rows).T
     reach = float(sum(np.abs(a) + np.abs(d)))
@@ -86,12 +86,12 @@ def _table(arm: Arm) -> tuple[list[Finding], Arm]:
         a, d = a / 1000.0, d / 1000.0
         findings.append(found(
             'dh_in_millimetres', f'the D-H rows reach {reach:.4g} m (limit '
-            f'{settings.LONGEST_ARM:g}): their lengths look like millimetres', size=reach))
+            f'{settings.LONGEST_ARM:g} m), so they look like millimetres', size=reach))
     largest = float(np.abs([alpha, theta]).max())
     if largest > settings.TURN:
         alpha, theta = np.radians(alpha), np.radians(theta)
         findings.append(found('dh_in_degrees', f'the D-H rows have an angle of {largest:.4g} rad, '
-                              'more than a turn: their angles look like degrees', size=largest))
+                              'more than a turn, so they look like degrees', size=largest))
     if not findings:
         return [], arm
     return findings, _rebuilt(arm, {'kinematics': {

@@ -101,20 +101,20 @@ CHECKS = {
                    'let the driver publish each reading once, with the stamp of its sampling'),
     'filled': Check('lost samples were filled by interpolation', 'record without filling gaps: a '
                     'fit leaves gaps out by itself', 's', one_bag=True),
-    'copied_channel': Check('two channels have the same values', NAMES),
-    'alternating': Check('a channel has zeros between its samples',
+    'copied_channel': Check('two signals have the same values', NAMES),
+    'alternating': Check('a signal has zeros between its samples',
                          'let the driver publish a value only when one was measured'),
-    'rectified': Check('a channel has lost its sign', 'let the driver publish signed values', '',
+    'rectified': Check('a signal has lost its sign', 'let the driver publish signed values', '',
                        RESIDUAL),
-    'coarse_channel': Check('a channel has a coarse resolution', 'match the measuring range of '
+    'coarse_channel': Check('a signal has a coarse resolution', 'match the measuring range of '
                             'sensor or driver to the signal'),
-    'hum': Check('a channel has a steady oscillation of one frequency', 'check grounding and '
+    'hum': Check('a signal has a steady oscillation of one frequency', 'check grounding and '
                  'shielding of the sensor, or sample faster and filter', 'Hz', RESIDUAL),
-    'gain_step': Check('a channel changes its gain', STEPPED, '', RESIDUAL, one_bag=True),
-    'offset_step': Check('a channel changes its zero offset', STEPPED, '', RESIDUAL, one_bag=True),
+    'gain_step': Check('a signal changes its gain', STEPPED, '', RESIDUAL, one_bag=True),
+    'offset_step': Check('a signal changes its zero offset', STEPPED, '', RESIDUAL, one_bag=True),
     'payload_changed': Check('the load changed while recording', 'use only the part of the bag '
                              'before or after the change: BAG@5s-50s', '', RESIDUAL, one_bag=True),
-    'unexplained': Check('the model does not explain a channel', 'plot this channel '
+    'unexplained': Check('the model does not explain a signal', 'plot this signal '
                          'and the positions to find why, or leave the bag out', '', RESIDUAL),
     'joint_scale': Check('positions of a joint have a wrong scale', 'correct counts per turn or '
                          'the gear ratio in the driver', '', RESIDUAL),
@@ -125,15 +125,15 @@ CHECKS = {
         'encoder, or use part of the bag, such as BAG@5s-50s', 'rad', RESIDUAL, one_bag=True),
     'position_ripple': Check('a position has an error that repeats with the angle', 'centre the '
                              'encoder disc, and check coupling and bearing', 'rad', RESIDUAL),
-    'saturated': Check('a channel is saturated', 'widen the range of amplifier or driver, or move '
+    'saturated': Check('a signal is saturated', 'widen the range of amplifier or driver, or move '
                        'more slowly', one_bag=True),
-    'held': Check('a channel freezes for a while', 'check sensor, wiring and driver, or use only '
+    'held': Check('a signal freezes for a while', 'check sensor, wiring and driver, or use only '
                   'a sound part of the bag, such as BAG@5s-50s', 's', one_bag=True),
-    'dying': Check('a channel stops working', '', 's', one_bag=True),
-    'drift': Check('a channel drifts', 'let the sensor warm up before recording; shorter parts of '
+    'dying': Check('a signal stops working', '', 's', one_bag=True),
+    'drift': Check('a signal drifts', 'let the sensor warm up before recording; shorter parts of '
                    'the bag drift less, such as BAG@5s-50s', '', RESIDUAL, one_bag=True),
-    'constant': Check('a channel never changes',
-                      'check the sensor and its driver; no model can be fitted to this channel'),
+    'constant': Check('a signal never changes',
+                      'check the sensor and its driver; no model can be fitted to this signal'),
     'same_recording': Check('the same recording is given twice', 'give another recording: a copy '
                             'is no test of what was learned', '', 'share of common samples'),
     'rings': Check('the tool or load goes on ringing after motion', '', 'Hz'),

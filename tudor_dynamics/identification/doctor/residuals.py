@@ -153,7 +153,7 @@ def _without_sign(chosen: Alternative, name: str, i: int) -> Finding | None:
         # of the same spread: a guess that turns a large constant load makes one of its own
         best = min(best, float(share_of(signed - guess, y)))
     return None if best > settings.SIGNED * now else _found(
-        chosen, 'rectified', name, i, 'is never negative: its sign is lost', 0.0, now, best)
+        chosen, 'rectified', name, i, 'is never negative, so its sign is lost', 0.0, now, best)
 
 
 def _step(chosen: Alternative, name: str, i: int, left: FloatArray) -> Finding | None:
@@ -240,7 +240,7 @@ def _wave(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
 def _unexplained(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
     """Say that most of a channel is left, and no check has found a cause: now, its share."""
     return None if now < settings.UNEXPLAINED ** 2 or ringing(chosen, name) else _found(
-        chosen, 'unexplained', name, i, 'does not fit the model: the relative residual '
+        chosen, 'unexplained', name, i, 'does not fit the model, as its relative residual '
         f'is above the limit of {100 * settings.UNEXPLAINED:.0f} %', 0.0, now)
 
 

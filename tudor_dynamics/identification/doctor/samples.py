@@ -129,8 +129,8 @@ def _filled(recording: Recording, items: Sequence[Channel]) -> list[Finding]:
     if not lines.any():
         return []
     at, seconds = float(t[first[lines][0]]), float(length[lines].sum() * recording.dt)
-    return [found('filled', f'all channels are straight lines during {seconds:.2g} s of the bag, '
-                  f'first at {at:.2f} s: lost samples were probably interpolated',
+    return [found('filled', f'all signals are straight lines during {seconds:.2g} s of the bag, '
+                  f'first at {at:.2f} s, so lost samples were probably interpolated',
                   recording.path, time=at, size=seconds)]
 
 
@@ -281,8 +281,8 @@ def _by_masses(case: Case, known: Described) -> list[Finding]:
                    (0.001, f'k{unit}') if ratio < 1.0 / settings.THOUSANDTH else
                    (ratio, 'currents in A'))
     return [found(
-        'effort_unit', f'all efforts are {ratio:.3g} times what the masses in the URDF need: '
-        f'they look like {other}, not {unit}', case.recording.path, case.arm.active_joints,
+        'effort_unit', f'all efforts are {ratio:.3g} times what the masses in the URDF need, '
+        f'so they look like {other}, not {unit}', case.recording.path, case.arm.active_joints,
         size=size, now=ratio, otherwise=ratio / size,
         measure='ratio of measured efforts to those of the masses in the URDF')]
 

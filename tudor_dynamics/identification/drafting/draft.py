@@ -95,16 +95,16 @@ def _from_yaml(text: str, path: Path) -> tuple[list[Any], str]:
     try:
         content = load_yaml(text)
     except ValueError as err:
-        raise ArmError(str(err), place=path) from None
+        raise ArmError(str(err), place=path, remedy='correct it') from None
     if isinstance(content, dict):
         content = content.get('kinematics', content)
     if not isinstance(content, dict):
         content = {'dh': content}
     rows, convention = content.get('dh'), content.get('convention', 'standard')
     if convention not in ('standard', 'modified'):
-        raise ArmError(f'convention {convention!r:.40}; give standard or modified', place=path)
+        raise ArmError(f'convention is {convention!r:.40}; give standard or modified', place=path)
     if not isinstance(rows, list):
-        raise ArmError('no D-H rows in dh', place=path, remedy=EXPECTED)
+        raise ArmError('the key dh has no D-H rows', place=path, remedy=EXPECTED)
     return rows, convention
 
 
@@ -165,8 +165,8 @@ def chain_of_table(path: Path | None, names: Sequence[str]) -> DraftedChain:
     if not all(joints):
         joints = list(names)
     if len(joints) + flange != len(rows) or not set(joints) <= set(names):
-        raise ArmError(f'{len(rows)} rows for the joints {", ".join(map(repr, joints))}, but the '
-                       f'bag has the joints {", ".join(map(repr, names))}',
+        raise ArmError(f'the {len(rows)} rows are of {", ".join(map(repr, joints))}, but the bag '
+                       f'has the joints {", ".join(map(repr, names))}',
                        place=path, remedy='give one row per joint, base first, each with its name')
     model = model_from_dh([row.values for row in rows], joints,
                           [row.kind or 'revolute' for row in rows], convention)
@@ -230,7 +230,7 @@ class _Writer:
         self._joints = tuple(joint for joint in self._chain.joints if joint in recorded)
         if not self._joints:
             raise ArmError(
-                f'no bag has its joints {", ".join(self._chain.joints)}; '
+                f'no bag has the joints {", ".join(self._chain.joints)} of this file; '
                 f'{self._found.positions.topic} has {", ".join(recorded)}', place=urdf or dh,
                 remedy='give the URDF of the recorded arm, with the joint names of the bags')
         self._sources = {joint: _source_of(joint, self._found) for joint in self._joints}

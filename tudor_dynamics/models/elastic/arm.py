@@ -294,7 +294,7 @@ class DrivenArm:
             self._physics.lag = lag
         if done < len(q):
             raise SimulationError(f'arm {self.arm.name!r}: the elastic model diverges after '
-                                  f'{done} samples; check stiffness, masses, units of the arm')
+                                  f'{done} samples; correct stiffness, masses and units in links')
         return gains
 
     def ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:

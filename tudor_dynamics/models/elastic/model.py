@@ -118,7 +118,7 @@ def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
         driven = DrivenArm(arm)
         driven.set_parameters(values)
     except SimulationError as err:
-        raise ModelError(f'the elastic model cannot be used: {err}') from None
+        raise ModelError(f'the elastic model cannot be used, as in {err}') from None
     return driven
 
 
@@ -226,8 +226,7 @@ class ElasticModel(Model):
     def prepared(self) -> Outputs:
         """Prepare what turns moments and torques into outputs."""
         if self.coefficients_ is None:
-            msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
-            raise NotFittedError(msg)
+            raise NotFittedError('the elastic model has no coefficients yet; fit it, or load one')
         if self.output == 'effort':
             return effort_outputs(self.arm, self.coefficients_)
         gains, offsets = np.array(self.coefficients_).T.copy()
@@ -278,8 +277,7 @@ class ElasticModel(Model):
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
         if self.coefficients_ is None or self.standard_errors_ is None or self.noise_ is None:
-            msg = 'the elastic model has no coefficients yet: fit it before saving it'
-            raise NotFittedError(msg)
+            raise NotFittedError('the elastic model has no coefficients yet; fit it, then save it')
         content: dict[str, Any] = {
             'units': output_units(arm, output),
             'physical': [
@@ -336,8 +334,7 @@ class LiveElastic:
         self._outputs = {output: model.prepared() for output, model in models.items()}
         first = next(iter(models.values()))
         if any(model.values != first.values for model in models.values()):
-            msg = 'the elastic models of effort and strain differ; fit both together again'
-            raise ModelError(msg)
+            raise ModelError('elastic models of effort and strain differ; fit both together again')
         self._n_joints = first.n_joints
         self._driven: DrivenArm = driven_arm(first.arm, first.values)
         self._gauges = gauges = models.get('strain', first).gauges
@@ -345,7 +342,7 @@ class LiveElastic:
         if gauges is not None:
             if np.any(gauges[:, 0] == 0.0):
                 dead = first.arm.gauges[int(np.argmin(np.abs(gauges[:, 0])))].name
-                raise ModelError(f'elastic model: gauge {dead} has gain 0; check it and fit again')
+                raise ModelError(f'gauge {dead!r} has the gain 0; check this gauge and fit again')
             self._driven.start_observer(gauges[:, 2] / np.abs(gauges[:, 0]), BANDWIDTH)
         self._moment: FloatArray = np.zeros(len(first.arm.gauges))
         self._strain: FloatArray | None = None

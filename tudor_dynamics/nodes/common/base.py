@@ -122,7 +122,7 @@ class ClockWatch:
     def fault(self) -> str:
         """Say what is wrong with stamps that make the arm stand; empty for nothing."""
         if self._zeros >= ENOUGH:
-            return ('all stamps of the positions are zero, so the sample time is unknown: let the '
+            return ('all stamps of the positions are zero, so the sample time is unknown; let the '
                     'driver set header.stamp')
         return ''
 
@@ -131,15 +131,15 @@ class ClockWatch:
         if self._count < ENOUGH or self.age is None or -EARLY <= self.age <= OLD:
             return ''
         where, most = ('in the future', EARLY) if self.age < 0.0 else ('in the past', OLD)
-        return (f'stamps on {topic} are {abs(self.age):.3g} s {where} (limit {most:g} s): '
+        return (f'stamps on {topic} are {abs(self.age):.3g} s {where} (limit {most:g} s); '
                 'synchronise the clocks of node and driver; all nodes need the same use_sim_time')
 
 
 UNUSABLE = {
     **{cause: MEANING[cause] for cause in ('unknown_names', OF_OTHERS, 'short_array', 'not_finite',
                                            'duplicate_stamp', 'backward_stamp')},
-    'not_one_point': 'trajectories need one point each: correct the node that sends them',
-    'impossible_command': 'commands need a finite value for each joint: correct the sender'}
+    'not_one_point': 'trajectories need one point each; correct the node that sends them',
+    'impossible_command': 'commands need a finite value for each joint; correct the sender'}
 """Drops that are the fault of who sends, and what they mean."""
 OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)  # topics that every node has
 
@@ -282,8 +282,8 @@ class TudorNode(Node):
         for parameter in parameters:
             param = self.params.get(parameter.name)
             if param is not None and param.choices and parameter.value not in param.choices:
-                raise TudorError(f'parameter {param.name} is {parameter.value!r}; expected one of '
-                                 f'{", ".join(param.choices)}')
+                raise TudorError(f'the parameter {param.name} is {parameter.value!r}; set it to '
+                                 f'one of {", ".join(param.choices)}')
 
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -346,11 +346,11 @@ class TudorNode(Node):
         rivals, sources = self.rivals(publisher), sorted(
             self.publishing(self.resolve_topic_name(positions)) if positions else ())
         if rivals:
-            return ERROR, (f'{", ".join(rivals)} can also {verb} on {publisher.topic_name}: let '
+            return ERROR, (f'{", ".join(rivals)} can also {verb} on {publisher.topic_name}; let '
                            'only one node publish there')
         return None if len(sources) < 2 else (WARN, (
-            f'{len(sources)} publishers send positions on {positions}, from nodes named '
-            f'{", ".join(dict.fromkeys(sources))}; stop all but the driver of this arm'))
+            f'{len(sources)} publishers send positions on {positions}, in nodes '
+            f'{", ".join(sources)}; stop all but the driver of this arm'))
 
     def named(self, text: str) -> str:
         """Give services of this node, and its parameters, the names by which they are called."""
@@ -421,8 +421,8 @@ class TudorNode(Node):
         if self.fault:
             return ERROR, self.fault
         if 'timeout' in self.params and self.meter.stale(float(self.value('timeout'))):
-            topics = self._own or self.about()['hears'].replace(' ', ' nor on ')
-            return STALE, f'no message comes on {topics}: start what publishes there'
+            topics = self._own or self.about()['hears'].replace(' ', ' or on ')
+            return STALE, f'no message comes on {topics}; start the node that publishes there'
         return OK, 'running'
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:
@@ -461,7 +461,7 @@ class TudorNode(Node):
             message = f'{message}{ALSO}{self._unknown}'
         message, others = self.problems(message)
         if others:
-            message += f" ({len(others)} more: see 'problem 2' in the values on {DIAGNOSTICS})"
+            message += f' (1 of {len(others) + 1} problems; others in the values on {DIAGNOSTICS})'
         values = {**self.meter.report(), **more, **others}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,

@@ -224,11 +224,11 @@ class DetectNode(ModelNode):
         self._calibration, self._learned = None, {}
         unserved = [m for m in self.value('methods') if m not in watch.methods]
         self._unserved = '' if not unserved else (
-            f'methods {", ".join(unserved)}: the bundle has no model of kind {self.value("kind")} '
-            '(analytical for momentum) for them; change the parameter methods or kind')
+            f'methods {", ".join(unserved)} need a model of kind {self.value("kind")} (momentum: '
+            'analytical), which is missing; change the parameter methods or kind')
         missing = [m for m in watch.methods if m not in watch.stages]
         self._note = '' if not missing else (
-            MEANING['no_thresholds'].replace(':', f' for {", ".join(missing)}:', 1))
+            MEANING['no_thresholds'].replace(';', f' for {", ".join(missing)};', 1))
 
     def came(self, topic: str, stamp: int) -> None:
         """Count a message that the detector needs; say at once where fewer are judged."""
@@ -241,8 +241,8 @@ class DetectNode(ModelNode):
         collision = values.get('false_alarms_per_hour', self.value('false_alarms_per_hour'))
         contact = values.get('contact_alarms_per_hour', self.value('contact_alarms_per_hour'))
         if contact < collision:
-            raise TudorError(f'contact_alarms_per_hour {contact:g} is less than '
-                             f'false_alarms_per_hour {collision:g}; raise it or lower the other')
+            raise TudorError(f'contact_alarms_per_hour {contact:g} is below false_alarms_per_hour '
+                             f'{collision:g}; raise the first parameter or lower the second')
 
     def apply(self) -> None:
         super().apply()
@@ -303,7 +303,7 @@ class DetectNode(ModelNode):
         if self.watch is not None and found.excesses:
             self.collision_output.level(self.watch.level)
         for load in found.loads:
-            self.get_logger().info(f'the load changed, no collision: it is now {load.mass:.3f} kg')
+            self.get_logger().info(f'the load changed without a collision to {load.mass:.3f} kg')
         if found.residuals:
             self.port.publish(found.residuals[-1][1].motion.stamp, len(found.loads))
 
@@ -320,16 +320,16 @@ class DetectNode(ModelNode):
 
     def _calibrate(self) -> str:
         if self.watch is None or self.bundle is None:
-            raise TudorError(f'cannot calibrate: {self.fault or "no model is loaded"}')
+            raise TudorError(f'cannot calibrate, as {self.fault or "no model is loaded"}')
         if self.meter.stale(float(self.value('timeout'))):
-            raise TudorError('cannot calibrate: no samples arrive', remedy='start the driver of '
-                             'the arm, then call the service ~/calibrate again')
+            raise TudorError('cannot calibrate, as no samples arrive', remedy='start the driver '
+                             'of the arm, then call the service ~/calibrate again')
         seconds = float(self.value('calibration_time'))
         self._calibration = Calibration(
             {method: self.bundle.arm.channels[SOURCE[method]] for method in self.watch.methods},
             seconds, self.watch.stiction)
-        self._note = (f'learning thresholds for {seconds:g} s, in which the old ones apply: move '
-                      'the arm as usual, and let nothing touch it')
+        self._note = (f'collision thresholds are learned for {seconds:g} s, in which the old ones '
+                      'apply; move the arm as usual, and let nothing touch it')
         return self._note
 
     def _collect(self, calibration: Calibration, method: str, residual: Residual) -> None:
@@ -349,14 +349,14 @@ class DetectNode(ModelNode):
                     self._learned = learned
                     self.watch.use_thresholds(
                         stored_thresholds(learned, bundle.arm, settings.kind), settings)
-                    self._note = ('thresholds learned by the service ~/calibrate apply until a '
-                                  'model is loaded; to learn them for good, record this motion, '
-                                  'and add the bag to tudor fit')
+                    self._note = ('collision thresholds learned by the service ~/calibrate apply '
+                                  'until a model is loaded; to keep them, record this motion, '
+                                  'and fit the model again with this bag added')
             return take
 
         def refuse(why: str) -> None:
-            self._note = ('calibration failed, the previous thresholds stay in use: '
-                          f'{why}, and call the service ~/calibrate again while it moves')
+            self._note = (f'calibration failed, as {why}, and call the service ~/calibrate again '
+                          'while it moves; the previous thresholds stay in use')
             self.get_logger().error(self.named(self._note))
         self.in_background(learn, refuse)
 
@@ -386,7 +386,7 @@ class DetectNode(ModelNode):
         warnings = [
             text, self._unserved, watch.outside_training,
             '' if 'no thresholds' in text and 'no thresholds' in self._note else self._note,
-            f'{", ".join(rivals)} can also publish on {COLLISION}: give each node its own '
+            f'{", ".join(rivals)} can also publish on {COLLISION}; give each node its own '
             'namespace, or remap the topic' if rivals else '']
         own, said = next(((of, ALSO.join(filter(None, texts))) for of, texts in (
             (ERROR, errors), (WARN, warnings)) if any(texts)), (OK, ''))

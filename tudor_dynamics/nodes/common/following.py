@@ -55,8 +55,8 @@ def tolerances_of(goal: Any, names: Sequence[str], default: Tolerances) -> Toler
                 raise SignalError(f'{WRONG_JOINTS}: {field} has the unknown joint {item.name!r}',
                                   remedy=f'the joints are {", ".join(names)}')
             if item.velocity > 0.0 or item.acceleration > 0.0:
-                raise SignalError(f'{field} of {item.name!r}: only positions are checked',
-                                  remedy='leave its velocity and acceleration 0')
+                raise SignalError(f'{field} of {item.name!r} has a velocity or acceleration, but '
+                                  'only positions are checked', remedy='leave both 0')
             if not (item.position >= 0.0 or item.position == -1.0):
                 raise SignalError(f'{field} of {item.name!r} has the position {item.position:g}',
                                   remedy='give a bound above 0 [rad or m], 0 for the default, '
@@ -90,7 +90,7 @@ class FollowServer:
         several = (asked.multi_dof_trajectory.points, asked.component_path_tolerance,
                    asked.component_goal_tolerance)
         why = self._take(asked) if not any(several) else (
-            f'{WRONG_JOINTS}: the arm has no multi-DOF joints; leave the fields for them empty')
+            f'{WRONG_JOINTS}: the arm has no multi-DOF joints; leave their fields empty')
         if why:
             goal.execute(partial(self._finish, why))
             return

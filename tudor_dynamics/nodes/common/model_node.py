@@ -195,7 +195,7 @@ class ModelNode(TudorNode):
 
     def _load(self) -> ModelBundle:
         if not self.source:
-            raise ModelError('no model: set the parameter model to a bundle made by tudor fit')
+            raise ModelError('the parameter model is empty; give the folder that tudor fit wrote')
         arm = None if self.bundle is None else self.bundle.arm
         return self.choose(load_bundle(self.source, arm=arm))
 
@@ -250,7 +250,7 @@ class ModelNode(TudorNode):
         def refuse(why: str) -> None:
             self._reload_fault = why
             self.get_logger().error(
-                self.named(f'model not loaded: {why}; then call the service ~/reload'))
+                self.named(f'model not loaded, as {why}; then call the service ~/reload'))
         self.in_background(load, refuse)
         return f'loading {self.source}'
 
@@ -303,6 +303,6 @@ class ModelNode(TudorNode):
             return WARN, (f'the parameter payload is {self.payload:g} kg, outside {known[0]:g} to '
                           f'{known[1]:g} kg, which the model knows; fit a model to such loads')
         if self._reload_fault:
-            return ERROR, ('the previous model stays in use, as the new one is refused. '
+            return ERROR, ('the previous model stays in use, as the new one cannot be. '
                            f'{self._reload_fault}')
         return level, message

@@ -185,6 +185,6 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         level, message = super().verdict()
         if self.controller is not None and not self.active:
             step = {'inactive': 'activate', 'unconfigured': 'configure'}.get(self.phase, '')
-            return WARN, self.ended or self.phase + (
-                f'; to go on: ros2 lifecycle set {self.get_name()} {step}' if step else '')
+            return WARN, self.ended or f'the node is {self.phase}' + (
+                f'; run `ros2 lifecycle set {self.get_name()} {step}`' if step else '')
         return level, message

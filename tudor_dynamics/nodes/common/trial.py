@@ -118,7 +118,7 @@ class Trial(Node):
         request = SetParameters.Request(
             parameters=[Parameter('damping', value=float(share)).to_parameter_msg()])
         if not (result := self.call(self._damping, request, DAMPER).results[0]).successful:
-            raise TudorError(f'{DAMPER} refused its parameter damping {share:g}: {result.reason}')
+            raise TudorError(f'{DAMPER} refused its parameter damping {share:g} ({result.reason})')
 
     def roomy(self, joint: int, place: float, step: float) -> float:
         """Give a step, or the one to the other side where there is no room for it."""
@@ -172,7 +172,7 @@ def run_trial(
                 ('step', options.step, largest[0], 'degrees'),
                 ('slide', options.slide, largest[1], 'mm')):
             if not 0.0 < value <= bound:
-                raise ArmError(f'--{name} {value:g}: expected above 0, up to {bound:g} {unit}')
+                raise ArmError(f'--{name} {value:g}: give more than 0, up to {bound:g} {unit}')
         rclpy.init(args=words)
         node = make(arm)
         node.wait()
