@@ -27,6 +27,7 @@ import os
 from pathlib import Path
 import re
 import sys
+import textwrap
 from threading import Event, Thread
 from typing import Any
 
@@ -98,14 +99,10 @@ def say(*lines: str) -> None:
 
 def say_command(command: str) -> None:
     """Print a command so that it can be copied: a line that goes on ends with a backslash."""
-    words = re.findall(r"""(?:'[^']*'|"[^"]*"|\S)+""", command)
-    width = Console().width - 6
-    lines = ['']
-    for word in words:
-        if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
-            lines.append('')
-        lines[-1] += f' {word}' if lines[-1] else word
-    print('   ' + ' \\\n     '.join(lines))
+    quoted = re.sub(r"""'[^']*'|"[^"]*\"""", lambda word: word[0].replace(' ', '\0'), command)
+    lines = textwrap.wrap(quoted, Console().width - 6, break_long_words=False,
+                          break_on_hyphens=False)
+    print('   ' + ' \\\n     '.join(lines).replace('\0', ' '))
 
 
 def write(path: str | Path, option: str, content: bytes) -> None:

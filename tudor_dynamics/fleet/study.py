@@ -57,7 +57,6 @@ from tudor_dynamics.typing import Progress
 # -- The plan of a fleet: which arms, their bags by date
 
 LARGEST = 5_000_000  # bytes of a plan
-FORBIDDEN = '/\\\0'  # characters that the name of a folder cannot have
 
 
 class FleetArm(Spec):
@@ -73,7 +72,7 @@ class FleetArm(Spec):
     @field_validator('name')
     @classmethod
     def _is_a_folder(cls, name: str) -> str:
-        if any(letter in name for letter in FORBIDDEN) or name.startswith('.'):
+        if any(letter in name for letter in '/\\\0') or name.startswith('.'):
             raise ValueError(f'{name!r} cannot name a folder; take letters and digits')
         return name
 

@@ -111,9 +111,7 @@ def thresholds_from_dict(
 
 def stored_thresholds(stored: Any, arm: Arm, kind: str) -> dict[str, MethodThresholds]:
     """Give what `thresholds_to_dict` made, for one kind of model, by methods that have some."""
-    found: dict[str, MethodThresholds] = {}
-    if not isinstance(stored, dict):
-        return found
+    found, stored = dict[str, MethodThresholds](), stored if isinstance(stored, dict) else {}
     for method, channels in (('strain', arm.gauge_names), ('effort', arm.active_joints),
                              ('momentum', arm.active_joints)):
         kinds = stored.get(method)
