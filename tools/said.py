@@ -19,7 +19,7 @@ Collect what commands and nodes say while the tests run, as people see it; then 
     python tools/said.py said.jsonl --sample 40 --seed 7
 
 Errors and warnings of commands, diagnoses of nodes that are not OK, findings of the doctor. Two
-that differ in numbers or paths alone count once.
+that differ in numbers, paths or names of topics and outputs alone count once.
 """
 
 from __future__ import annotations
@@ -85,7 +85,8 @@ def kinds_of(file: Path) -> list[tuple[str, str]]:
     for line in file.read_text(encoding='utf-8').splitlines():
         item = json.loads(line)
         text = re.sub(r'/tmp/\S*/', '', item['text'])
-        found.setdefault(re.sub(r'[\d.]+|\S*/\S*|\'[^\']*\'', '#', text), (item['kind'], text))
+        kind = re.sub(r'\'[^\']*\'|\S*[\d_/]\S*|strain( and effort)?|effort', '#', text)
+        found.setdefault(kind, (item['kind'], text))
     return sorted(found.values())
 
 
