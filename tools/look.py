@@ -16,6 +16,7 @@
 Look at pages in a browser: pictures at two widths, light and dark, and what is wrong with them.
 
     python tools/look.py build/docs demo_out/model/report.html --out looked_at
+    python tools/look.py demo_out/model/report.html --top 1100      as pictures of the gallery are
 
 Folders are searched for pages. A page that is wider than its window, loads something from the
 network, misses a picture or has an error of a script is named; then the exit code is 1. Pictures
@@ -32,14 +33,17 @@ import shutil
 import sys
 from typing import Any
 
+from PIL import Image
+
 WIDTHS, SCHEMES = (1400, 390), ('light', 'dark')  # a desk and a telephone [px]
+COLOURS = 48  # of a picture of the top of a page
 PATIENCE = 1000  # until plots and formulas are drawn [ms]
 WIDE = 'document.documentElement.scrollWidth > window.innerWidth'
 MISSING = '[...document.images].filter(i => !i.complete || !i.naturalWidth).map(i => i.src)'
 
 
 def faults(
-    browser: Any, page: Path, width: int, scheme: str, picture: Path | None,
+    browser: Any, page: Path, width: int, scheme: str, picture: Path | None, top: int,
 ) -> Iterator[str]:
     """Open a page; give what is wrong with it."""
     context = browser.new_context(
@@ -55,7 +59,10 @@ def faults(
         found.append('wider than its window')
     found += [f'no picture {name}' for name in window.evaluate(MISSING)]
     if picture is not None:
-        window.screenshot(path=picture, full_page=True)
+        part = {'x': 0, 'y': 0, 'width': width, 'height': top}
+        window.screenshot(path=picture, full_page=True, **({'clip': part} if top else {}))
+        if top:  # few colours are enough for a picture of a page
+            Image.open(picture).quantize(COLOURS).save(picture, optimize=True)
     context.close()
     yield from found
 
@@ -66,6 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('pages', nargs='+', type=Path, metavar='PAGE', help='files or folders')
     parser.add_argument('--out', type=Path, default=Path('looked_at'), help='folder of pictures')
+    parser.add_argument('--top', type=int, default=0, metavar='PX',
+                        help='of the top of each page alone, in few colours (default: all)')
     args = parser.parse_args(argv)
     from playwright.sync_api import sync_playwright  # not among the dependencies, see above
     args.out.mkdir(parents=True, exist_ok=True)
@@ -79,7 +88,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                     for scheme in SCHEMES[:1] if place.is_dir() else SCHEMES:
                         picture = None if place.is_dir() else (
                             args.out / f'{page.stem}_{width}_{scheme}.png')
-                        for fault in faults(browser, page, width, scheme, picture):
+                        for fault in faults(
+                                browser, page, width, scheme, picture, args.top):
                             print(f'{page} at {width} px, {scheme}: {fault}')
                             wrong += 1
                 count += 1

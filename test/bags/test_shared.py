@@ -40,7 +40,7 @@ pytestmark = [pytest.mark.shared,
 REFUSED = {
     'derived_constant_pose': 'no joint moves',
     'derived_degrees': 'look like degrees',
-    'derived_effort_short': 'message 0: effort has 4 values for 6 names',
+    'derived_effort_short': 'message 1 on /joint_states has 4 values in effort, but 6 names',
     'derived_no_effort': 'neither efforts nor strains',
     'derived_one_message': 'too short: 1 usable',
     'derived_truncated_sqlite3': 'malformed',
@@ -55,7 +55,7 @@ READ = {
     'derived_joint_order_alphabetical': (918, [918], {}, None),
     'derived_metadata_garbled': (918, [918], {}, 'cannot be used'),
     'derived_nan_effort': (908, [100, 808], {'not_finite': 10}, 'NaN'),
-    'derived_no_metadata_mcap': (918, [918], {}, 'no metadata.yaml'),
+    'derived_no_metadata_mcap': (918, [918], {}, 'metadata.yaml is missing'),
 }
 
 

@@ -40,11 +40,13 @@ def sound(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def machine(monkeypatch: pytest.MonkeyPatch, clock: str = 'yes', heard: str = '{}') -> None:
+def machine(
+    monkeypatch: pytest.MonkeyPatch, clock: str = 'Normal', heard: str = '{}',
+) -> None:
     """Let other programs say whether the clock is synchronised, and what topics were heard."""
     monkeypatch.setattr(doctor, 'subprocess', SimpleNamespace(
         SubprocessError=SubprocessError, run=lambda call, **_: SimpleNamespace(
-            stdout=heard if 'live_topics' in call else clock)))
+            stdout=heard if 'live_topics' in call else f'Leap status : {clock}')))
 
 
 def test_a_sound_machine(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,7 +104,7 @@ def test_what_the_machine_lacks(
     monkeypatch.setattr(doctor, 'find_spec', lambda name: None)
     assert list(remedies(capsys)) == ['ROS 2']
     monkeypatch.setattr(doctor, 'find_spec', lambda name: object())
-    machine(monkeypatch, clock='no')
+    machine(monkeypatch, clock='Not synchronised')
     assert 'chrony' in remedies(capsys)['clock']
     monkeypatch.setattr(doctor.time, 'localtime', lambda: time.gmtime(0))
     assert 'set the clock' in remedies(capsys)['clock']

@@ -48,7 +48,7 @@ def scene(leap: int, back: int, lost: int, speed: float, epoch: int, burst: int)
                    and item.stamp == 10**18 + (AT + 10) * PERIOD)
     event = SimpleNamespace(onset=certain.stamp - 2 * PERIOD, stamp=certain.stamp)
     return Scene(SimpleNamespace(event=event, seconds=0.02), found, None, None, certain.time,
-                 '', None, {}, False)
+                 '', None, False, None)
 
 
 @pytest.mark.parametrize('epoch', [10**18, 5 * 10**17, 0])
@@ -137,7 +137,7 @@ def excursion(strain: dict[float, float], effort: dict[float, float]) -> Scene:
     return Scene(seen, [], SimpleNamespace(
         log=SimpleNamespace(events=[seen]), contacts=[],
         excesses={'strain': series(strain), 'effort': series(effort)}),
-        None, 0, '', None, {}, False)
+        None, 0, '', None, False, None)
 
 
 @pytest.mark.parametrize(('strain', 'effort', 'unlike', 'touched'), [
@@ -180,11 +180,12 @@ def stand_ins(
     for name, stand_in in {
             'messages_of': lambda *_: [], 'carried_load': lambda how, *_: how,
             'Monitor': lambda *_, payload: SimpleNamespace(
-                payload=payload, memories={}, watch=SimpleNamespace(stages={'strain': None})),
+                payload=payload, memories={}, watch=SimpleNamespace(
+                    stages={'strain': None}, bundle=None)),
             'replay': lambda _, own: replay(own.payload),
             'CAUSES': [row for row in CAUSES if row[1] == 'load']}.items():
         monkeypatch.setattr(causes, name, stand_in)
-    whole = SimpleNamespace(arm=SimpleNamespace(topics={}), at=lambda _: None,
+    whole = SimpleNamespace(arm=None, at=lambda _: None,
                             mass_at=lambda payload: payload if ranged else known)
     whole.beside_robot = lambda: whole
     return whole

@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 
-from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.storage import Bag
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FREE
@@ -34,7 +33,6 @@ from tudor_dynamics.identification.settings import (
     READ_SHARE, READ_STEP, READ_SUM, READ_WRONG, SAME_ONSET, SHARED_TOUCH, STARTED, STOOD_BEFORE,
     SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
-from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.black_box import (
     ASKED, Heard, messages_of, replayed, STATES, undamaged)
@@ -87,8 +85,7 @@ class Scene:
     unlike: str  # why the motion is unlike that of the training; empty where it is not
     stage: ExcessStage  # thresholds of the method, and how many false alarms they allow
     follows: bool  # whether the model follows the readings of gauges, also wrong ones
-    arm: Arm
-    models: dict[str, dict[str, Model]]  # of each output, by kind
+    bundle: ModelBundle  # that was watched
 
     def excesses(self, begin: float, end: float, method: str = '') -> list[Excess]:
         """Give the samples of a method between two times since the onset [s]."""
@@ -103,9 +100,9 @@ class Scene:
 
     def readings(self, output: str, channel: str, begin: float, end: float) -> FloatArray:
         """Give the readings of a channel between two times since the onset [s]."""
-        topic, names = next((topic, names) for topic, names in self.arm.topics[output].items()
-                            if channel in names)
-        place, onset = names.index(channel), self.seen.event.onset
+        topics, onset = self.bundle.arm.topics[output], self.seen.event.onset
+        topic = next(topic for topic, names in topics.items() if channel in names)
+        place = topics[topic].index(channel)
         return np.array([message.fields[output][place] for message in self.messages
                          if message.topic == topic and output in message.fields
                          and begin <= (message.stamp - onset) * 1e-9 <= end])
@@ -182,10 +179,10 @@ def _gauge(scene: Scene) -> str:
 
 def _encoder(scene: Scene) -> str:
     """Find a joint that is not where it says: read elsewhere, the model explains all sensors."""
-    joints = scene.arm.active_joints
-    columns = [np.zeros((1, 1 + len(joints)))]
-    for output, models in scene.models.items():
-        items = scene.excesses(-READ_WRONG, scene.seen.seconds, output)
+    joints = scene.bundle.arm.active_joints
+    grams = [np.zeros((1 + len(joints), 1 + len(joints)))]
+    for output, models in scene.bundle.models.items():
+        items = scene.excesses(-READ_WRONG, -READ_SUM, output)  # before what has just begun
         if items and 'analytical' in models:
             predict = models['analytical'].predict
             stamp, motion, value, threshold = (np.array(part) for part in zip(*(
@@ -196,13 +193,16 @@ def _encoder(scene: Scene) -> str:
             # sums over so long: what rings is no weight
             begins = np.flatnonzero(np.diff(stamp // round(READ_SUM * 1e9), prepend=0))
             parts = np.dstack([value, *slopes]) / threshold[..., np.newaxis]
-            columns.append(np.add.reduceat(parts, begins).reshape(-1, 1 + len(joints)))
-    all_of_it, *both = (np.vstack(columns).T @ np.vstack(columns) + 1e-30).T
-    turned = np.array([row[0] / row[1 + k] for k, row in enumerate(both)])
-    share = np.where(np.abs(turned) < READ_MOST, turned * all_of_it[1:] / all_of_it[0], 0.0)
+            rows = np.add.reduceat(parts, begins).reshape(-1, 1 + len(joints))
+            grams.append(rows.T @ rows)
+    both, squares = np.array(grams)[:, 0], np.diagonal(grams, axis1=1, axis2=2)[:, 1:]
+    turned = both[:, 1:].sum(axis=0) / np.maximum(squares.sum(axis=0), 1e-30)
+    explained = turned * (2.0 * both[:, 1:] - turned * squares)  # of each output, and joint
+    share = np.where((np.abs(turned) < READ_MOST) & (explained >= 0.0).all(axis=0),
+                     explained.sum(axis=0) / max(both[:, 0].sum(), 1e-30), 0.0)
     name, wrong = joints[int(share.argmax())], turned[share.argmax()]
     return '' if share.max() < READ_SHARE else (
-        f'{name} reads {abs(wrong):.2g} {scene.arm.position_units[name]} too '
+        f'{name} reads {abs(wrong):.2g} {scene.bundle.arm.position_units[name]} too '
         f'{"little" if wrong > 0.0 else "much"}: that explains {share.max():.0%} of what gauges '
         'and drives show')
 
@@ -374,7 +374,7 @@ def explain(
         load = _load_found(item, bundle.mass_at(payload) if known is None else known, estimating,
                            follows=source == 'estimate')
         scene = Scene(item, sensed, seen, load, arrived, unlike, own.watch.stages[event.method],
-                      settings.kind == 'elastic', bundle.arm, bundle.models)
+                      settings.kind == 'elastic', own.watch.bundle)
         name, text, remedy = next(((name, text, remedy) for look, name, remedy in CAUSES
                                    if (text := look(scene))), ('unexplained', '', ''))
         found.append(Cause(item, name, text, remedy, None if record is None else
