@@ -173,7 +173,7 @@ def test_a_model_without_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[st
     write_trajectories(tmp_path / 'path.csv', [Sent(curved(1))])
     assert main(['shape', str(tmp_path / 'path.csv'), '--model', str(tmp_path / 'm'),
                  '--out', str(tmp_path / 'still.csv')]) == 2
-    assert 'this model has no flexible tool; record motions' in capsys.readouterr().err
+    assert 'this model was fitted without vibration; record motions' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('options', 'says'), [

@@ -446,7 +446,7 @@ def model_for(model: Model, bag: BagData) -> Model:
     if model.payload_range is not None:
         if bag.payload is None:
             raise UsageError(f'the payload of bag {str(bag.choice)!r} is not known, but the model '
-                             'needs it', remedy='give payload= [kg], or write custom_data: '
+                             'needs it', remedy='give payload= in kg, or write custom_data: '
                              '{payload: KG} into metadata.yaml of the bag')
         return model.at(bag.payload)
     return model

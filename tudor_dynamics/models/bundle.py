@@ -190,8 +190,8 @@ def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
 def tool_of(bundle: ModelBundle) -> FlexibleTool:
     """Give the flexible tool of a bundle, or say how to learn it."""
     if bundle.tool is None:
-        raise ModelError('this model has no flexible tool', remedy='record motions that each end '
-                         'with 3 s of rest, and run tudor fit --models analytical vibration')
+        raise ModelError('this model was fitted without vibration', remedy='record motions that '
+                         'end with 3 s of rest, and run tudor fit --models analytical vibration')
     return bundle.tool
 
 
