@@ -77,7 +77,9 @@ def test_free_motion_gives_thresholds_that_find_a_push(
     assert world.spin(lambda: node.watch.stages['strain'].thresholds is not before)
     learned = node.watch.stages['strain'].thresholds
     assert learned.seconds == pytest.approx(30.0, abs=1.0)
-    assert 'learned by the service /monitor/calibrate' in world.status('monitor').message
+    said = 'learned by the service /monitor/calibrate'  # on a busy machine losses come first
+    world.status('monitor', lambda status: any(
+        said in text for text in (status.message, *values_of(status).values())))
     events = world.listen('collision_event', Header)
     thresholds = world.listen('strain_thresholds')
     ratios, residuals = world.listen('strain_ratios'), world.listen('strain_residuals')

@@ -118,7 +118,7 @@ def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
         driven = DrivenArm(arm)
         driven.set_parameters(values)
     except SimulationError as err:
-        raise ModelError(f'the elastic model cannot be used, as in {err}') from None
+        raise ModelError(f'the elastic model cannot be used; {err}') from None
     return driven
 
 
