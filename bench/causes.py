@@ -22,9 +22,9 @@ Arms in simulation are touched, loaded, moved faster than in the training; their
 spoiled. With --stiff the blades are half as thick again, drives have twice the friction. With
 --elastic the monitor watches the residuals of an elastic model. With --recorded the messages of
 the real two-blade arm are spoiled, and its pushes are explained. Bounds were chosen on seeds 0 to
-2 of the arm as it is (of encoders 0 to 11), the order of causes and what gauges and drives share
-also on the recordings, that a load may go again on seed 52 of --stiff: its seeds from 60 on are a
-proof.
+2 of the arm as it is, those of encoders on its seeds 0 to 11. The order of causes, and what gauges
+and drives share, were chosen on the recordings, too. Seed 52 of --stiff showed that a load may go
+again. Nothing was chosen on seeds from 60 on.
 """
 
 from __future__ import annotations

@@ -29,9 +29,9 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.detection import DetectedEvent, EventLog, FREE
 from tudor_dynamics.identification.settings import (
     BEGINS, BRIEF, CLOCK_STEP, FASTER, FELT, JUST_ABOVE, JUST_AFTER, JUST_BEFORE, LATE_LOAD, LEAP,
-    LEAP_SAMPLES, LEAST_TOUCH, LONG_BEFORE, LOST_BEFORE, PLAYED, QUIET_CHANNEL, READ_MOST,
-    READ_SHARE, READ_STEP, READ_SUM, READ_WRONG, SAME_ONSET, SHARED_TOUCH, STARTED, STOOD_BEFORE,
-    SURE, UNLIKE, USUAL)
+    LEAP_SAMPLES, LEAST_TOUCH, LONG_BEFORE, LOST_BEFORE, OFFSET_LARGEST, OFFSET_SHARE, OFFSET_SPAN,
+    OFFSET_STEP, OFFSET_SUM, PLAYED, QUIET_CHANNEL, SAME_ONSET, SHARED_TOUCH, STARTED,
+    STOOD_BEFORE, SURE, UNLIKE, USUAL)
 from tudor_dynamics.load.live import carried_load, LoadFound
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.black_box import (
@@ -178,32 +178,33 @@ def _gauge(scene: Scene) -> str:
 
 
 def _encoder(scene: Scene) -> str:
-    """Find a joint that is not where it says: read elsewhere, the model explains all sensors."""
+    """Find a joint whose encoder has an offset, which the weight of the links reveals."""
     joints = scene.bundle.arm.active_joints
     grams = [np.zeros((1 + len(joints), 1 + len(joints)))]
     for output, models in scene.bundle.models.items():
-        items = scene.excesses(-READ_WRONG, -READ_SUM, output)  # before what has just begun
+        items = scene.excesses(-OFFSET_SPAN, -OFFSET_SUM, output)  # before what has just begun
         if items and 'analytical' in models:
             predict = models['analytical'].predict
             stamp, motion, value, threshold = (np.array(part) for part in zip(*(
                 (item.residual.motion.stamp, item.residual.motion.row, item.residual.value,
                  item.threshold) for item in items), strict=True))
-            slopes = [(predict(motion + off) - predict(motion - off)) / (2.0 * READ_STEP)
-                      for off in READ_STEP * np.eye(len(joints), motion.shape[1])]
-            # sums over so long: what rings is no weight
-            begins = np.flatnonzero(np.diff(stamp // round(READ_SUM * 1e9), prepend=0))
+            slopes = [(predict(motion + off) - predict(motion - off)) / (2.0 * OFFSET_STEP)
+                      for off in OFFSET_STEP * np.eye(len(joints), motion.shape[1])]
+            # in sums over so long ringing cancels, weight does not
+            begins = np.flatnonzero(np.diff(stamp // round(OFFSET_SUM * 1e9), prepend=0))
             parts = np.dstack([value, *slopes]) / threshold[..., np.newaxis]
             rows = np.add.reduceat(parts, begins).reshape(-1, 1 + len(joints))
             grams.append(rows.T @ rows)
-    both, squares = np.array(grams)[:, 0], np.diagonal(grams, axis1=1, axis2=2)[:, 1:]
-    turned = both[:, 1:].sum(axis=0) / np.maximum(squares.sum(axis=0), 1e-30)
-    explained = turned * (2.0 * both[:, 1:] - turned * squares)  # of each output, and joint
-    share = np.where((np.abs(turned) < READ_MOST) & (explained >= 0.0).all(axis=0),
-                     explained.sum(axis=0) / max(both[:, 0].sum(), 1e-30), 0.0)
-    name, wrong = joints[int(share.argmax())], turned[share.argmax()]
-    return '' if share.max() < READ_SHARE else (
+    products, squares = np.array(grams)[:, 0], np.diagonal(grams, axis1=1, axis2=2)[:, 1:]
+    offset = products[:, 1:].sum(axis=0) / np.maximum(squares.sum(axis=0), 1e-30)
+    explained = offset * (2.0 * products[:, 1:] - offset * squares)  # of each output, and joint
+    share = np.where((np.abs(offset) < OFFSET_LARGEST) & (explained >= 0.0).all(axis=0),
+                     explained.sum(axis=0) / max(products[:, 0].sum(), 1e-30), 0.0)
+    best = int(share.argmax())
+    name, wrong = joints[best], offset[best]
+    return '' if share[best] < OFFSET_SHARE else (
         f'{name} reads {abs(wrong):.2g} {scene.bundle.arm.position_units[name]} too '
-        f'{"little" if wrong > 0.0 else "much"}: that explains {share.max():.0%} of what gauges '
+        f'{"little" if wrong > 0.0 else "much"}: that explains {share[best]:.0%} of what gauges '
         'and drives show')
 
 

@@ -331,8 +331,8 @@ TOOL_LEAST = 3  # rests that a fit needs
 # links (bench/causes.py --stiff); SURE by elastic models of both (--elastic)
 JUST_BEFORE, LONG_BEFORE = 0.1, 10.0  # times before an onset that are looked at [s]
 BEGINS = 1.0  # before an onset what makes it may have begun [s]
-# An encoder that is wrong: before it, within a sum [s]; offset, step [rad or m]; explained by it.
-READ_WRONG, READ_SUM, READ_MOST, READ_STEP, READ_SHARE = 3.0, 0.5, 0.5, 0.01, 0.4
+OFFSET_SPAN, OFFSET_SUM = 3.0, 0.5  # encoders are judged so long before an event, in sums [s]
+OFFSET_LARGEST, OFFSET_STEP, OFFSET_SHARE = 0.5, 0.01, 0.4  # [rad or m]; share of what is seen
 JUST_AFTER, LEAP_SAMPLES = 0.5, 10  # after an event [s]; samples on each side of a leap
 BRIEF = 0.15  # shorter events come by chance, or after a loss [s]
 PLAYED = 0.1  # arrivals whose pace is further from that of stamps are those of a player of bags

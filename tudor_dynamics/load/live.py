@@ -456,8 +456,9 @@ class CarriedLoad:
     def add_to(self, predicted: dict[str, FloatArray], row: FloatArray) -> dict[str, FloatArray]:
         """Add the load to predictions (channels,) at ``row``, a sample of motion (3 joints,)."""
         more = self.mass - self.known
-        return {output: values + more * self.worth[output].along(row[None])[0]
-                if output in self.worth else values for output, values in predicted.items()}
+        return predicted if not more else {
+            output: values + more * self.worth[output].along(row[None])[0]
+            if output in self.worth else values for output, values in predicted.items()}
 
 
 class PayloadStage(CarriedLoad):

@@ -206,7 +206,7 @@ MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000
              'elm.npz': 200_000_000, 'data.npz': 200_000_000}
 FORMAT = 'tudor_dynamics/model'
 VERSION = 1
-GIVE = 'give the folder that tudor fit wrote'
+GIVE_FOLDER = 'give the folder that tudor fit wrote'
 MARK = 'checksum: '  # begins the last line of ``model.yaml``, a checksum over all before it
 
 
@@ -265,7 +265,7 @@ def _read_file(path: Path, name: str) -> bytes:
     except OSError as err:
         msg = ('no such folder' if isinstance(err, FileNotFoundError) and not path.is_dir() else
                f'{name} cannot be read ({err.strerror})')
-        raise ModelError(msg, place=path, remedy=GIVE) from None
+        raise ModelError(msg, place=path, remedy=GIVE_FOLDER) from None
 
 
 class ModelsPart(BundlePart):
@@ -300,7 +300,7 @@ def _read_head(path: Path) -> HeadPart:
     try:
         text = _read_file(path, 'model.yaml').decode()
     except UnicodeDecodeError:
-        raise ModelError('the file is not UTF-8 text', place=file, remedy=GIVE) from None
+        raise ModelError('the file is not UTF-8 text', place=file, remedy=GIVE_FOLDER) from None
     body, mark, checksum = text.rpartition(MARK)
     if not mark or checksum != f'{_sha256(body.encode())}\n':
         raise ModelError('this file of the model was edited or is incomplete (wrong checksum)',
@@ -308,7 +308,7 @@ def _read_head(path: Path) -> HeadPart:
     head = load_yaml(body, file)
     if not isinstance(head, dict) or head.get('format') != FORMAT:
         raise ModelError(f'the file is no model, as its format is not {FORMAT!r}', place=file,
-                         remedy=GIVE)
+                         remedy=GIVE_FOLDER)
     if head.get('version') != VERSION:
         raise ModelError(f'format version {head.get("version")!r}, but this program reads version '
                          f'{VERSION}; update tudor_dynamics, or fit the model again', place=file)

@@ -211,10 +211,9 @@ class Watch:
     def __init__(
         self, bundle: ModelBundle, settings: MonitorSettings,
         thresholds: dict[str, MethodThresholds] | None = None, payload: CarriedLoad | None = None,
+        *, unloaded: bool = False,  # predictions lack the load, which may change while they wait
     ) -> None:
-        self.payload = payload
-        # Added when a sample is judged: loads may change while it waits for its readings.
-        self.lacking: CarriedLoad | None = None
+        self.payload, self._unloaded = payload, unloaded
         self.bundle, self.settings = bundle, settings
         spec = bundle.preprocessing
         unknown = [name for name in settings.methods if name not in METHODS]
@@ -399,8 +398,8 @@ class Watch:
     def _judge(self, output: str, pairs: Sequence[PairedSample], found: Found) -> None:
         for pair in pairs:
             motion, before = pair.motion, len(found.excesses)
-            if self.lacking is not None and pair.predicted is not None:
-                pair.predicted = self.lacking.add_to({output: pair.predicted}, motion.row)[output]
+            if self._unloaded and self.payload is not None and pair.predicted is not None:
+                pair.predicted = self.payload.add_to({output: pair.predicted}, motion.row)[output]
             self._health[output].step(pair)
             plain = self._residual[output].step(pair)
             if self.ringing is not None and output == 'effort' and plain is not None:
@@ -496,10 +495,9 @@ class Monitor(Shown):
         self._sizes = {'q': len(bundle.arm.active_joints),
                        **{output: len(names) for output, names in bundle.arm.channels.items()}}
         self.filter = StateFilter(bundle.preprocessing, settings.gap)
-        self.watch = Watch(bundle, settings, thresholds, payload)
+        self.watch = Watch(bundle, settings, thresholds, payload, unloaded=True)
         self.predictor = Predictor(bundle, settings.kind)
         self.wanted = set(self.watch.outputs)
-        self.watch.lacking = payload
         self.motion: Motion | None = None
         self.predicted: dict[str, FloatArray] | None = None
 
@@ -534,10 +532,10 @@ class Monitor(Shown):
         self.predicted = None
         if self.motion is None:
             return Found()
-        self.predicted = empty = self.predictor.step(self.motion, self.wanted)
-        if self.watch.lacking is not None and empty is not None:
-            self.predicted = self.watch.lacking.add_to(empty, self.motion.row)
-        return self.watch.add_motion(self.motion, empty)
+        self.predicted = unloaded = self.predictor.step(self.motion, self.wanted)
+        if self.watch.payload is not None and unloaded is not None:
+            self.predicted = self.watch.payload.add_to(unloaded, self.motion.row)
+        return self.watch.add_motion(self.motion, unloaded)
 
     def _check(self, name: str, values: FloatArray) -> None:
         if np.shape(values) != (self._sizes.get(name),):

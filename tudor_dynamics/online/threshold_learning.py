@@ -111,10 +111,10 @@ def thresholds_from_dict(
 
 def stored_thresholds(stored: Any, arm: Arm, kind: str) -> dict[str, MethodThresholds]:
     """Give what `thresholds_to_dict` made, for one kind of model, by methods that have some."""
-    found, stored = dict[str, MethodThresholds](), stored if isinstance(stored, dict) else {}
+    found: dict[str, MethodThresholds] = {}
     for method, channels in (('strain', arm.gauge_names), ('effort', arm.active_joints),
                              ('momentum', arm.active_joints)):
-        kinds = stored.get(method)
+        kinds = stored.get(method) if isinstance(stored, dict) else None
         own = 'analytical' if method == 'momentum' else kind
         if isinstance(kinds, dict) and own in kinds:
             found[method] = thresholds_from_dict(kinds[own], channels, len(arm.active_joints))

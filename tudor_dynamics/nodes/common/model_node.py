@@ -31,7 +31,7 @@ from tudor_dynamics.arm.description import Arm, array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
 from tudor_dynamics.load.live import (
     carried_load, CarriedLoad, load_facts, load_text, PayloadStage)
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.models.bundle import GIVE_FOLDER, load_bundle, ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, Figure, latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import EXPECT_PAYLOAD, GRIPPERS, PAYLOAD_TOPIC, RELOAD
 from tudor_dynamics.nodes.common.messages import ArrayDecoder, JointSample, time_message
@@ -195,7 +195,7 @@ class ModelNode(TudorNode):
 
     def _load(self) -> ModelBundle:
         if not self.source:
-            raise ModelError('the parameter model is empty; give the folder that tudor fit wrote')
+            raise ModelError('the parameter model is empty', remedy=GIVE_FOLDER)
         arm = None if self.bundle is None else self.bundle.arm
         return self.choose(load_bundle(self.source, arm=arm))
 
