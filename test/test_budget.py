@@ -35,7 +35,7 @@ RECORD = 'record --arm config/tudor.yaml --out {out} --seconds 3 --stimuli 1'
     (f'{LINK} --dt 1e-6 --seconds 1e5', '1e+05 million steps'),
     (f'{LINK} --dt 1e-4 --seconds 1e3 --rate 1e4', 'needs 8.2 GB of memory'),
     ('record --arm config/tudor.yaml --out {out} --stimuli 1000000000', 'give 1 to 100000'),
-    (f'{RECORD} --rate 1e-300', 'is not a multiple'),
+    (f'{RECORD} --rate 1e-300', 'divided by a whole number'),
     (f'{RECORD} --trajectory {{table}}', 'a trajectory of 1e+09 s'),
     ('excite config/tudor.yaml --out {out} --floor 0 --seconds 3600 --budget 1',
      'a motion of 3600 s'),

@@ -98,10 +98,14 @@ RULES = {
     'an option of no command': Rule(foreign_option, error('only 3 samples; raise --rate')),
     'a name that reads like a word': Rule(
         bare_name, error('the payload of bag {bag.choice} is not known')),
+    'a key or parameter that reads like a word': Rule(
+        pattern(r'\b(?:the|has no) (?:key|parameter) (?:links|gauges|damper|limits|couplings|'
+                r'model|arm|bag|tool|payload|joints|topics|shaping|damping|namespaces)\b'),
+        error('the key links is missing; add it')),
     'a unit to look up': Rule(
         pattern(r'\(units? of the (?:arm )?description\)'),
         error('kilograms come from efforts in N m or N (units of the description)')),
-    'a refusal without a remedy': Rule(no_remedy, error('{path}: the key links is missing')),
+    'a refusal without a remedy': Rule(no_remedy, error("{path}: the key 'links' is missing")),
     'a pronoun without a noun': Rule(
         pattern(r'(?:^|[:;] )(?:it|they|them|this|that)(?:, or| or|$)'),
         error('cannot be written; it, or a folder of it, is a file')),

@@ -70,8 +70,8 @@ def meant(word: str, known: Iterable[str]) -> str:
 def remedy_of(err: BaseException) -> str:
     """Say what to do about a file or folder that cannot be opened, read or written."""
     return {errno.EINVAL: 'give another file', errno.EISDIR: 'give a file',
-            errno.ENOSPC: 'free some space', errno.EACCES: 'give yourself the right to do this, '
-            'or another path', errno.EEXIST: 'give another path',
+            errno.ENOSPC: 'free some space', errno.EACCES: 'change the rights of the file '
+            'or folder, or give another path', errno.EEXIST: 'give another path',
             }.get(getattr(err, 'errno', None) or 0, 'check path, rights and disk')
 
 

@@ -54,14 +54,14 @@ def test_notes_say_what_was_changed() -> None:
     assert snapped.take(1.57079632679, 'a') == math.pi / 2 and not snapped.note()
     for number in range(5):
         snapped.take(1.5708, f'joint {number}')
-    assert 'joint 0 1.5708 to 1.570796, ' in snapped.note()
+    assert 'joint 0 1.5708 becomes 1.570796, ' in snapped.note()
     assert ' and 2 more' in snapped.note()
 
 
 def test_rounded_tables_are_those_of_the_drawing(tmp_path: Path) -> None:
     """A table with 1.5708 has the base parameters of the exact one, and a warning says so."""
     (tmp_path / 'arm.yaml').write_text(ROUNDED)
-    with pytest.warns(TudorWarning, match=r'rounded angles .* .alpha of row 1 1.5708 to 1.5707'):
+    with pytest.warns(TudorWarning, match=r'.*: alpha of row 1 1.5708 becomes 1.5707'):
         arm = load_arm(tmp_path / 'arm.yaml')
     exactly = ROUNDED.replace('1.5708', repr(math.pi / 2)).replace('0.7853', repr(math.pi / 4))
     (tmp_path / 'arm.yaml').write_text(exactly)
@@ -90,7 +90,7 @@ def test_rounded_urdf(tmp_path: Path) -> None:
     (tmp_path / 'arm.yaml').write_text(
         'name: t\nkinematics: {urdf: arm.urdf}\njoints: [{name: j1}, {name: j2}]\n')
     (tmp_path / 'arm.urdf').write_text(URDF.replace('ANGLE', '-1.5708'))
-    with pytest.warns(TudorWarning, match='j2 rpy -1.5708 to -1.570796'):
+    with pytest.warns(TudorWarning, match='j2 rpy -1.5708 becomes -1.570796'):
         arm = load_arm(tmp_path / 'arm.yaml')
     (tmp_path / 'arm.urdf').write_text(URDF.replace('ANGLE', repr(-math.pi / 2)))
     assert load_arm(tmp_path / 'arm.yaml').digest == arm.digest

@@ -193,7 +193,7 @@ def test_plans_that_are_none(root: Path, tmp_path: Path,
     record = ('record', '--arm', arm, '--out', str(tmp_path / 'r'), '--trajectory', str(folder))
     assert 'cannot be read' in refused(*record)
     (folder / 'trajectory.csv').write_text('t,a,a_velocity,a_acceleration\n0,0,0,0\n1,0,0,0\n')
-    assert "the trajectory has the joints a, but arm 'tudor' has" in refused(*record)
+    assert "the trajectory moves 'a', but arm 'tudor' has" in refused(*record)
     head = 't,' + ','.join(f'{name}{end}' for name in ('joint3', 'joint2') for end in (
         '', '_velocity', '_acceleration'))
     (folder / 'trajectory.csv').write_text(f'{head}\n0,9,0,0,0,0,0\n1,9,0,0,0,0,0\n')

@@ -90,7 +90,7 @@ def test_a_bag_gets_efforts(model: Path, tmp_path: Path) -> None:
     ('t,j1,j3\n0,0,0\n1,0,0\n', [], 'the joint'),
     ('t,j1\n0,0\n1,0\n', [], 'is missing'),
     (TABLE, ['--unit', 'current'], 'torque constant'),
-    (TABLE, ['--kind', 'elm'], 'the model was fitted to efforts as analytical only'),
+    (TABLE, ['--kind', 'elm'], 'for efforts the model has the kinds analytical'),
     (TABLE, ['--rate', '-1'], 'give more than 0'),
     (TABLE, ['--payload', '-1'], '--payload -1 kg: give 0 or more'),
     (TABLE, ['--positions', 'motor'], 'elastic model cannot be used')])

@@ -57,16 +57,18 @@ def _raise(err: BaseException) -> Any:
 
 
 @pytest.mark.parametrize(('err', 'code', 'line'), [
-    (BagError('run1: no such bag'), 2, 'tudor evaluate: run1: no such bag'),
-    (TudorError('two\n   lines'), 2, 'tudor evaluate: two lines'),
+    (BagError('run1: not a bag; give .mcap'), 2, 'tudor evaluate: run1: not a bag; give .mcap'),
+    (TudorError('run1: is empty;\n   give another bag'), 2,
+     'tudor evaluate: run1: is empty; give another bag'),
     (PermissionError(13, 'Permission denied', '/x/y'), 2,
-     'tudor evaluate: /x/y: Permission denied; give yourself the right to do this, or another '
-     'path'),
-    (OSError('odd'), 2, 'tudor evaluate: odd; check path, rights and disk'),
-    (MemoryError(), 2, 'tudor evaluate: not enough memory; give fewer or shorter bags, a lower '
-     'rate, or use a machine with more memory'),
+     'tudor evaluate: /x/y: Permission denied; change the rights of the file or folder, or give '
+     'another path'),
+    (OSError(5, 'Input/output error', 'run1'), 2,
+     'tudor evaluate: run1: Input/output error; check path, rights and disk'),
+    (MemoryError(), 2, 'tudor evaluate: not enough memory; give fewer or shorter bags, lower '
+     'the sample rate, or use a machine with more memory'),
     (MemoryError('for 37 GiB'), 2, 'tudor evaluate: not enough memory (for 37 GiB); give fewer or '
-     'shorter bags, a lower rate, or use a machine with more memory'),
+     'shorter bags, lower the sample rate, or use a machine with more memory'),
     (KeyboardInterrupt(), 130, 'tudor evaluate: interrupted')])
 def test_errors_are_one_line(
     command: Any, capsys: pytest.CaptureFixture[str], err: BaseException, code: int, line: str,
@@ -91,14 +93,14 @@ def test_mistakes_of_ours_are_one_line_and_a_file(
     assert out == '' and line.count('\n') == 1 and line[:-1].isprintable() and len(line) < 600
     assert line.startswith(f'tudor evaluate: tudor has a defect ({type(err).__name__}: ')
     file, = tmp_path.iterdir()
-    assert line.endswith('); report it as docs/howto/'
-                         f'report_a_bug.md says, and send {file}\n')
+    assert line.endswith('); to report it, as docs/howto/'
+                         f'report_a_bug.md says, send {file}\n')
     text = file.read_text()
     assert 'call: tudor evaluate bag' in text and 'Traceback' in text and __version__ in text
     monkeypatch.setattr(entry.tempfile, 'tempdir', str(tmp_path / 'gone'))
     assert entry.main(['evaluate']) == 70
-    assert ('run the command again with --debug FILE, and send FILE (no report could be written '
-            f'to the folder {tmp_path / "gone"}: No such file' in capsys.readouterr().err)
+    assert ('run the command again with --debug FILE and send FILE (none could be written '
+            f"in the folder '{tmp_path / 'gone'}': No such file" in capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(('err', 'code', 'ended'), [

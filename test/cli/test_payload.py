@@ -54,9 +54,9 @@ def test_wrong_input(model: Path, root: Path, capsys) -> None:
     """A kind that the bundle has not, and a mass of another bag, are said in a line."""
     bag = str(root / 'bags/two_blade_test')
     assert main(['payload', bag, '--model', str(model), '--kind', 'elastic']) == 2
-    assert 'a load is estimated by a model of the kind elastic' in capsys.readouterr().err
+    assert 'the load is to be estimated by the model of kind elastic' in capsys.readouterr().err
     assert main(['payload', bag, '--model', str(model), '--payload-of', 'other=0.1']) == 2
-    assert 'is not among the bags that are given' in capsys.readouterr().err
+    assert 'is not among the bags of the command' in capsys.readouterr().err
 
 
 @pytest.mark.shared

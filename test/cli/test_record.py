@@ -58,7 +58,7 @@ def test_processes_do_not_change_the_bytes(root: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('options', 'said'), [
-    (('--stimuli', '0'), 'give 1 to 100000'), (('--rate', '300'), 'is not a multiple'),
+    (('--stimuli', '0'), 'give 1 to 100000'), (('--rate', '300'), 'divided by a whole number'),
     (('--payload', '-1'), '--payload -1 kg: give 0 or more'), (('--seconds', '1'), 'more than 2'),
     (('--pushes', '9'), 'do not fit')])
 def test_wrong_input(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
@@ -85,4 +85,4 @@ def test_an_arm_without_drives(root: Path, tmp_path: Path,
     code = main(['record', '--arm', str(root / 'config' / 'l_shape.yaml'), '--out',
                  str(tmp_path / 'out')])
     assert code == 2
-    assert 'the description has no key damper' in capsys.readouterr().err
+    assert "the key 'damper' is missing" in capsys.readouterr().err

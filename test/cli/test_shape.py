@@ -173,13 +173,13 @@ def test_a_model_without_a_tool(tmp_path: Path, capsys: pytest.CaptureFixture[st
     write_trajectories(tmp_path / 'path.csv', [Sent(curved(1))])
     assert main(['shape', str(tmp_path / 'path.csv'), '--model', str(tmp_path / 'm'),
                  '--out', str(tmp_path / 'still.csv')]) == 2
-    assert 'this model was fitted without vibration; record motions' in capsys.readouterr().err
+    assert 'the model has no tool that vibrates; record motions' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('options', 'says'), [
     (['--frequency', '2', '--by', 'timing'],
-     '--by timing needs a model of how the tool vibrates; give'),
-    (['--model', 'm', '--damping', '0.1'], '--damping is for --frequency alone')])
+     '--by timing needs a model of a tool that vibrates; give'),
+    (['--model', 'm', '--damping', '0.1'], '--damping cannot be given with --model')])
 def test_options_that_do_not_fit(
     options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:

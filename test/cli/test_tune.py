@@ -75,4 +75,4 @@ def test_wrong_input(more: list[str], cause: str, capsys: Any) -> None:
 def test_rigid_arm(tmp_path: Path, capsys: Any) -> None:
     """An arm without damper says so."""
     assert main(['tune', str(CONFIG / 'l_shape.yaml'), '--out', str(tmp_path / 's.yaml')]) == 2
-    assert 'the description has no key damper' in capsys.readouterr().err
+    assert "the key 'damper' is missing" in capsys.readouterr().err

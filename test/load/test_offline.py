@@ -135,7 +135,7 @@ def test_one_estimate_says_where_the_load_sits() -> None:
     effort = {'effort': rows['effort']}
     seen = estimate_payload(arm, effort, [stretch(arm, motion(60.0, 3), 0.3, 3, noise=0.02)])
     assert f', centre at x {1000 * seen.com[0]:.0f} +- ' in seen.sentence
-    assert f' in the frame of {seen.frame}; kilograms come from ' in seen.sentence
+    assert f' in the frame of {seen.frame}; the kilograms rest on ' in seen.sentence
     assumed = estimate_payload(arm, effort, [stretch(arm, motion(60.0, 3), 0.3, 3)], whole=False)
     assert assumed.at_tip and (
         ', its centre not shown by this motion: taken to sit at the tip, '

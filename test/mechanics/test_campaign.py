@@ -115,7 +115,7 @@ def test_seeds_and_rates() -> None:
     assert len(seeds) == 60
     assert steps_per_message(5e-4, 100.0) == 20
     for rate in (0.0, 300.0, 4000.0, -1.0):
-        with pytest.raises(SimulationError, match='is not a multiple'):
+        with pytest.raises(SimulationError, match='divided by a whole number'):
             steps_per_message(5e-4, rate)
 
 

@@ -66,7 +66,7 @@ def test_put_on_while_it_runs(root: Path) -> None:
             loop.set_payload(picked)
         strains.append(np.mean(loop.run(q, 0.0 * q).strain[-600:], axis=0))
     assert strains[0] == pytest.approx(strains[1], rel=0.05)
-    with pytest.raises(SimulationError, match='the key payload to the arm description'):
+    with pytest.raises(SimulationError, match="the key 'payload' to the arm description"):
         ClosedLoop(with_payload(arm, 0.0)).set_payload(0.1)
     with pytest.raises(SimulationError, match='payload= -0.1 kg: give 0 or more'):
         ClosedLoop(empty).set_payload(-0.1)

@@ -122,7 +122,7 @@ def test_delay_that_forbids_it() -> None:
 
 def test_what_cannot_be_tuned() -> None:
     """No damper, unknown gains of gauges, impossible wishes: each says what to do."""
-    with pytest.raises(ArmError, match='no key damper'):
+    with pytest.raises(ArmError, match="the key 'damper' is missing"):
         TunedArm(blade_arm())
     with pytest.raises(ModelError, match='gains of the gauges'):
         TunedArm(damped_arm(sensors=[]))

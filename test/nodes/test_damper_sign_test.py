@@ -36,7 +36,7 @@ def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line and exit code 2 for an arm without a damper, a joint without one, a huge step."""
     tudor = str(root / 'config/tudor.yaml')
     for words, expected in (
-            (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no key damper'),
+            (['--arm', str(root / 'config/two_blade_arm.yaml')], "the key 'damper' is missing"),
             (['--arm', tudor, '--joints', 'joint1'], "'joint1' is not in damper.joints"),
             (['--arm', tudor, '--step', '50'], 'up to 20 degrees')):
         assert main(['damper_sign_test', *words]) == 2

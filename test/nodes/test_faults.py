@@ -93,7 +93,7 @@ def test_a_parameter_that_no_node_has(world: World, model: Path, recording) -> N
     """A typo is named, with what was meant; what a file holds for other nodes is not."""
     node = start(world, model, fasle_alarms_per_hour=2.0, damping=0.5)
     status = world.status('monitor', lambda status: status.level == DiagnosticStatus.STALE and (
-        '(1 of 2 problems; others in the values on /diagnostics)' in status.message))
+        '(1 more problem in the values on /diagnostics)' in status.message))
     assert values_of(status)['problem 2'].startswith('the unknown parameter fasle_alarms_per_hour')
     assert 'fasle' not in status.message
     feed(world, recording, counter(node), last=60)
@@ -266,7 +266,8 @@ def test_without_model(world: World) -> None:
     """No model: the node stays and says what to do."""
     world.add(MonitorNode)
     status = world.status('monitor')
-    assert status.level == DiagnosticStatus.ERROR and 'parameter model' in status.message
+    assert status.level == DiagnosticStatus.ERROR
+    assert "the parameter 'model' is empty" in status.message
 
 
 def test_restart_is_a_gap_for_others(world: World, model: Path, recording) -> None:

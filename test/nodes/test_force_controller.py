@@ -62,4 +62,4 @@ def test_without_an_arm_it_says_so(world: World) -> None:  # noqa: F811
     """No description, no force."""
     world.add(node_class('force_controller'))
     status = world.status('force_controller')
-    assert 'the parameter arm is empty' in status.message
+    assert "the parameter 'arm' is empty" in status.message

@@ -71,7 +71,7 @@ def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line and exit code 2 for an arm without a damper, a foreign joint, a huge step."""
     tudor = str(root / 'config/tudor.yaml')
     for words, expected in (
-            (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no key damper'),
+            (['--arm', str(root / 'config/two_blade_arm.yaml')], "the key 'damper' is missing"),
             (['--arm', tudor, '--joints', 'joint1'], "'joint1' is not an active joint"),
             (['--arm', tudor, '--step', '50'], 'up to 5 degrees')):
         assert main(['joint_test', *words]) == 2

@@ -135,12 +135,12 @@ def test_one_that_fails_is_made_anew(
     assert host.arms[0].node is not first and len(tries) == 2
     assert fleet.flows(*ARMS)
     status = world.status('monitors', lambda found: found.level == found.WARN)
-    assert 'the monitor in /left failed' in status.message
+    assert 'the monitor of namespace /left failed' in status.message
     assert values_of(status)['failures /left'] == '1'
 
 
 @pytest.mark.parametrize(('namespaces', 'words'), [
-    (['left', '/left'], 'twice'), (['a b'], 'no valid'), (['left', '7'], 'no valid namespace')])
+    (['left', '/left'], 'twice'), (['a b'], 'no namespace'), (['left', '7'], 'no namespace')])
 def test_wrong_namespaces_are_refused(
     world: World, namespaces: list[str], words: str,
 ) -> None:

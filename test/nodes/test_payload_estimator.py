@@ -146,7 +146,7 @@ def test_contacts_that_go_unseen(
     monkeypatch.setattr(MonitorNode, 'verdict', lambda self: (WARN, 'samples are lost'))
     assert node.verdict() == (WARN, 'samples are lost')
     node.coverage.verdict = CoverageReport(CoverageLevel.PARTIAL, 'samples are lost')
-    assert node.verdict() == (WARN, 'a touch may be taken for a load, as samples are lost')
+    assert node.verdict() == (WARN, 'a touch may be estimated as a load, as samples are lost')
 
 
 def test_without_a_scale(world: World, model: Path) -> None:

@@ -143,7 +143,7 @@ def test_a_collision_stops_the_controller(world: World, root: Path, newer: bool)
     place = chain.controller.q
     chain.send(point(0.0, *place), point(1.0, *(place + 0.1)))
     assert chain.relay.refused == (
-        'a collision was reported; free the arm, call the service ~/reset')
+        'a collision was reported; free the arm and call the service ~/reset')
     assert 'a collision stopped the arm' in chain.told().message
     refused = world.call(Trigger, 'trajectory_relay/reset')
     assert not refused.success and 'still reported' in refused.message
@@ -281,7 +281,7 @@ def test_timing_without_a_tool(world: World, root: Path) -> None:
     chain.send(*SMOOTH)
     assert world.spin(lambda: bool(chain.controller.taken))
     assert chain.relay.not_shaped.startswith(
-        'shaping is timing, but the parameter tool is empty; set it')
+        "shaping is timing, but the parameter 'tool' is empty; set it")
 
 
 class Client:

@@ -165,7 +165,7 @@ def test_joints_in_any_order_and_held_ones() -> None:
 
 def test_models_that_are_not_there() -> None:
     """The bundle says what it has; motors of rigid arms are not led."""
-    with pytest.raises(ModelError, match='kind= elastic: the model was fitted to efforts as'):
+    with pytest.raises(ModelError, match='kind= elastic: for efforts the model has the kinds'):
         Feedforward(bundle(two_gauge_arm()), kind='elastic')
     with pytest.raises(ModelError, match='elastic model cannot be used'):
         Feedforward(bundle(two_gauge_arm()), positions='motor')

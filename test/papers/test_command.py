@@ -127,7 +127,7 @@ def test_random_split(out: Path, root: Path, capsys) -> None:
     (('figures', '--seconds', 'nan'), 'of 10 s or more'),
     (('table1', '--models', 'elastic', '--split', 'random'), 'no random split'),
     (('table1', '--arm', 'config/ur10.yaml'), 'has no gauges'),
-    (('figures', '--arm', 'config/two_blade_arm.yaml'), 'the description has no key damper')])
+    (('figures', '--arm', 'config/two_blade_arm.yaml'), "the key 'damper' is missing")])
 def test_wrong_input(root: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch,
                      options: tuple[str, ...], said: str) -> None:
     """What cannot be done ends with code 2 and one line."""

@@ -122,7 +122,7 @@ def test_the_model_predicts_what_the_described_arm_does():
 def test_without_an_elastic_model_there_is_nothing_to_describe():
     bundle = identified(blade_arm(), {})
     bundle.models.clear()
-    with pytest.raises(ModelError, match='an elastic model, which this model folder lacks'):
+    with pytest.raises(ModelError, match='an elastic model, but this fit has none'):
         description_of(bundle)
 
 

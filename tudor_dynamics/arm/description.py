@@ -251,8 +251,8 @@ class Arm(Shown):
     def damper(self) -> DamperSpec:
         """Give the section of the damper; an ArmError where there is none."""
         if self.spec.damper is None:
-            raise ArmError('the description has no key damper', place=self.source, remedy='add it '
-                           'with gauges and gains, as in config/tudor.yaml')
+            raise ArmError("the key 'damper' is missing", place=self.source,
+                           remedy='add it with gauges and gains, as in config/tudor.yaml')
         return self.spec.damper
 
     def is_prismatic(self, joint: str) -> bool:

@@ -322,7 +322,7 @@ class ExactAngles:
         """Give the exact angle: angle [rad]."""
         found = exact(angle)
         if abs(found - angle) > PRINTED:
-            self._changed.append(f'{where} {angle:.7g} to {found:.7g}')
+            self._changed.append(f'{where} {angle:.7g} becomes {found:.7g}')
         return found
 
     def note(self) -> str:
@@ -331,8 +331,8 @@ class ExactAngles:
             return ''
         more = len(self._changed) - SHOWN
         shown = ', '.join(self._changed[:SHOWN]) + (f' and {more} more' if more > 0 else '')
-        return (f'rounded angles are taken as the multiple of 45 degrees that is within {NEAR:g} '
-                f'rad ({shown} [rad]); nothing needs to be done')
+        return (f'angles within {NEAR:g} rad of a multiple of 45 degrees are taken as that '
+                f'multiple: {shown} rad; nothing needs to be done')
 
 
 def build_model(

@@ -692,7 +692,7 @@ class ArmSpec(Spec):
     """A whole arm description."""
 
     name: Name
-    """Name of the arm, for messages, reports and bundles."""
+    """Name of the arm, for messages, reports and models."""
     kinematics: KinematicsSpec
     """Joints and links as a URDF or as D-H rows."""
     gravity: Vector3 = (0.0, 0.0, -9.81)
@@ -841,7 +841,7 @@ def validation_message(err: ValidationError, add: str = '; add it') -> str:
             text = 'is an unknown key; correct or remove it' + meant(
                 str(item['loc'][-1]), _keys(Spec))
         elif not isinstance(found, (dict, list)) and f"'{found}'" not in text:
-            text += f', found {"nothing" if found is None else short(repr(found))}'
+            text += f', found {"no value" if found is None else short(repr(found))}'
         if text.startswith(('is ', 'must ')):
             text = f'{where or "the content"} {text}'
         elif where:

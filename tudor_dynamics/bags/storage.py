@@ -423,7 +423,7 @@ def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
         raise BagError(msg) from None
     if not exists:
         left = ', '.join(repr(str(item)) for item in abandoned(path))
-        found = f'give {left}, which a killed recorder left, or' if left else 'give'
+        found = f'a killed recorder left {left}; give that, or' if left else 'give'
         msg = f'{path}: no such file or directory; {found} a rosbag2 directory, .mcap or .db3 file'
     elif path.suffix == '.bag':
         msg = f'{path}: a bag of ROS 1; convert it with `rosbags-convert --src {path} --dst OUT`'

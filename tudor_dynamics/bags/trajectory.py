@@ -139,8 +139,8 @@ class Trajectory(Shown):
                 continue
             wrong = [k for k, row in enumerate(field) if len(row) != len(joints)]
             if wrong:
-                msg = (f'point {wrong[0] + 1} of {len(field)} has {len(field[wrong[0]])} {name}, '
-                       f'but there are {len(joints)} joints ({", ".join(joints)})')
+                msg = (f'point {wrong[0] + 1} of {len(field)} has {len(field[wrong[0]])} of '
+                       f'{len(joints)} {name}, one for each joint ({", ".join(joints)})')
                 raise SignalError(msg, remedy='give one value for each joint')
             arrays.append(np.array(field, dtype=float).reshape(len(field), len(joints)))
         q, dq, ddq = arrays
@@ -152,8 +152,8 @@ class Trajectory(Shown):
         missing = [name for name in joints if self.joints.count(name) != 1]
         if missing:
             msg = (f'joint {missing[0]!r} is {"twice" if missing[0] in self.joints else "missing"}'
-                   f' in the trajectory, which has the joints {", ".join(self.joints)}')
-            raise SignalError(msg, remedy=f'give each of {", ".join(joints)} once')
+                   f' in the trajectory, which names {", ".join(map(repr, self.joints))}')
+            raise SignalError(msg, remedy=f'give each of {", ".join(map(repr, joints))} once')
         places = [self.joints.index(name) for name in joints]
         q, dq, ddq, effort = (None if values is None else values[:, places] for values in
                               (self.q, self.dq, self.ddq, self.effort))

@@ -33,7 +33,7 @@ examples:
   tudor compare my_arm.yaml MODEL run4       ... and how each explains a bag
   tudor compare MODEL_BEFORE MODEL_AFTER run4
 
-A and B are bundles of tudor fit, or arm descriptions whose URDF has masses. A description has no
+A and B are models of tudor fit, or arm descriptions whose URDF has masses. A description has no
 friction and no torque constants: it is given those that suit its bodies best on the recordings of
 the model beside it. A BAG is explained better by a side whose relative error is more than 5 %
 smaller. It needs efforts of one payload; for strains alone see tudor fit --compare.
@@ -43,8 +43,8 @@ ALIKE = 1.05  # ratio of errors below which neither side explains a bag better
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor compare``."""
-    parser.add_argument('one', metavar='ARM_OR_MODEL_A', help='bundle, or arm description')
-    parser.add_argument('other', metavar='ARM_OR_MODEL_B', help='bundle, or arm description')
+    parser.add_argument('one', metavar='ARM_OR_MODEL_A', help='fitted model, or arm description')
+    parser.add_argument('other', metavar='ARM_OR_MODEL_B', help='fitted model, or arm description')
     parser.add_argument('bag', metavar='BAG', nargs='?',
                         help='recording with efforts to judge both by')
 

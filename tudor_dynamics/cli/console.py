@@ -222,7 +222,7 @@ def add_bags_and_model(parser: Any) -> None:
     """Add the options that name bags, and the model of a fit that they are compared with."""
     parser.add_argument('bags', nargs='+', metavar='BAG',
                         help='bag directory or file, or a part of it: BAG@60-100%%')
-    parser.add_argument('--model', required=True, metavar='MODEL', help='bundle of tudor fit')
+    parser.add_argument('--model', required=True, metavar='MODEL', help='directory of tudor fit')
     parser.add_argument('--arm', metavar='YAML',
                         help='refuse the model if it is not of this arm (it carries its own)')
 

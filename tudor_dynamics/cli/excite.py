@@ -113,7 +113,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     noise.add_argument('--noise-of', nargs='+', default=[], metavar='NAME=SIZE', action='extend',
                        help='the same of single joints or gauges')
     noise.add_argument('--model', metavar='MODEL',
-                       help='bundle of this arm, whose residuals say it; also what friction is '
+                       help='model of this arm, whose residuals say it; also what friction is '
                             'fitted after which filters, and how large efforts will be')
     links = parser.add_argument_group('what the arm keeps away from (--floor or --box is needed)')
     links.add_argument('--floor', type=float, metavar='Z',
@@ -139,7 +139,7 @@ def _check(args: argparse.Namespace) -> None:
     for name, least, most, unit in (
             ('seconds', 10.0, 3600.0, ' s'), ('rate', 10.0, 10_000.0, ' Hz'),
             ('highest', 1e-3, 50.0, ' Hz'), ('steps', 1, 10**6, ''), ('seed', 0, 2**63, ''),
-            ('noise', 1e-12, 1e12, ' A, N m or N'), ('budget', 0.0, 1e6, ' s'),
+            ('noise', 1e-12, 1e12, ', in the unit of the effort'), ('budget', 0.0, 1e6, ' s'),
             ('radius', 1e-3, 1.0, ' m'), ('floor', -1e3, 1e3, ' m')):
         value = getattr(args, name)
         if value is not None and not least <= value <= most:

@@ -58,7 +58,7 @@ TABLES = {'yaml': yaml_of, 'csv': csv_of}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor export``."""
-    parser.add_argument('model', metavar='MODEL', help='bundle of tudor fit, with efforts')
+    parser.add_argument('model', metavar='MODEL', help='directory of tudor fit, with efforts')
     parser.add_argument('--to', choices=('urdf', 'mjcf', *TABLES, 'arm', *LAYOUTS), required=True,
                         help='format')
     add_out(parser, 'FILE', 'file to be written')

@@ -46,7 +46,7 @@ docs/explanation/feedforward.md.
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor feedforward``."""
     add_trajectories(parser)
-    parser.add_argument('--model', metavar='MODEL', required=True, help='bundle of tudor fit')
+    parser.add_argument('--model', metavar='MODEL', required=True, help='directory of tudor fit')
     parser.add_argument('--payload', type=float, metavar='KG',
                         help='mass at the tip (that of the training bags)')
     parser.add_argument('--kind', choices=KINDS, default='analytical',

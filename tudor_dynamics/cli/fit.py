@@ -73,7 +73,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              "folder of bags; or a pattern, such as 'bags/2026-*'")
     parser.add_argument('--arm', metavar='YAML', required=True,
                         help='arm description; tudor init writes one')
-    add_out(parser, 'MODEL', 'directory for the model bundle and its report')
+    add_out(parser, 'MODEL', 'directory for the model and its report')
     parser.add_argument('--test', nargs='+', default=[], metavar='BAG', action='extend',
                         help='bags to judge by; otherwise each training bag is left out once')
     parser.add_argument('--payload-of', nargs='+', default=[], metavar='BAG=KG', action='extend',
@@ -89,7 +89,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='directory of tudor excite that the bags were recorded by: standard '
                              'errors expected and reached')
     parser.add_argument('--compare', metavar='MODEL', type=Path,
-                        help='earlier bundle to compare this fit with (the one that --overwrite '
+                        help='earlier model to compare this fit with (the one that --overwrite '
                              'replaces)')
     parser.add_argument('--exit-zero', action='store_true',
                         help='exit with 0 even if no model is good enough')

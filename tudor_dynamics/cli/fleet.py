@@ -56,7 +56,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('plan', metavar='PLAN.yaml', help='arms, and their bags by date')
     add_out(parser, 'DIR', 'folder for all results; one of tudor fleet is continued')
     parser.add_argument('--no-models', action='store_true',
-                        help='compare alone, without a bundle of each arm')
+                        help='compare alone, without a model of each arm')
     parser.add_argument('--elastic', action='store_true',
                         help='compare stiffnesses of gears and links as well: half a minute for '
                              'the first date of an arm, ten seconds for each other one')

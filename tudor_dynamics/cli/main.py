@@ -240,8 +240,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                 forget_output()
             return WRONG_INPUT
         except MemoryError as err:
-            complain(f'{name}: not enough memory{f" ({err})" * bool(str(err))}; give fewer or '
-                     'shorter bags, a lower rate, or use a machine with more memory')
+            complain(f'{name}: not enough memory{f" ({err})" * bool(str(err))}; give fewer '
+                     'or shorter bags, lower the sample rate, or use a machine with more memory')
             return WRONG_INPUT
         except KeyboardInterrupt:
             return _interrupted(name)
@@ -249,8 +249,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             if interrupted.is_set():  # a library has made another error of it
                 return _interrupted(name)
             what = f'{type(err).__name__}: {" ".join(str(err).split())[:120]}'
-            complain(f'{name}: tudor has a defect ({what}); report it as docs/howto/'
-                     f'report_a_bug.md says, and {_traceback_file(arguments)}')
+            complain(f'{name}: tudor has a defect ({what}); to report it, as docs/howto/'
+                     f'report_a_bug.md says, {_traceback_file(arguments)}')
             return DEFECT
 
 
@@ -317,8 +317,8 @@ def _traceback_file(arguments: Sequence[str]) -> str:
         with open(number, 'w', encoding='utf-8', errors='replace') as file:
             file.write(report(arguments))
     except OSError as err:
-        return (f'run the command again with --debug FILE, and send FILE (no report could be '
-                f'written to the folder {tempfile.gettempdir()}: {err.strerror})')
+        return (f'run the command again with --debug FILE and send FILE (none could be written '
+                f'in the folder {tempfile.gettempdir()!r}: {err.strerror})')
     return f'send {path}'
 
 

@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     known = parser.add_mutually_exclusive_group(required=True)
     known.add_argument('--frequency', type=float, metavar='HZ',
                        help='at which the tool rings where the arm stops')
-    known.add_argument('--model', metavar='MODEL', help='bundle of tudor fit with such a tool')
+    known.add_argument('--model', metavar='MODEL', help='directory of tudor fit with such a tool')
     parser.add_argument('--damping', type=float, metavar='RATIO',
                         help=f'its damping ratio ({DAMPING}, or that of the model)')
     parser.add_argument('--by', choices=(*KINDS, TIMING), default='zv',
@@ -62,8 +62,8 @@ def run(args: argparse.Namespace) -> int:
     check_trajectories(args)
     if args.model is not None:
         if args.damping is not None:
-            raise UsageError('--damping is for --frequency alone, as the model of --model has its '
-                             'own damping ratio', remedy='leave --damping out')
+            raise UsageError('--damping cannot be given with --model, which has its own damping '
+                             'ratio', remedy='leave --damping out')
         done = _by_model(args, load_bundle(args.model))
     else:
         done = _by_frequency(args)
@@ -74,8 +74,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _by_frequency(args: argparse.Namespace) -> list[Sent]:
     if args.by == TIMING:
-        raise UsageError(f'--by {TIMING} needs a model of how the tool vibrates', remedy='give '
-                         '--model what `tudor fit BAGS --models analytical vibration` wrote')
+        raise UsageError(f'--by {TIMING} needs a model of a tool that vibrates', remedy='give '
+                         'as --model what `tudor fit BAGS --models analytical vibration` wrote')
     damping = DAMPING if args.damping is None else args.damping
     shaper = impulses(args.by, args.frequency, damping)
     done = changed_trajectories(args, lambda wanted: convolved(wanted, shaper))

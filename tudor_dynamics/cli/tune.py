@@ -53,7 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor tune``."""
     parser.add_argument('arm', metavar='ARM.yaml', help='arm description with links and damper')
     parser.add_argument('--model', metavar='MODEL',
-                        help='bundle of tudor fit with an elastic model of the strain')
+                        help='directory of tudor fit with an elastic model of the strain')
     parser.add_argument('--damping-ratio', type=float, default=Wish.damping_ratio, metavar='Z',
                         help=f'of the first mode ({Wish.damping_ratio:g})')
     parser.add_argument('--delay', type=float, default=Wish.delay, metavar='S',

@@ -53,7 +53,7 @@ LAST_PORT = 65535
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor watch``."""
     parser.add_argument('bag', nargs='?', metavar='BAG', help='recording (live topics)')
-    parser.add_argument('--model', metavar='MODEL', help='bundle of tudor fit, for a bag')
+    parser.add_argument('--model', metavar='MODEL', help='directory of tudor fit, for a bag')
     parser.add_argument('--payload', type=float, default=0.0, metavar='KG',
                         help='mass at the tip at the beginning; it is followed (0)')
     parser.add_argument('--false-alarms', type=float, default=1.0, metavar='N',

@@ -50,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', metavar='BAG', help='bag of events, or any other recording; of a '
                         'folder of events the newest')
     parser.add_argument('--model', metavar='MODEL',
-                        help='bundle of tudor fit (that which the bag names)')
+                        help='directory of tudor fit (that which the bag names)')
     parser.add_argument('--at', default='', metavar='HH:MM:SS',
                         help='explain the events whose date or time, in UTC, has this in it')
     parser.add_argument('--payload', type=float, metavar='KG',

@@ -162,10 +162,10 @@ MEANING = {
     Status.DAMPING: 'damps',
     Status.STARTING: f'damping is off until the strain is valid for {settings.RECOVERY_TIME:g} s',
     Status.SATURATED: 'damping is off while the joint is at a limit of current, speed or position',
-    Status.MISSING: 'damping is off, as strain is absent or not finite; check gauge and driver',
-    Status.STALE: 'damping is off, as no new strain arrives; check the driver of the gauge',
-    Status.STUCK: 'damping is off, as the strain does not change; check gauge and amplifier',
-    Status.IMPLAUSIBLE: 'damping is off, as the strain jumped, or is beyond '
+    Status.MISSING: 'damping is off while strain is absent or not finite; check gauge and driver',
+    Status.STALE: 'damping is off while no new strain arrives; check the driver of the gauge',
+    Status.STUCK: 'damping is off while the strain does not change; check gauge and amplifier',
+    Status.IMPLAUSIBLE: 'damping is off while the strain jumps, or is beyond '
     f'{1e6 * settings.PLAUSIBLE_STRAIN:g} um/m; check the cable of the gauge',
 }
 

@@ -49,7 +49,7 @@ class TipSensing:
         self._used = [k for k, gauge in enumerate(arm.gauges) if gauge.name in sensors]
         if not self._used:
             raise ArmError(f'{arm.source}: no gauge has a gain, so the force is unknown; add the '
-                           'key sensors with gauge and gain (its reading per N m)')
+                           "key 'sensors' with gauge and gain (its reading per N m)")
         gauges = [arm.gauges[k] for k in self._used]
         self.names = tuple(gauge.name for gauge in gauges)
         self._gain = np.array([sensors[name].gain for name in self.names])
@@ -195,7 +195,8 @@ class ForceController:
         """Ask for a force [N]; from rest, the surface comes first. Empty if it is taken."""
         if not (math.isfinite(force) and self.settings.touch < force <= self.settings.largest):
             return (f'the wanted force is {force:g} N; send one above {self.settings.touch:g} N '
-                    f'(parameter touch) and up to {self.settings.largest:g} N (parameter largest)')
+                    f"(parameter 'touch') and up to {self.settings.largest:g} N (parameter "
+                    "'largest')")
         if self.pose is None:
             return 'no joint positions arrive; start the driver of the arm'
         if self.phase in (Phase.HELD, Phase.RETREAT):
@@ -285,7 +286,7 @@ class ForceController:
         before = self._smooth
         self._smooth += min(dt / (settings.FORCE_SMOOTH + dt), 1.0) * (self.force - self._smooth)
         if self.force > chosen.largest:
-            self.stop(f'the force on the tip is {self.force:.1f} N, above the parameter largest '
+            self.stop(f"the force on the tip is {self.force:.1f} N, above the parameter 'largest' "
                       f'of {chosen.largest:g} N; send smaller forces or slower motion')
             return 0.0
         if self.phase is Phase.APPROACH:
@@ -295,7 +296,7 @@ class ForceController:
                 self._target, self._touched, self._alone = self._smooth, self._way, 0.0
             elif self._way > chosen.reach:
                 self.stop(f'the tip met no surface within {1e3 * chosen.reach:.0f} mm; begin '
-                          'closer to it, or raise the parameter reach')
+                          "closer to it, or raise the parameter 'reach'")
                 return 0.0
             return -chosen.approach_speed
         if self.phase is Phase.RETREAT:
@@ -308,10 +309,10 @@ class ForceController:
         lost = self._smooth < settings.FORCE_SOFT * self.wanted
         self._alone = self._alone + dt if lost else 0.0
         if self._alone > chosen.lost:
-            self.stop(f'contact was lost for {chosen.lost:g} s (parameter lost); check the tool')
+            self.stop(f"contact was lost for {chosen.lost:g} s (parameter 'lost'); check the tool")
             return 0.0
         if self._way - self._touched > chosen.give:
-            self.stop(f'the surface gave way by {1e3 * chosen.give:.0f} mm (parameter give)')
+            self.stop(f"the surface gave way by {1e3 * chosen.give:.0f} mm (parameter 'give')")
             return 0.0
         rate = (self._smooth - before - (self._target - late)) / dt
         speed = chosen.integral * (self._smooth - self._target) + chosen.proportional * rate

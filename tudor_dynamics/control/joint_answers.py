@@ -238,7 +238,7 @@ class JointRecord:
         elif fit.delay - fit.delay_error > self._late:
             right, text = False, (f'the joint answers late, after {1e3 * fit.delay:.0f} ms (limit '
                                   f'{1e3 * self._late:.0f} ms); speed up driver and network, or '
-                                  "lower gains and raise full_delay in the arm's key damper")
+                                  "lower gains and raise full_delay in the arm's key 'damper'")
         elif fit.error > settings.SCALE_ERROR:
             right, text = None, self._figures(j, fit)
         else:
@@ -349,4 +349,4 @@ def order_fault(joints: Sequence[str], found: Sequence[str]) -> str:
         return ''
     what = ' in this order' if sorted(found) == sorted(joints) else ''
     return (f'the controller drives {list(found)}, but commands are for {list(joints)}{what}; set '
-            f'the parameter joints of the controller to {list(joints)}')
+            f"the parameter 'joints' of the controller to {list(joints)}")

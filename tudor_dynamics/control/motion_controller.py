@@ -117,8 +117,8 @@ class ReferenceGate:
         limits = self._limits
         for j in np.flatnonzero(limits.outside(q)):
             unit = '' if abs(q[j]) < 2.0 * math.pi else ', not degrees or mm'
-            return (f'reference outside limits: {self._joints[j]!r} is to go to {q[j]:.4g}; send '
-                    f'{limits.lower[j]:.4g} to {limits.upper[j]:.4g} [rad or m]{unit}')
+            return (f'the reference is refused; it sends {self._joints[j]!r} to {q[j]:.4g}, '
+                    f'beyond {limits.lower[j]:.4g} to {limits.upper[j]:.4g}; send rad or m{unit}')
         for j in np.flatnonzero(np.abs(dq) > limits.velocity):
             return (f'reference too fast: the velocity of {self._joints[j]!r} is {dq[j]:.4g}; '
                     f'send at most {limits.velocity[j]:.4g} [rad/s or m/s]')

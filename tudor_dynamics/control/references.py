@@ -345,7 +345,7 @@ class ReferenceSource:
         if self.motion is None:
             return 'no joint positions arrive; start the driver of the arm'
         if self.halted:
-            return f'the parameter require_monitor is set, but {self.halted}'
+            return f"the parameter 'require_monitor' is set, but {self.halted}"
         if self._seed is not None:
             return 'this node drives random targets; restart it with the parameter mode:=goals'
         return ('a collision was reported; free the arm, then call the service ~/reset'

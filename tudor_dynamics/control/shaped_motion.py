@@ -56,11 +56,12 @@ class Shaping:
         if self.kind not in SHAPINGS:
             raise UsageError(f'shaping is {self.kind!r}; expected one of {", ".join(SHAPINGS)}')
         if self.kind == 'elastic' and self.schedule is None:
-            raise UsageError('the parameter shaping is elastic, but gain_schedule is empty',
+            raise UsageError("the parameter 'shaping' is elastic, but gain_schedule is empty",
                              remedy='set gain_schedule to a file that `tudor tune` wrote')
         if self.kind in ('zv', 'zvd') and self.schedule is None and self.frequency <= 0.0:
-            raise UsageError(f'the parameter shaping {self.kind} needs a frequency', remedy='set '
-                             'shaping_frequency [Hz], or gain_schedule to a file of `tudor tune`')
+            raise UsageError(f"the parameter 'shaping' is {self.kind}, which needs a frequency",
+                             remedy="set the parameter 'shaping_frequency' [Hz], or "
+                             "'gain_schedule' to a file that `tudor tune` wrote")
 
     def shaper(self, target: FloatArray) -> ImpulseShaper | None:
         """Give the shaper of a move by impulses, not begun: target (joints,), its end [rad]."""

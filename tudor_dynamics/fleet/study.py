@@ -337,8 +337,8 @@ class _Study:
             raise UsageError(f'bags of several payloads cannot be compared ({said})',
                              remedy='list bags of one payload in the plan')
         if not self.dates:
-            raise FitError(f'none of the bags in the plan ({len(self.unused)}) can be used; bag '
-                           f'{self.unused[0]}')
+            raise FitError(f'none of {len(self.unused)} bags in the plan can be used; the first '
+                           f'is {self.unused[0]}')
         for date_ in self.dates.values():
             date_.sights = parted(date_.whole, PARTS)
 

@@ -190,8 +190,8 @@ def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
     damped = () if arm.spec.damper is None else arm.spec.damper.joints
     if not missing or len(missing) == len(arm.gauges) or {*missing} & {i.gauge for i in damped}:
         return arm
-    msg = (f'arm {arm.name!r}: no bag has the gauges {", ".join(map(repr, missing))}, so they '
-           'have no model; record them, or remove them from the description')
+    msg = (f'arm {arm.name!r}: no bag has the strain of {", ".join(map(repr, missing))}, so no '
+           'model of it is fitted; record it, or remove it from the key gauges of the description')
     warnings.warn(msg, TudorWarning, stacklevel=2)
     return arm.with_gauges(found)
 
@@ -420,8 +420,8 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
             raise UsageError(f'payload_of= {text}: expected BAG=KG, 0 kg or more, as in run1=0.2')
         resolved = str(Path(path).resolve())
         if resolved not in known:
-            raise UsageError(f'payload_of= {text}: {path!r} is not among the bags that are '
-                             'given; write BAG in BAG=KG as it is written there')
+            raise UsageError(f'payload_of= {text}: {path!r} is not among the bags of the '
+                             'command; write the path of the bag in BAG=KG as you do there')
         found[resolved] = mass
     return found
 

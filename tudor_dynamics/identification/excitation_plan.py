@@ -410,10 +410,10 @@ def read_plan(path: str | Path) -> PlanFolder:
         head = _Head.model_validate_json(text)
     except ValidationError as err:
         raise UsageError(f'the plan is not valid, as {validation_message(err, add="")}',
-                         place=path / HEAD, remedy='plan again with tudor excite') from None
+                         place=path / HEAD, remedy='make one with tudor excite') from None
     if (head.format, head.version) != (FORMAT, VERSION):
         raise UsageError(f'the plan has the format {head.format[:60]} {head.version}, not {FORMAT}'
-                         f' {VERSION}', place=path / HEAD, remedy='plan again with tudor excite')
+                         f' {VERSION}', place=path / HEAD, remedy='make one with tudor excite')
     noise = {output: np.array(list(values.values())) for output, values in head.noise.items()}
     return PlanFolder(path, read_trajectory(path / TABLE),
                       Noise(noise, head.noise_of == 'residuals'), head.noise_stated)

@@ -165,11 +165,11 @@ Searches = Mapping[tuple[str, ...], Identified]  # names of bags to what was fou
 def check_arm(arm: Arm) -> None:
     """Refuse an arm of which no elastic model can be made, before hours of work and not after."""
     if arm.coupling is not None:
-        raise FitError(f'{arm.source}: the elastic model does not support the key couplings; '
+        raise FitError(f"{arm.source}: the elastic model does not support the key 'couplings'; "
                        'remove that key, or leave elastic out of models=')
     if not arm.gauges:
         raise FitError(f'{arm.source}: the description has no gauges, which the elastic model '
-                       'needs; add the key gauges, or leave elastic out of models=')
+                       "needs; add the key 'gauges', or leave elastic out of models=")
     try:
         DrivenArm(arm)
     except TudorError as err:

@@ -135,8 +135,8 @@ def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
     found = {output: kinds[chosen] for output, kinds in bundle.models.items() if chosen in kinds}
     if chosen == 'elm' or not found:
         wanted = 'analytical or elastic' if chosen == 'elm' else chosen
-        raise UsageError(f'a load is estimated by a model of the kind {wanted}, but this model '
-                         f'has the kinds {", ".join(have)}', remedy='leave out kind=, or ' * bool(
+        raise UsageError(f'the load is to be estimated by the model of kind {wanted}, but the fit '
+                         f'has {" and ".join(have)} only', remedy='leave out kind=, or ' * bool(
                              kind) + 'fit one with tudor fit --models analytical elastic')
     return found
 

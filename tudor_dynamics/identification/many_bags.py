@@ -572,7 +572,7 @@ class ManyBags:
                         same.append(item)
                     continue
                 copy = Unused(str(item.choice),
-                              f'it has the same samples as the training bag {other.choice}')
+                              f'has the same samples as the training bag {other.choice}')
                 if some is test:
                     raise FitError(f'bag {copy}, so it does not test the model',
                                    remedy='give another recording in its place')
@@ -584,8 +584,8 @@ class ManyBags:
 
     def _leave_out(self, wrong: Sequence[Unused]) -> None:
         if wrong and self.streaming.strict:
-            raise FitError(f'{len(wrong)} of the bags cannot be used, but strict= needs all; bag '
-                           f'{wrong[0]}', remedy='or leave out these bags, or strict=')
+            raise FitError(f'{len(wrong)} bags cannot be used, but strict= needs all; the first: '
+                           f'{wrong[0]}', remedy='to fit without them, leave out strict=')
         for item in wrong[:max(0, WARNED - len(self.unused))]:
             warnings.warn(f'bag {item}; the fit leaves this bag out', TudorWarning, stacklevel=2)
         self.unused += wrong

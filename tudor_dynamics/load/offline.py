@@ -227,7 +227,7 @@ class PayloadEstimate(Shown):
                           if self.source is Source.PAYLOADS else
                           f': taken to sit at the tip, {tip} in the frame of {self.frame}')
         return (f'{self.verdict.value}: {self.mass:.4g} +- {self.mass_std:.2g} kg{place}; '
-                f'kilograms come from {self.source.value}')
+                f'the kilograms rest on {self.source.value}')
 
 
 # -- A recording next to a model

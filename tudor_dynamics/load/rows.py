@@ -158,7 +158,7 @@ class Source(Enum):
     """Where kilograms come from."""
 
     PAYLOADS = 'a model of two known payloads'
-    TORQUE = 'efforts that are recorded in N m or N'
+    TORQUE = 'the unit of the efforts, N m or N'
     CONSTANTS = 'the torque constants of the description'
     GAIN = 'the gains of the gauges in the description'
     MASSES = 'the masses of the description (an assumption)'

@@ -105,9 +105,9 @@ def random_pushes(
     longest = settings.HELD_TIME[1] if held else settings.PUSH_TIME[1]
     room = 1.5 * longest + 0.5 * settings.PUSH_TIME[1]
     if not room <= slot < MAX_STEPS:
-        raise SimulationError(f'{count} pushes do not fit into {seconds:g} s, as each needs up to '
-                              f'{room:g} s, after a start of {settings.FIRST_PUSH:g} s; raise '
-                              'seconds=, or lower pushes=')
+        raise SimulationError(f'{count} pushes do not fit into {seconds:g} s: the first '
+                              f'{settings.FIRST_PUSH:g} s stay free, and a push needs up to '
+                              f'{room:g} s; raise seconds=, or lower pushes=')
     beams = [joint for joint in arm.active_joints if mechanism.length(joint) > 0.0]
     if not beams:
         msg = f'{arm.source}: no active joint moves an elastic link: describe links, or push none'
@@ -194,8 +194,8 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     """Make a motion of a trajectory, at the rate of the loop: dt [s]."""
     if sorted(trajectory.joints) != sorted(arm.active_joints):
         own = ', '.join(map(repr, arm.active_joints))
-        raise SimulationError(f'the trajectory has the joints {", ".join(trajectory.joints)}, but '
-                              f'arm {arm.name!r} has {own}; give a trajectory of these')
+        raise SimulationError(f'the trajectory moves {", ".join(map(repr, trajectory.joints))}, '
+                              f'but arm {arm.name!r} has {own}; give a trajectory of {own}')
     q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
     hard = hard_limits(arm)
     for k, j in np.argwhere(hard.outside(q) | (np.abs(dq) > hard.velocity))[:1]:
@@ -206,7 +206,7 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
             f'{name!r} at {q[k, j]:.4g} {unit}, but its limits are {hard.lower[j]:.4g} to '
             f'{hard.upper[j]:.4g} {unit}' if hard.outside(q)[k, j] else f'a speed of {name!r} of '
             f'{dq[k, j]:.4g} {unit}/s, but its limit is {hard.velocity[j]:.4g} {unit}/s')
-            + f'; plan one within the limits, such as by `{shlex.join(words)}`')
+            + f'; plan a trajectory within the limits, with `{shlex.join(words)}` for example')
     t = trajectory.t - trajectory.t[0]
     check_budget(f'a trajectory of {t[-1]:g} s at steps of {dt:g} s', t[-1] / dt,
                  48.0 * len(arm.joints), 'give a shorter trajectory')

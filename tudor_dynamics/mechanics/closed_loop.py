@@ -379,7 +379,7 @@ class ClosedLoop(Shown):
         mechanism, none = self.plant.mechanism, self.arm.spec.payload is None
         if none or not 0.0 <= mass < float('inf'):
             raise SimulationError(f'arm {self.arm.name!r}: ' + (
-                'no payload to change; add the key payload to the arm description' if none else
+                "no payload to change; add the key 'payload' to the arm description" if none else
                 f'payload= {mass:g} kg: give 0 or more'))
         mechanism.body_float[mechanism.body_at(mechanism.tip), at.MASS] = mass
 
@@ -459,8 +459,8 @@ def steps_per_message(dt: float, rate: float) -> int:
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
     if not 1.0 - 1e-9 <= every < MAX_STEPS or abs(every - round(every)) > 1e-6:
         near = 1.0 / (dt * round(min(max(every, 1.0), 100.0)))
-        raise SimulationError(f'rate= {rate:g} Hz: the rate of the loop, {1.0 / dt:g} Hz (key '
-                              f'damper.rate), is not a multiple of it; give {near:.6g} Hz')
+        raise SimulationError(f'rate= {rate:g} Hz: not {1.0 / dt:g} Hz of the damper (key '
+                              f'damper.rate) divided by a whole number; give {near:.6g} Hz')
     return int(round(every))
 
 

@@ -197,8 +197,8 @@ class Builder:
         spec = self.links.get(name)
         urdf_mass = model.inertias[index].mass
         if (spec is None or (spec.rigid is None and spec.flexible is None)) and urdf_mass <= 0:
-            msg = (f'{self.arm.source}: links has no entry for the link after {name!r}; add one '
-                   "with the key 'rigid' or 'flexible' (without mass: `rigid: {mass: 0}`)")
+            msg = (f"{self.arm.source}: the key 'links' has no entry for the link after {name!r}; "
+                   'add one with rigid or flexible, or `rigid: {mass: 0}` for a link without mass')
             raise SimulationError(msg)
         spec = spec or LinkSpec(joint=name)
         parent_joint = int(model.parents[index])
@@ -241,7 +241,8 @@ class Builder:
         tip = self.tip_frame()
         if not children and tip is not None and tip.parentJoint == index:
             return np.array(tip.placement.translation)
-        raise SimulationError(f'the end of {where} is not known; add the key end or length to it')
+        raise SimulationError(f"the end of {where} is not known; add the key 'end' or "
+                              "'length' to it")
 
     def tip_frame(self) -> pin.Frame | None:
         """Frame at the end of the chain: ``tip``, or the last one on the last joint."""
@@ -273,7 +274,8 @@ class Builder:
                 y = np.eye(3)[int(np.argmin(np.abs(x)))]
         y = y - (y @ x) * x
         if np.linalg.norm(y) < 1e-6:
-            raise SimulationError(f'{where} has its height_axis along it; give a direction across')
+            raise SimulationError(f'{where}: height_axis is parallel to the beam; give an axis '
+                                  'that is not')
         y = y / np.linalg.norm(y)
         self.beams[name] = properties = beam_properties(beam)
         floats[at.BODY_ROTATION:at.BODY_ROTATION + 9] = np.column_stack(
@@ -396,8 +398,8 @@ def build_mechanism(arm: Arm) -> Mechanism:
         raise SimulationError(f'{arm.source}: the simulator does not model couplings; remove them '
                               'from a copy of the description to simulate the arm without them')
     if not arm.spec.links and not any(i.mass > 0 for i in list(arm.full_model.inertias)[1:]):
-        raise SimulationError(f'{arm.source}: the key links is missing, which simulation and '
-                              'elastic models need; add it, as docs/reference/arm_yaml.md shows')
+        raise SimulationError(f"{arm.source}: the key 'links' is missing; simulation and "
+                              'elastic models need it; add it as in docs/reference/arm_yaml.md')
     for index in range(1, arm.full_model.njoints):
         builder.link(index)
     tip = builder.tip_frame()

@@ -373,8 +373,8 @@ class Plant(Shown):
         slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
         # Links so stiff that 2 ms do not follow them are meant as rigid: they stay damped.
         if self.dt * slowest > 1.0 / 8.0 and self.dt > 2e-3:
-            msg = (f'arm {self.mechanism.name!r}: a time step of {self.dt:g} s is too large, as '
-                   f'links vibrate at {slowest:.3g} Hz and above; take at most '
+            msg = (f'arm {self.mechanism.name!r}: dt= {self.dt:g} s is too large, as links '
+                   f'vibrate at {slowest:.3g} Hz and above; give at most '
                    f'{1.0 / (8.0 * slowest):.2g} s, better {1.0 / (100.0 * slowest):.1g} s')
             raise SimulationError(msg)
 
@@ -387,14 +387,14 @@ class Plant(Shown):
         elif status == gen.SINGULAR:
             loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
                      if not self.tables.prescribed[index]]
-            msg = (f'{name}: joint {" or ".join(map(repr, loose))} or a beam moves no mass; in '
-                   'links[], add a mass or hub_inertia to the entries of such joints')
+            msg = (f'{name}: no mass is attached to joint {" or ".join(map(repr, loose))}, or to '
+                   "a beam; in the key 'links', add mass or hub_inertia to the entries of these")
         elif status == gen.TOO_BENT:
             msg = (f'{name}: at {t:.4g} s a link bends by more than {settings.MAX_ROTATION} rad, '
                    'where the model of a beam is wrong; lower the torques, or give links a '
                    'stiffer section in the arm description')
         else:
-            msg = (f'{name}: the simulation diverged at {t:.4g} s; take time steps below '
+            msg = (f'{name}: the simulation diverged at {t:.4g} s; take dt= below '
                    f'{self.dt:g} s, lower the torques, or correct masses that are too small in '
                    'the arm description')
         raise SimulationError(msg)

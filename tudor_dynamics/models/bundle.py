@@ -190,7 +190,7 @@ def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
 def tool_of(bundle: ModelBundle) -> FlexibleTool:
     """Give the flexible tool of a bundle, or say how to learn it."""
     if bundle.tool is None:
-        raise ModelError('this model was fitted without vibration', remedy='record motions that '
+        raise ModelError('the model has no tool that vibrates', remedy='record motions that '
                          'end with 3 s of rest, and run tudor fit --models analytical vibration')
     return bundle.tool
 
@@ -303,7 +303,7 @@ def _read_head(path: Path) -> HeadPart:
         raise ModelError('the file is not UTF-8 text', place=file, remedy=GIVE_FOLDER) from None
     body, mark, checksum = text.rpartition(MARK)
     if not mark or checksum != f'{_sha256(body.encode())}\n':
-        raise ModelError('this file of the model was edited or is incomplete (wrong checksum)',
+        raise ModelError('this file of a model was edited or is incomplete (wrong checksum)',
                          place=file, remedy=f'restore it, or {AGAIN}')
     head = load_yaml(body, file)
     if not isinstance(head, dict) or head.get('format') != FORMAT:
@@ -500,7 +500,7 @@ def load_bundle(
         if name not in content:
             raise ModelError(f'model.yaml lists an unknown file {name!r}; {AGAIN}', place=path)
         if _sha256(content[name]) != checksum:
-            raise ModelError('this file of the model was edited or is incomplete (wrong checksum)',
+            raise ModelError('this file of a model was edited or is incomplete (wrong checksum)',
                              place=path / name, remedy=f'restore it, or {AGAIN}')
     try:
         own = _arm(load_yaml(content['arm.yaml'], path / 'arm.yaml'), content, path)

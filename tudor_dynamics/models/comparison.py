@@ -188,7 +188,8 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
-            'masses need an analytical model of efforts for one payload, which is missing',
+            'masses come from an analytical model of efforts for one payload, but this fit has '
+            'none',
             remedy='run tudor fit on bags that have efforts and were recorded with one payload')
     if not model.data_:
         raise ModelError('the model lacks the file data.npz, of which masses are computed',

@@ -54,7 +54,7 @@ class ArmSimulatorNode(TudorNode):
         self._lock = Lock()
         self.late = 0
         try:
-            description = self.described_arm('the keys links and motors', 'a simulated arm')
+            description = self.described_arm("the keys 'links' and 'motors'", 'a simulated arm')
             arm = self.arm = ArmProcess(
                 description, rate=self.value('rate'), payload=self.value('payload'),
                 damping=self.value('damping'), seed=self.value('seed'),

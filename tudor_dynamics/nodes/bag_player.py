@@ -42,7 +42,7 @@ def message_class(msgtype: str) -> Any:
         return getattr(import_module(f'{package}.msg'), name)
     except (ImportError, AttributeError):
         raise BagError(f'message type {msgtype} is not installed', remedy='install the package '
-                       f'{package}, or leave its topics out of the parameter topics') from None
+                       f"{package}, or leave its topics out of the parameter 'topics'") from None
 
 
 class BagPlayerNode(TudorNode):
@@ -74,12 +74,12 @@ class BagPlayerNode(TudorNode):
     def _open(self) -> None:
         bag, offset = self.value('bag'), float(self.value('start_offset'))
         if not bag:
-            raise BagError('the parameter bag is empty; set it to a rosbag2 directory or file')
+            raise BagError("the parameter 'bag' is empty; set it to a rosbag2 directory or file")
         self.track = track = read_track(bag, self.value('topics'))
         self._first = int(np.searchsorted(track.time, track.time[0] + round(offset * 1e9)))
         if self._first == len(track.time):
             raise BagError(f'the bag lasts {(track.time[-1] - track.time[0]) * 1e-9:.3f} s, but '
-                           f'the parameter start_offset is {offset:g} s; lower it', place=bag)
+                           f"the parameter 'start_offset' is {offset:g} s; lower it", place=bag)
         for topic, msgtype in track.topics.items():
             try:
                 kind = message_class(msgtype)

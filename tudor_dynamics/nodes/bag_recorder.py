@@ -48,7 +48,7 @@ class BagRecorderNode(TudorNode):
         self._own = 'the topics to record'
         try:
             if not self.value('bag'):
-                raise BagError('the parameter bag is empty; set it to the directory to create')
+                raise BagError("the parameter 'bag' is empty; set it to the directory to create")
             self.writer = LiveWriter(self.value('bag'), self.value('storage'))
         except TudorError as err:
             self.fail(err)

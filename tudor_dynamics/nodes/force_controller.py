@@ -64,7 +64,7 @@ class ForceControllerNode(MovingNode):
 
     def build(self) -> tuple[Arm, Collection[str]]:
         """Make the controller, and what knows the weight of the arm."""
-        arm = self.described_arm('the keys gauges and sensors', 'force control')
+        arm = self.described_arm("the keys 'gauges' and 'sensors'", 'force control')
         sign = -1.0 if self.value('normal').startswith('-') else 1.0
         x, y, z = (sign * float(axis == self.value('normal')[-1]) for axis in 'xyz')
         names = ('approach_speed', 'reach', 'touch', 'integral', 'proportional', 'give',
@@ -134,5 +134,5 @@ class ForceControllerNode(MovingNode):
             return ERROR, f'{controller.cause}; the arm stands until you call the service ~/reset'
         if self.static.source == 'none':
             return WARN, ('the weight of the arm in the gauge readings is unknown; set the '
-                          'parameter model, or add the key links to the arm description')
+                          "parameter 'model', or add the key 'links' to the arm description")
         return OK, controller.cause

@@ -168,7 +168,7 @@ parser = trial_parser(
     ['--arm my_arm.yaml', '--arm my_arm.yaml --controller velocity_controller --step 1'],
     '0 all joints are right, 1 one is wrong or unclear', math.degrees(NUDGE), 1e3 * NUDGE_SLIDE)
 parser.add_argument('--controller', metavar='NAME',
-                    help='controller of ros2_control whose parameter joints has to be in the '
+                    help="controller of ros2_control whose parameter 'joints' has to be in the "
                     "order of the arm's active joints")
 main = partial(run_trial, parser, JointTester, lambda arm: arm.active_joints,
                'is not an active joint of the arm', (5.0, 20.0))

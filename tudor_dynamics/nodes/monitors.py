@@ -147,7 +147,7 @@ class MonitorsNode(TudorNode):
         for arm in self.arms:
             arm.make()
         if not self.arms:
-            self.fault = ('the parameter namespaces is empty; set it to the namespaces of the '
+            self.fault = ("the parameter 'namespaces' is empty; set it to the namespaces of the "
                           "arms, such as ['left', 'right'], or run the node monitor for one arm")
         refused = [f'{arm.namespace}: {arm.fault}' for arm in self.arms if arm.fault]
         if refused and len(refused) == len(self.arms):
@@ -164,10 +164,11 @@ class MonitorsNode(TudorNode):
                 namespace = expand_topic_name(name, self.get_name(), self.get_namespace())
                 validate_namespace(namespace)
             except (InvalidNamespaceException, ValueError) as err:
-                msg = f'the parameter namespaces has {name!r}, which is no valid namespace ({err})'
+                msg = f"the parameter 'namespaces' has {name!r}, which is no namespace ({err})"
                 raise TudorError(msg) from None
             if namespace in found:
-                raise TudorError(f'parameter namespaces has {name!r} twice; give each arm its own')
+                raise TudorError(
+                    f"the parameter 'namespaces' has {name!r} twice; give each arm its own")
             found.append(namespace)
         return found
 
@@ -192,8 +193,9 @@ class MonitorsNode(TudorNode):
         if level == OK and faults:
             return ERROR, '; '.join(faults)
         if level == OK and failed:
-            return WARN, (f'the monitor in {", ".join(failed)} failed and runs again; report '
-                          'the error in the log, as docs/howto/report_a_bug.md says')
+            return WARN, (f'the monitor of namespace {", ".join(failed)} failed and runs again; '
+                          'report the error in the log of this node, as '
+                          'docs/howto/report_a_bug.md says')
         return level, message
 
     def close(self) -> None:

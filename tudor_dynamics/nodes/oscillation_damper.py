@@ -97,7 +97,7 @@ class OscillationDamperNode(MovingNode):
         self.autostart()
 
     def build(self) -> tuple[Arm, Collection[str]]:
-        arm = self.described_arm('the key damper', 'the damper')
+        arm = self.described_arm("the key 'damper'", 'the damper')
         controller = MotionController(arm)
         if self.value('gain_schedule'):
             controller.adaptation = Adaptation(
@@ -205,7 +205,8 @@ class OscillationDamperNode(MovingNode):
         if controller is None or not self.active:
             return level, message
         if controller.state is State.FAULT:
-            return ERROR, f'{controller.cause}; joints stand until you call the service ~/reset'
+            return ERROR, (f'{controller.cause}; the joints stand still until you call the '
+                           'service ~/reset')
         if clock := self.clocks.fault():
             return ERROR, f'{self._own}: {clock}'
         if controller.blind:

@@ -45,4 +45,4 @@ class PayloadEstimatorNode(MonitorNode):
         unsure = '' if self.watch is None else self.watch.outside_training
         blind = level != OK and (self.coverage.verdict.level is not CoverageLevel.ENOUGH
                                  or unsure != '' and message.startswith(unsure))
-        return level, f'a touch may be taken for a load, as {message}' if blind else message
+        return level, f'a touch may be estimated as a load, as {message}' if blind else message

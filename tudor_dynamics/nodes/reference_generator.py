@@ -89,7 +89,7 @@ class ReferenceGeneratorNode(MovingNode):
         return self.controller
 
     def build(self) -> tuple[Arm, Collection[str]]:
-        arm = self._arm = self.described_arm('the key limits')
+        arm = self._arm = self.described_arm("the key 'limits'")
         path, model = self.value('gain_schedule'), self.value('model')
         shaping = Shaping(
             self.value('shaping'), load_schedule(path, arm) if path else None,
@@ -298,8 +298,8 @@ class ReferenceGeneratorNode(MovingNode):
         if level != OK:
             return level, message
         if source.reacting or source.collision:
-            return WARN, (f'the node accepts no goals after a collision (its reaction is '
-                          f'{self.value("reaction")}); free the arm, call the service ~/reset')
+            return WARN, (f'the node accepts no goals after a collision (reaction: '
+                          f'{self.value("reaction")}); free the arm and call the service ~/reset')
         if source.halted:
             return WARN, f'the node accepts no goals, as {source.halted}'
         if self.crowded is not None:

@@ -78,7 +78,7 @@ class TrajectoryRelayNode(TudorNode):
         self._output = self.publish_on(JointTrajectory, f'{controller}/joint_trajectory')
         self.serve(RESET, self._reset)
         try:
-            arm = self.described_arm('the key limits')
+            arm = self.described_arm("the key 'limits'")
             if self.value('tool'):
                 self._tool = load_bundle(self.value('tool'), arm=arm)
                 tool_of(self._tool)
@@ -199,7 +199,8 @@ class TrajectoryRelayNode(TudorNode):
         follower = self.follower
         assert follower is not None
         if self.held or self.collision:
-            raise SignalError('a collision was reported; free the arm, call the service ~/reset')
+            raise SignalError('a collision was reported',
+                              remedy='free the arm and call the service ~/reset')
         if self._q is None or self.steady() - self._at > self.value('timeout'):
             raise SignalError(f'no joint positions arrive on {self._own}; start the driver')
         self._step()
@@ -223,7 +224,7 @@ class TrajectoryRelayNode(TudorNode):
                 name, away = self._names[int(off.argmax())], off.max()
                 raise SignalError(
                     f'{name!r} is {away:.3g} {self._units[name]} away from the point that is due, '
-                    f'more than the parameter start_tolerance, {self.value("start_tolerance"):g}',
+                    f"more than {self.value('start_tolerance'):g} (parameter 'start_tolerance')",
                     remedy='begin where the arm is, or raise time_from_start of the points')
             why = Path(own, whole, since).beyond(follower.bounds)
             if not why:
@@ -243,12 +244,12 @@ class TrajectoryRelayNode(TudorNode):
             kind, frequency = self.value('shaping'), self.value('shaping_frequency')
             tool = self._tool if kind == TIMING or not frequency else None
             if kind == TIMING and tool is None:
-                raise SignalError('shaping is timing, but the parameter tool is empty', remedy=(
+                raise SignalError("shaping is timing, but the parameter 'tool' is empty", remedy=(
                     'set it to what `tudor fit --models analytical vibration` wrote'))
             if tool is None and not frequency:
                 raise SignalError('the frequency of the tool is not known', remedy='set the '
-                                  'parameter shaping_frequency [Hz], or the parameter tool to the '
-                                  'folder that `tudor fit --models analytical vibration` wrote')
+                                  "parameter 'shaping_frequency' [Hz], or 'tool' to the folder "
+                                  'that `tudor fit --models analytical vibration` wrote')
             shape = partial(shaped_for, tool, kind=kind) if tool is not None else partial(
                 convolved, shaper=impulses(kind, frequency, self.value('shaping_damping')))
             if np.abs(state.dq).max() > AT_REST:

@@ -54,19 +54,19 @@ class SensorHealth:
 
 
 MEANING = {
-    'settling': 'filters settle for some seconds after the first message, or a pause, on {on}; '
-                'wait, or, if this lasts, look for pauses with `ros2 topic hz {on}`',
-    'gap': 'messages on {on} are lost; compare `ros2 topic hz` with the rate of the driver: if '
-           'both are equal, this computer is too busy, otherwise the network loses messages',
+    'settling': 'filters settle for some seconds after {on} starts or pauses; wait; if this '
+                'lasts, look for pauses with `ros2 topic hz {on}`',
+    'gap': 'messages on {on} are lost; run `ros2 topic hz {on}`: if it shows the rate of the '
+           'driver, close other programs on this computer, otherwise check the network',
     'not_finite': 'messages on {on} have NaN or infinite values; check the driver and its sensors',
     'duplicate_stamp': 'stamps on {on} repeat; correct the driver, or stop a second publisher',
     'backward_stamp': 'stamps on {on} go back; correct the driver, or stop a second publisher',
     'unknown_names': 'messages on {on} lack some joints or gauges of the model; publish all of '
-                     'them in one message, or set the parameter model to the model of this arm',
-    'other_names': 'messages on {on} name no joint or gauge of the model; set the parameter model '
-                   'to the model of this arm, or correct the names in the driver',
+                     "them in one message, or set the parameter 'model' to the model of this arm",
+    'other_names': 'messages on {on} name no joint or gauge of the model; set the parameter '
+                   "'model' to the model of this arm, or correct the names in the driver",
     'short_array': 'messages on {on} have fewer values than names; correct the driver',
-    'no_measurement': 'no measurements come on {on} during the motion; start what publishes there',
+    'no_measurement': 'nothing comes on {on} during the motion; start the node that publishes it',
     'no_neighbour': 'no stamp on {on} is near that of a joint state; publish {on} at the rate of '
                     'the joint states, and synchronise the clocks of both publishers',
     'no_prediction': 'no prediction comes, or the model diverged; check the node that predicts',
@@ -192,14 +192,16 @@ class OutputCoverage:
                 stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
                 if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
             why = self._apart(new, old) if not silent else (
-                f'no message came on {" or on ".join(silent)}; start what publishes there')
+                f'no message came on {" and on ".join(silent)}; start the node that publishes '
+                f'{"it" if len(silent) == 1 else "them"}')
             return CoverageReport(
                 CoverageLevel.NONE, f'collisions cannot be detected in any sample of {self.output}'
                 f'{f", because {why}" if why else self._main(causes, motions)}', 1.0, causes)
         faults = list(filter(None, [self._apart(new, old)]))
         if share >= UNJUDGED_WARNING:
-            faults.append(f'collisions cannot be detected in {100.0 * share:.1f} % of the samples '
-                          f'of {self.output} in the last second{self._main(causes, motions)}')
+            of = 'any sample' if share == 1.0 else f'{100.0 * share:.1f} % of the samples'
+            faults.append(f'collisions cannot be detected in {of} of {self.output} in the last '
+                          f'second{self._main(causes, motions)}')
         lasting = share - (settling if patient else 0.0)
         full = (self._flowing is not None
                 and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
@@ -244,7 +246,7 @@ class OutputCoverage:
                 one, other = self.streams[place].topic, self.streams[0].topic
                 side = 'later' if offset > 0.0 else 'earlier'
                 return (f'stamps of {one} are {1e3 * abs(offset):.0f} ms {side} than those of '
-                        f'{other} (limit {1e3 * limit:.0f} ms); synchronise their clocks')
+                        f'{other} (limit {1e3 * limit:.0f} ms); synchronise both publishers')
         return ''
 
     def _period(self, place: int, new: _Counts, old: _Counts) -> float:

@@ -349,9 +349,9 @@ class Feedforward(Shown):
     ) -> None:
         arm, efforts = bundle.arm, bundle.models.get('effort', {})
         if kind not in efforts:
-            msg = (f'kind= {kind}: the model was fitted to efforts as '
-                   f'{", ".join(efforts) or "none"} only')
-            raise ModelError(msg, remedy=f'choose such a kind, or run tudor fit --models {kind}')
+            msg = (f'kind= {kind}: for efforts the model has the kinds '
+                   f'{", ".join(efforts) or "none"}')
+            raise ModelError(msg, remedy=f'choose one of these, or run tudor fit --models {kind}')
         self.joints = arm.active_joints
         self.units = tuple(
             joint.effort.unit if unit == 'model' else 'A' if unit == 'current' else

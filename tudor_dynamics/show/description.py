@@ -338,8 +338,8 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> tuple[str, tu
     """Describe an arm as its elastic model has found it, as YAML; name what has no place there."""
     model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if model is None:
-        raise ModelError('an arm description is made of an elastic model, which this model folder '
-                         'lacks', remedy='fit one with tudor fit --models analytical elastic')
+        raise ModelError('an arm description is made from an elastic model, but this fit has '
+                         'none', remedy='fit one with tudor fit --models analytical elastic')
     writer = _Writer(model)
     writer.physical()
     for joint, drive in elastic_drives(bundle).items():

@@ -213,7 +213,7 @@ def zero_phase(
     dt = float(t[-1] - t[0]) / (n - 1)
     if not 0 < cutoff < 0.5 / dt:
         raise SignalError(f'cutoff= {cutoff:g} Hz: give more than 0 and less than {0.5 / dt:.4g} '
-                          'Hz, half the sample rate (here or as preprocessing.cutoff of the arm)')
+                          'Hz, half the sample rate; the arm may set it as preprocessing.cutoff')
     sections = low_pass_sections(butterworth(4), cutoff * dt)
     grid = t[0] + dt * np.arange(n)
     uniform = bool(np.max(np.abs(grid - t)) < 1e-3 * dt)

@@ -383,9 +383,9 @@ def denser(trajectory: Trajectory, rate: float) -> Trajectory:
     """Put more points onto the splines, so that efforts follow what lies between: rate [Hz]."""
     seconds = float(trajectory.t[-1] - trajectory.t[0])
     if not 0.0 < rate < float('inf') or seconds * rate > settings.MOST_POINTS:
-        raise SignalError(f'rate= {rate:g} points per second, for {seconds:g} s', remedy='give '
-                          'more than 0' if rate <= 0.0 else
-                          f'lower it, as at most {settings.MOST_POINTS} points are possible')
+        raise SignalError(f'rate= {rate:g} points per second', remedy='give more than 0'
+                          if rate <= 0.0 else f'lower it, as {seconds:g} s can have at most '
+                          f'{settings.MOST_POINTS} points')
     if len(trajectory.t) < 2:
         return trajectory
     t = np.linspace(trajectory.t[0], trajectory.t[-1], max(1, round(seconds * rate)) + 1)

@@ -60,7 +60,7 @@ def impulses(kind: str, frequency: float, damping: float) -> Impulses:
     if kind not in KINDS:
         raise SignalError(f'the shaper is {kind!r}; give {" or ".join(KINDS)}')
     if not 0.0 < frequency < math.inf:
-        raise SignalError(f'frequency= {frequency:g} Hz: give one above 0 Hz for the shaper')
+        raise SignalError(f'frequency= {frequency:g} Hz: give a frequency above 0 Hz')
     if not 0.0 <= damping < 1.0:
         raise SignalError(f'the shaper damping ratio is {damping:g}; give 0 or more, below 1')
     root = math.sqrt(1.0 - damping**2)

@@ -74,4 +74,4 @@ def test_a_coupling_that_is_described_and_not_there() -> None:
     """The plain arm, described with coupled motors."""
     found = examine(_coupled(1.0), _bag()).findings[0]
     assert found.kind == 'coupling_wrong' and set(found.channels) == {'joint2', 'joint3'}
-    assert 'remove the key couplings' in found.remedy
+    assert "remove the key 'couplings'" in found.remedy

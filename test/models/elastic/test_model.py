@@ -120,7 +120,7 @@ def test_no_prediction_without_a_past() -> None:
     with pytest.raises(ModelError, match='no parameter'):
         along(model_of('strain', PhysicalParameter('spring', 1.0, 'N m')), motion, dt)
     rigid = blade_arm(links=[], motors=[])
-    with pytest.raises(ModelError, match='the key links is missing'):
+    with pytest.raises(ModelError, match="the key 'links' is missing"):
         LiveElastic({'strain': _of(rigid)})
 
 

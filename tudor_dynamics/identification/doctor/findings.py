@@ -66,7 +66,7 @@ CHECKS = {
     'coupling_missing': Check('the arm description lacks a coupling between a motor and another '
                               'joint', '', '', RESIDUAL),
     'coupling_wrong': Check(
-        'the data do not show the couplings of the arm description', 'remove the key couplings '
+        'the data do not show the couplings of the arm description', "remove the key 'couplings' "
         'from the arm description, or correct its pairs, positions and efforts', '', RESIDUAL),
     'gauges_exchanged': Check('two gauges are exchanged', NAMES, '', RESIDUAL),
     'clock_set_back': Check('the clock was set back while recording', 'synchronise clocks before '
@@ -115,7 +115,7 @@ CHECKS = {
     'payload_changed': Check('the load changed while recording', 'use only the part of the bag '
                              'before or after the change: BAG@5s-50s', '', RESIDUAL, one_bag=True),
     'unexplained': Check('the model does not explain a signal', 'plot this signal '
-                         'and the positions to find why, or leave the bag out', '', RESIDUAL),
+                         'and the positions to find why, or leave these bags out', '', RESIDUAL),
     'joint_scale': Check('positions of a joint have a wrong scale', 'correct counts per turn or '
                          'the gear ratio in the driver', '', RESIDUAL),
     'time_scale': Check('time stamps run too fast or too slowly', 'take stamps from the clock in '

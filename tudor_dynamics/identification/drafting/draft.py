@@ -52,8 +52,8 @@ MAX_ROWS = 101  # a hundred joints and a flange
 LARGEST_ANGLE = 2 * math.pi + 1e-6  # an angle of a table that is larger was given in degrees [rad]
 KINDS = ('revolute', 'continuous', 'prismatic')
 QUARTERS = re.compile(r'([+-]?)(\d+(?:\.\d+)?\*)?pi(?:/(\d+(?:\.\d+)?))?')
-EXPECTED = ('expected a row `a alpha d theta` [m, rad, m, rad] per joint, base first, optionally '
-            'with the joint name before it and prismatic after it; angles may be written pi/2')
+EXPECTED = ('write a row `[NAME] a alpha d theta [prismatic]` per joint, base first, in m, rad, '
+            'm, rad; the name and the word prismatic may be left out; pi/2 is an angle')
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def _from_yaml(text: str, path: Path) -> tuple[list[Any], str]:
     if convention not in ('standard', 'modified'):
         raise ArmError(f'convention is {convention!r:.40}; give standard or modified', place=path)
     if not isinstance(rows, list):
-        raise ArmError('the key dh has no D-H rows', place=path, remedy=EXPECTED)
+        raise ArmError("the key 'dh' has no D-H rows", place=path, remedy=EXPECTED)
     return rows, convention
 
 

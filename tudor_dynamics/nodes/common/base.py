@@ -384,7 +384,7 @@ class TudorNode(Node):
     def described_arm(self, contents: str, reader: str = '') -> Arm:
         """Read the parameter ``arm``; a reader takes no interfaces but JointStates."""
         if not self.value('arm'):
-            raise ArmError('the parameter arm is empty; set it to the path of an arm.yaml with '
+            raise ArmError("the parameter 'arm' is empty; set it to the path of an arm.yaml with "
                            f'{contents}')
         arm = load_arm(self.value('arm'))
         if reader:
@@ -461,7 +461,8 @@ class TudorNode(Node):
             message = f'{message}{ALSO}{self._unknown}'
         message, others = self.problems(message)
         if others:
-            message += f' (1 of {len(others) + 1} problems; others in the values on {DIAGNOSTICS})'
+            plural = 's' * (len(others) > 1)
+            message += f' ({len(others)} more problem{plural} in the values on {DIAGNOSTICS})'
         values = {**self.meter.report(), **more, **others}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,

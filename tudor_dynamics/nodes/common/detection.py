@@ -225,7 +225,7 @@ class DetectNode(ModelNode):
         unserved = [m for m in self.value('methods') if m not in watch.methods]
         self._unserved = '' if not unserved else (
             f'methods {", ".join(unserved)} need a model of kind {self.value("kind")} (momentum: '
-            'analytical), which is missing; change the parameter methods or kind')
+            "analytical), which is missing; change the parameter 'methods' or 'kind'")
         missing = [m for m in watch.methods if m not in watch.stages]
         self._note = '' if not missing else (
             MEANING['no_thresholds'].replace(';', f' for {", ".join(missing)};', 1))
@@ -350,8 +350,8 @@ class DetectNode(ModelNode):
                     self.watch.use_thresholds(
                         stored_thresholds(learned, bundle.arm, settings.kind), settings)
                     self._note = ('collision thresholds learned by the service ~/calibrate apply '
-                                  'until a model is loaded; to keep them, record this motion, '
-                                  'and fit the model again with this bag added')
+                                  'until a model is loaded; to have them in the model, record '
+                                  'the motion of the calibration, and fit again with that bag')
             return take
 
         def refuse(why: str) -> None:

@@ -95,7 +95,7 @@ COMMON = (ROBOT, TIMEOUT)
 COMMAND_TIMEOUT = Param('timeout', 0.1, 'a reference or positions older than this are missing: '
                         'the arm brakes and is held; positions after 0.25 s at the latest', 's',
                         0.01, 1.0, dynamic=True)
-MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
+MODEL = Param('model', '', 'directory of a model made by tudor fit')
 KIND = Param('kind', 'analytical', 'model that predicts', choices=KINDS)
 PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all payloads; a detector '
                 'restarts when it changes', 'kg', 0.0, 1e3, dynamic=True)
@@ -203,7 +203,7 @@ REFERENCE = (
     Param('shaping', 'none', 'shapes moves so that they leave no ringing: ZV or ZVD of the first '
           'mode, or by all modes on the path', choices=SHAPINGS),
     Param('gain_schedule', '', 'file of tudor tune with the modes; the topic payload says which'),
-    Param('model', '', 'model bundle whose elastic model refines moves of elastic, for gears with '
+    Param('model', '', 'fitted model whose elastic part refines moves of elastic, for gears with '
           'play; planned beside, while the reference rests'),
     Param('shaping_frequency', 0.0, 'frequency of the first mode for zv and zvd; 0: that of '
           'gain_schedule', 'Hz', 0.0, 1e3),
@@ -232,7 +232,7 @@ RELAY = (
     Param('shaping', 'none', 'shapes motion from rest to rest so that a tool does not ring: by ZV '
           'or ZVD, or by another timing of the same path', choices=('none', *SHAPERS, TIMING),
           dynamic=True),
-    Param('tool', '', 'model bundle with the tool (tudor fit --models vibration), which timing '
+    Param('tool', '', 'model with the tool (tudor fit --models vibration), which timing '
           'needs'),
     Param('shaping_frequency', 0.0, 'frequency at which the tool rings, for zv and zvd; 0: that '
           'of tool where the motion ends', 'Hz', 0.0, 1e3, dynamic=True),
@@ -242,7 +242,7 @@ RELAY = (
     PARTIAL)
 FORCE = (
     ARM,
-    Param('model', '', 'model bundle that says what gauges read of the weight of the arm; without '
+    Param('model', '', 'model that says what gauges read of the weight of the arm; without '
           'one its links and the gains of its sensors do'),
     AUTOSTART,
     Param('normal', 'z', 'direction in which the surface presses on the tip, in the base frame',

@@ -195,7 +195,7 @@ class ModelNode(TudorNode):
 
     def _load(self) -> ModelBundle:
         if not self.source:
-            raise ModelError('the parameter model is empty', remedy=GIVE_FOLDER)
+            raise ModelError("the parameter 'model' is empty", remedy=GIVE_FOLDER)
         arm = None if self.bundle is None else self.bundle.arm
         return self.choose(load_bundle(self.source, arm=arm))
 
@@ -300,9 +300,9 @@ class ModelNode(TudorNode):
             return level, message
         known = None if self._whole is None else self._whole.payload_range
         if known is not None and not known[0] <= self.payload <= known[1]:
-            return WARN, (f'the parameter payload is {self.payload:g} kg, outside {known[0]:g} to '
-                          f'{known[1]:g} kg, which the model knows; fit a model to such loads')
+            return WARN, (f"the parameter 'payload' is {self.payload:g} kg, but the model knows "
+                          f'{known[0]:g} to {known[1]:g} kg; fit a model to such loads')
         if self._reload_fault:
-            return ERROR, ('the previous model stays in use, as the new one cannot be. '
+            return ERROR, ('the new model cannot be used, so the previous one stays in use; '
                            f'{self._reload_fault}')
         return level, message

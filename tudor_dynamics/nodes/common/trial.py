@@ -118,7 +118,8 @@ class Trial(Node):
         request = SetParameters.Request(
             parameters=[Parameter('damping', value=float(share)).to_parameter_msg()])
         if not (result := self.call(self._damping, request, DAMPER).results[0]).successful:
-            raise TudorError(f'{DAMPER} refused its parameter damping {share:g} ({result.reason})')
+            raise TudorError(
+                f"{DAMPER} refused {share:g} for its parameter 'damping' ({result.reason})")
 
     def roomy(self, joint: int, place: float, step: float) -> float:
         """Give a step, or the one to the other side where there is no room for it."""
