@@ -179,7 +179,7 @@ def test_pipe_in_place_of_a_file(model: Path) -> None:
 def test_other_arm(model: Path) -> None:
     """A model of another arm is refused, with both names."""
     longer = planar_arm(gauges=[gauge('g1', 'j1', 0.11), gauge('g2', 'j2', 0.1)])
-    with pytest.raises(ModelError, match='fitted with another description .* or fit it again'):
+    with pytest.raises(ModelError, match='fitted with another description .* or fit a model with'):
         load_bundle(model, arm=longer)
     assert load_bundle(model, arm=ARM).arm.name == 'sample'
 
@@ -411,6 +411,6 @@ def test_chosen_friction_is_the_same_arm(tmp_path: Path) -> None:
     save_bundle(_bundle(chosen), tmp_path / 'model')
     loaded = load_bundle(tmp_path / 'model', arm=ARM)
     assert loaded.arm.joints[0].friction == ('viscous', 'coulomb', 'offset')
-    with pytest.raises(ModelError, match='the description that it was fitted with, or fit it ag'):
+    with pytest.raises(ModelError, match='the description of the model, or fit a model with'):
         load_bundle(tmp_path / 'model', arm=planar_arm(gauges=[gauge('g1', 'j1', 0.2),
                                                                gauge('g2', 'j2', 0.1)]))

@@ -394,7 +394,7 @@ class Plant(Shown):
                    'where the model of a beam is wrong; lower the torques, or give links a '
                    'stiffer section in the arm description')
         else:
-            msg = (f'{name}: the simulation diverged at {t:.4g} s; take dt= below '
-                   f'{self.dt:g} s, lower the torques, or correct masses that are too small in '
-                   'the arm description')
+            msg = (f'{name}: the simulation diverged at {t:.4g} s; lower the torques, correct '
+                   'masses that are too small in the arm description, or take a time step dt= '
+                   f'below {self.dt:g} s')
         raise SimulationError(msg)
