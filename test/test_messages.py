@@ -97,11 +97,16 @@ RULES = {
         nameless_service, error('the joints are stopped until you call ~/reset')),
     'an option of no command': Rule(foreign_option, error('only 3 samples; raise --rate')),
     'a name that reads like a word': Rule(
-        bare_name, error('the payload of bag {bag.choice} is not known')),
+        bare_name, error('the load of bag {bag.choice} is not known')),
     'a key or parameter that reads like a word': Rule(
         pattern(r'\b(?:the|has no) (?:key|parameter) (?:links|gauges|damper|limits|couplings|'
                 r'model|arm|bag|tool|payload|joints|topics|shaping|damping|namespaces)\b'),
         error('the key links is missing; add it')),
+    'a payload, which is a load': Rule(
+        lambda message: re.search(
+            r"(?<![-/.`'=\w])payloads?\b(?! ?[=_.'\]]| in use| std| estimated| under| gives)",
+            re.sub(r'(?:topic|parameter|key|has the|in) payload|\{[^{}]*\}', '', message.text)),
+        error('the payload is unknown; start payload_estimator')),
     'a unit to look up': Rule(
         pattern(r'\(units? of the (?:arm )?description\)'),
         error('kilograms come from efforts in N m or N (units of the description)')),

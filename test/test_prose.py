@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 import re
 import subprocess
@@ -40,7 +41,7 @@ WHOLE = [*PAGES, DOCS / 'architecture.md', DOCS / 'reference' / 'arm_yaml.md',
          ROOT / 'QUALITY_DECLARATION.md', ROOT / 'bags' / 'README.md',
          ROOT / 'examples' / 'README.md', ROOT / '.github/ISSUE_TEMPLATE/bug_report.md']
 """Those and all other pages that people write."""
-PHRASES = (r'\bwhat came\b', r'\bis none\b', r'\bno matter\b', r'\bworth\b',
+PHRASES = (r'\bwhat came\b', r'(?<!there )(?<!that )\bis none\b', r'\bno matter\b', r'\bworth\b',
            r'\bbehind\b', r'\btells?\b', r'\btold\b', r'\bfeels?\b', r'\bfelt\b', r'\bswings?\b',
            r'\banew\b', r'\bodd\b', r'\bcomes? to rest\b', r'\bbeyond reason\b', r'\ball but \d')
 """Phrases that the glossary replaces; single words stand in ``tools/words.txt``."""
@@ -71,6 +72,18 @@ def prose(page: Path) -> str:
     text = re.sub(r'`[^`]*`', 'name', text)
     text = re.sub(r'^ *(?:\d+\.|\*) ', '\n', text, flags=re.MULTILINE)
     return re.sub(r'[\[\]*_]', '', text)
+
+
+def docstrings(path: Path) -> list[tuple[str, str]]:
+    """Give name and text of the docstrings of a module, those of attributes included."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if not isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            continue
+        found += [(getattr(node, 'name', 'module'), item.value.value) for item in node.body
+                  if isinstance(item, ast.Expr) and isinstance(item.value, ast.Constant)
+                  and isinstance(item.value.value, str)]
+    return found
 
 
 def kept(page: Path) -> str:
@@ -169,6 +182,15 @@ def test_words_of_messages() -> None:
         said.append((page.name, re.sub(r'\s+', ' ', text)))
     found = [(place, match[0]) for place, text in said for phrase in SAID
              for match in re.finditer(phrase, text)]
+    assert not found
+
+
+@pytest.mark.linter
+def test_words_of_docstrings() -> None:
+    """The library's pages of the site are docstrings, and keep to the glossary as well."""
+    found = [(str(path), name, match[0]) for path in (ROOT / 'tudor_dynamics').rglob('*.py')
+             for name, text in docstrings(path) for phrase in PHRASES
+             for match in re.finditer(phrase, text, re.IGNORECASE)]
     assert not found
 
 

@@ -85,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for place in args.pages:
             for page in sorted(place.rglob('*.html')) if place.is_dir() else [place]:
                 for width in WIDTHS:
-                    for scheme in SCHEMES[:1] if place.is_dir() else SCHEMES:
+                    for scheme in SCHEMES:
                         picture = None if place.is_dir() else (
                             args.out / f'{page.stem}_{width}_{scheme}.png')
                         for fault in faults(

@@ -551,7 +551,7 @@ def excitation(
     seconds, rate : float
         Length [s] and samples per second [Hz] of a motion that is searched.
     highest : float, optional
-        Its largest frequency; by default below what makes links swing [Hz].
+        Its largest frequency; by default below what makes links oscillate [Hz].
     criterion : callable
         From the covariances of the parameters, one for each group of channels with common ones,
         to a cost and to its slope by the information of each group (of log det C it is -C), for

@@ -93,7 +93,7 @@ def test_an_elastic_model_becomes_mjcf_with_springs(elastic, tmp_path, capsys):
     assert 'name="j1_gear"' in out.read_text()
     assert main(['export', str(elastic), '--to', 'mjcf', '--rigid', '--out', str(out),
                  '--overwrite']) == 2
-    assert 'analytical model of efforts for one payload' in capsys.readouterr().err
+    assert 'analytical model of efforts for one load' in capsys.readouterr().err
 
 
 def test_the_urdf_of_a_description_stands_beside_it(root, tmp_path, capsys):

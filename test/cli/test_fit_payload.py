@@ -77,14 +77,14 @@ def test_payload_of(arm: str, tmp_path: Path, capsys) -> None:
     more = ['--arm', arm, '--models', 'analytical', '--exit-zero']
     assert main(['fit', empty, full, *more, '--out', str(tmp_path / 'm1'), '--payload-of',
                  f'{full}=0.4']) == 0  # one is known only: nothing to tell apart
-    assert 'of all payloads' not in capsys.readouterr().out
+    assert 'of all loads' not in capsys.readouterr().out
     third = bag(tmp_path / 'c', 0.2, 3)
     assert main(['fit', empty, full, third, *more, '--out', str(tmp_path / 'm2'), '--payload-of',
                  f'{empty}=0', f'{full}=0.4']) == 2
     assert f'but that of bag {third!r} is not known' in capsys.readouterr().err
     assert main(['fit', empty, full, '--test', third, *more, '--out', str(tmp_path / 'm3'),
                  '--payload-of', f'{empty}=0', f'{full}=0.4', f'{third}=0.2']) == 0
-    assert 'one model of all payloads from 0 to 0.4 kg' in capsys.readouterr().out
+    assert 'one model of all loads from 0 to 0.4 kg' in capsys.readouterr().out
     assert main(['evaluate', '--model', str(tmp_path / 'm3'), third]) == 2
     assert "c' is not known, but the model needs it" in capsys.readouterr().err
 

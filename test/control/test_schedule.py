@@ -109,7 +109,7 @@ def test_payload_that_was_never_told() -> None:
     """Nothing is known: nothing is scheduled."""
     to = Adaptation(schedule(), np.ones(2))
     assert to.step(0.0, 0.01, np.ones(2), np.zeros(2)) is None
-    assert to.weight == 0.0 and to.payload is None and 'no payload was reported' in to.unknown
+    assert to.weight == 0.0 and to.payload is None and 'no load was reported' in to.unknown
 
 
 def test_payload_is_told_and_gets_old() -> None:

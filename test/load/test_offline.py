@@ -142,7 +142,7 @@ def test_one_estimate_says_where_the_load_sits() -> None:
         f'x {1000 * LENGTH_2:.0f} mm, y 0 mm, z 0 mm in the frame of {assumed.frame};'
     ) in assumed.sentence
     known = estimate_payload(arm, of_all, [stretch(arm, motion(60.0, 3), 0.3, 3)])
-    assert 'mounted as the payloads of the model were' in known.sentence
+    assert 'mounted as the loads of the model were' in known.sentence
 
 
 def test_without_a_scale() -> None:

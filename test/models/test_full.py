@@ -106,7 +106,7 @@ def test_a_bundle_keeps_what_is_needed(torque_arm, torque_model, found, tmp_path
     assert np.array_equal(again.solution.bodies, found.solution.bodies)
     with pytest.raises(ModelError, match='lacks the file data.npz'):
         full_parameters(load_bundle(tmp_path / 'model'))
-    with pytest.raises(ModelError, match='analytical model of efforts for one payload'):
+    with pytest.raises(ModelError, match='analytical model of efforts for one load'):
         full_parameters(replace(bundle, models={}))
 
 

@@ -153,7 +153,7 @@ def test_what_cannot_be() -> None:
     plain = ModelBundle(ARM, PreprocessingSpec(), {'effort': {'analytical': fitted('effort').at(
         0.0)}})
     assert plain.at(0.0) is plain
-    with pytest.raises(ModelError, match='one payload'):
+    with pytest.raises(ModelError, match='one load'):
         plain.at(0.2)
     with pytest.raises(FitError, match='kg: give 0 or more'):
         fitted('effort').at(-0.1)

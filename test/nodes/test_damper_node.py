@@ -426,7 +426,7 @@ def test_gains_follow_the_payload(world: World, tudor: Path, schedule: Path) -> 
     arm = Arm(world, tudor, gain_schedule=str(schedule))
     arm.run(100)
     level, message, values = arm.node.status()
-    assert level == DiagnosticStatus.WARN and 'no payload was reported' in message
+    assert level == DiagnosticStatus.WARN and 'no load was reported' in message
     assert values['scheduled gains in use'] == '0.00'
     assert float(values['position gain in use [1/s]']) == GAIN
     teller = world.probe.create_publisher(InertiaStamped, 'payload', latched())

@@ -83,6 +83,6 @@ def test_a_model_of_one_payload_takes_none(world: World, model: Path) -> None:
     """The parameter is refused, and at the start it is a fault that says what to do."""
     node = world.add(DynamicsPredictorNode, model=str(model))
     result = node.set_parameters([Parameter('payload', value=0.2)])[0]
-    assert not result.successful and 'one payload' in result.reason
+    assert not result.successful and 'one load' in result.reason
     other = world.add(MonitorNode, model=str(model), payload=0.2)
-    assert 'one payload' in other.fault
+    assert 'one load' in other.fault

@@ -249,7 +249,7 @@ class Arm(Shown):
 
     @property
     def damper(self) -> DamperSpec:
-        """Give the section of the damper; an ArmError where there is none."""
+        """Give the section of the damper; an ArmError where it is missing."""
         if self.spec.damper is None:
             raise ArmError("the key 'damper' is missing", place=self.source,
                            remedy='add it with gauges and gains, as in config/tudor.yaml')

@@ -300,7 +300,7 @@ What is closer to a multiple of `STEP` is taken as that [rad].
 A file says 1.5708 where the drawing has a quarter turn. Axes that are parallel on the arm are
 then not quite so in the model, and base parameters appear that only that difference shows:
 columns of 4e-6, coefficients of 5e4 (measured on `ROUNDED` of test/arm/test_open_and_rounded.py).
-Where an arm was measured to be off by less than a milliradian, its dynamics do not feel it.
+Where an arm was measured to be off by less than a milliradian, its dynamics do not show it.
 """
 PRINTED = 1e-6  # smaller differences are those of printed digits, and not reported [rad]
 SHOWN = 3  # angles that one note names

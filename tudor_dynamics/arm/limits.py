@@ -43,7 +43,7 @@ from tudor_dynamics.typing import FloatArray, Shown
 # tighter. Planned motion stays below, so that the damper of the links has room for its share.
 
 UNLIMITED = 1e8
-"""From here on a limit is none: continuous joints of a URDF have 1e9 [rad, rad/s or N m]."""
+"""From here on a limit is not used: continuous joints of a URDF have 1e9 [rad, rad/s or N m]."""
 PLANNED_SPEED = 2.0 / 3.0
 """Part of the speed limit that is planned where the description does not say."""
 PLANNED_ACCELERATION = 1.0 / 3.0  # the same of the acceleration, of which the damper needs more

@@ -435,7 +435,7 @@ class MotorSpec(Spec):
 
     @property
     def reflected_inertia(self) -> float:
-        """Inertia of the rotor as the joint feels it [kg m^2]."""
+        """Inertia of the rotor as seen from the joint [kg m^2]."""
         return self.rotor_inertia * self.gear_ratio**2
 
     @property

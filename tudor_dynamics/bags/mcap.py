@@ -110,7 +110,7 @@ class McapFile:
         return self._definitions
 
     def _summary(self) -> bytes | None:
-        """Read the bytes of the summary; None where it is none that can be used."""
+        """Read the bytes of the summary; None where it cannot be used."""
         size = self.path.stat().st_size
         with open_regular(self.path) as stream:
             if size < len(MAGIC) + RECORD.size + 4 + _TAIL or stream.read(len(MAGIC)) != MAGIC:

@@ -390,7 +390,7 @@ def read_recording(
     Read the signals of an arm from a bag.
 
     Joints and gauges are found by name, in any order. Efforts and strains are brought onto the
-    header stamps of the joint states. What is odd is warned of and kept in ``warnings``.
+    header stamps of the joint states. What is wrong is warned of and kept in ``warnings``.
 
     Parameters
     ----------

@@ -99,7 +99,7 @@ class Recording(Shown):
     dropped : dict of str to int
         Messages left out, by cause.
     warnings : tuple of str
-        What is odd about the bag, one sentence each.
+        What is wrong with the bag, one sentence each.
     checksum : str
         SHA-256 over the storage files.
     payload : float or None
@@ -131,7 +131,7 @@ class Recording(Shown):
     push: FloatArray | None = None
 
     def __repr__(self) -> str:
-        """Write length, rate, signals with their ranges, and what is odd about the bag."""
+        """Write length, rate, signals with their ranges, and what is wrong with the bag."""
         stretches = f', {len(self.segments)} gapless stretches' if len(self.segments) > 1 else ''
         lines = [f'Recording {self.path}: {self.t[-1]:.4g} s, {len(self.stamp)} samples at '
                  f'{1.0 / self.dt:.4g} Hz{stretches}']

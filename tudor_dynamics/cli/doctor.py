@@ -181,7 +181,7 @@ def _clock() -> Check:
 
 
 def _synchronised() -> bool | None:
-    """Ask chrony, which need not tell the kernel, then the kernel; None where nobody answers."""
+    """Ask chrony, which need not inform the kernel, then the kernel; None where nobody answers."""
     leap = re.search('Leap status *: *(.*)', _said('chronyc', '-n', 'tracking'))
     if leap:
         return leap[1] != 'Not synchronised'
@@ -249,7 +249,7 @@ def report(arguments: Sequence[str], output: str = '', ended: str = '') -> str:
 
 
 def _summary(word: str) -> str:
-    """Say what is in a bag, as ``tudor info --json`` does; empty of what is none."""
+    """Say what is in a bag, as ``tudor info --json`` does; empty of what is no bag."""
     try:
         return f'{word}:\n{json.dumps(describe(parse_choice(word).path).as_dict(), indent=1)}'
     except Exception:  # it is perhaps what the report is about, and its error is there

@@ -65,7 +65,7 @@ def run_collisions(args: argparse.Namespace) -> int:
                          'one table for each bag, in the order of the bags')
     bundle = load_bundle(args.model)
     if args.payload is None and bundle.payload_range is not None:
-        raise UsageError('the model covers several payloads; say with --payload KG what the arm '
+        raise UsageError('the model covers several loads; say with --payload KG what the arm '
                          'carries')
     bundle = bundle.at(args.payload or 0.0)
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
@@ -218,7 +218,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor evaluate``."""
     add_bags_and_model(parser)
     parser.add_argument('--payload', type=float, metavar='KG',
-                        help='mass at the tip, for a model of all payloads; by default what each '
+                        help='mass at the tip, for a model of all loads; by default what each '
                              "bag's metadata say")
     parser.add_argument('--rate', metavar='HZ',
                         help='another rate than that of the fit; "full" for every sample')

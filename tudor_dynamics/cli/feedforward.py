@@ -87,6 +87,6 @@ def run(args: argparse.Namespace) -> int:
                 best, at = float(effort[k]), float(trajectory.t[k])
         table.add_row(name, unit, f'{best:.4g}', f'{at:.3f}', f'{last:.4g}')
     print_table(table)
-    say(f'{sum(len(item.trajectory.t) for item in done)} points, payload {ahead.payload:g} kg: '
+    say(f'{sum(len(item.trajectory.t) for item in done)} points, load {ahead.payload:g} kg: '
         f'{args.out}')
     return 0

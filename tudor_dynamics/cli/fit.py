@@ -78,9 +78,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='bags to judge by; otherwise each training bag is left out once')
     parser.add_argument('--payload-of', nargs='+', default=[], metavar='BAG=KG', action='extend',
                         help='mass at the tip in a bag; with several masses among the training '
-                             'bags, one model of all payloads is fitted')
+                             'bags, one model of all loads is fitted')
     parser.add_argument('--ignore-payload', action='store_true',
-                        help='fit as if all bags had the same payload')
+                        help='fit as if all bags had the same load')
     parser.add_argument('--models', nargs='+', choices=(*KINDS, VIBRATION), metavar='KIND',
                         default=list(DEFAULT_KINDS),
                         help='analytical (default), elm, elastic (needs links); and vibration: '
@@ -236,7 +236,7 @@ def _print(result: FitResult, assessment: Assessment, report: Path, *, verbose: 
     say(*(f'the arm rings: {ringing}' for ringing in result.ringing))
     if result.settings.payloads is not None:
         low, high = result.settings.payloads
-        say(f'one model of all payloads from {low:g} to {high:g} kg; give --payload KG where a '
+        say(f'one model of all loads from {low:g} to {high:g} kg; give --payload KG where a '
             'bag does not carry it')
     say(f'model: {report.parent}', f'report: {report}')
     if assessment.steps:

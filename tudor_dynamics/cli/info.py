@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tudor info``: what is in a bag, what it can be used for, what is odd about it."""
+"""``tudor info``: what is in a bag, what it can be used for, what is wrong with it."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ GROUPS = {
         'export': 'write an identified arm as URDF, MJCF, or table',
         'feedforward': 'add to a trajectory the efforts that its motion needs',
         'shape': 'shape trajectories so that a tool or load does not keep vibrating',
-        'tune': 'compute gains of damper and position loop, by payload and pose',
+        'tune': 'compute gains of damper and position loop, by load and pose',
     },
     'simulate an arm': {
         'record': 'let the simulated arm move in closed loop and record bags',

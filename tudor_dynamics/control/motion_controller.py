@@ -348,7 +348,7 @@ class MotionController:
         return min(settings.LATE_AT_SPEED / max(share, 1e-3), settings.LONGEST_LATE)
 
     def _take_first(self, now: float, q: FloatArray) -> None:
-        """Take a sample before which nothing counts: the next one tells how fast the arm is."""
+        """Take a sample before which nothing counts: the next one shows how fast the arm is."""
         if self._slept(now) or not self.missing:
             self._unknown = True
             self._takeover.reset()

@@ -280,7 +280,7 @@ class MotionWatch:
         return doubts
 
     def tell(self, j: int, commanded: Commanded, lags: tuple[float, float]) -> Doubt:
-        """Tell what explains best how a joint moved since it left its commands."""
+        """Say what explains best how a joint moved since it left its commands."""
         seen = [item for item in self._seen if item[0] >= self._onset[j] - 1e-9]
         seen = seen if len(seen) > 2 else list(self._seen)[-3:]
         times = np.array([item[0] for item in seen])

@@ -284,7 +284,7 @@ class Adaptation:
             self._reported, self._at, self._refusal = min(max(payload, low), high), now, ''
         else:  # not a number neither
             self._reported = math.nan
-            self._refusal = (f'a payload of {payload:.3g} kg is outside the {low:g} to {high:g} '
+            self._refusal = (f'a load of {payload:.3g} kg is outside the {low:g} to {high:g} '
                              'kg of the schedule; widen it with `tudor tune --payloads`')
         return self._refusal
 
@@ -292,8 +292,8 @@ class Adaptation:
     def unknown(self) -> str:
         """Why no payload is known, where none is."""
         return self._refusal or (
-            'no payload was reported; start payload_estimator' if math.isnan(self._reported) else
-            f'no payload was reported for {self.timeout:g} s; check that payload_estimator runs')
+            'no load was reported; start payload_estimator' if math.isnan(self._reported) else
+            f'no load was reported for {self.timeout:g} s; check that payload_estimator runs')
 
     def report(self) -> dict[str, str]:
         """Give what is in use as texts by name, for diagnostics."""

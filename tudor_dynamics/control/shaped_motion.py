@@ -70,7 +70,7 @@ class Shaping:
         frequency, damping = self.frequency, self.damping
         if frequency <= 0.0:
             if self.payload is None or self.schedule is None:
-                self.note = 'the payload is unknown; start payload_estimator'
+                self.note = 'the load is unknown; start payload_estimator'
                 return None
             mode = self.schedule.at(self.payload, target).modes[0]
             frequency, damping = mode.frequency, max(mode.damping, 0.0)
@@ -92,7 +92,7 @@ class Shaping:
         if self.kind != 'elastic':
             return None
         if payload is None:
-            self.note = 'the payload is unknown; start payload_estimator'
+            self.note = 'the load is unknown; start payload_estimator'
             return None
         along = partial(self.along, payload)
         try:

@@ -109,7 +109,7 @@ def _friction(
     arm: Arm, model: AnalyticalModel, joint: int, q: FloatArray, speed: FloatArray,
     units: Mapping[str, str],
 ) -> Measure:
-    """Take half of the difference between both ways: friction alone is odd in the speed."""
+    """Take half of the difference between both ways: friction alone turns with the speed."""
     usual = float(np.median(np.abs(speed)[np.abs(speed) > SLOW * np.abs(speed).max()]))
     motion = np.zeros((2, 3 * len(arm.joints)))
     motion[:, :len(q)] = q

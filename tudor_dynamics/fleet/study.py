@@ -334,8 +334,8 @@ class _Study:
         if len(masses) > 1:
             said = ', '.join(f'{"unknown" if mass is None else f"{mass:g} kg"} ({bag})'
                              for mass, bag in list(masses.items())[:2])
-            raise UsageError(f'bags of several payloads cannot be compared ({said})',
-                             remedy='list bags of one payload in the plan')
+            raise UsageError(f'bags of several loads cannot be compared ({said})',
+                             remedy='list bags of one load in the plan')
         if not self.dates:
             raise FitError(f'none of {len(self.unused)} bags in the plan can be used; the first '
                            f'is {self.unused[0]}')

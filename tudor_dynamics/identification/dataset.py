@@ -435,9 +435,9 @@ def payload_range(
         return None
     unknown = [repr(str(bag.choice)) for bag in (*training, *test) if bag.payload is None]
     if unknown:
-        raise UsageError(f'training bags have payloads of {min(masses):g} to {max(masses):g} kg, '
+        raise UsageError(f'training bags have loads of {min(masses):g} to {max(masses):g} kg, '
                          f'but that of bag {", ".join(unknown)} is not known; state it (tudor fit '
-                         '--payload-of BAG=KG), or ignore all payloads (--ignore-payload)')
+                         '--payload-of BAG=KG), or ignore all loads (--ignore-payload)')
     return min(masses), max(masses)
 
 
@@ -445,7 +445,7 @@ def model_for(model: Model, bag: BagData) -> Model:
     """Put the payload of a bag into a model that knows of payloads; others stay as they are."""
     if model.payload_range is not None:
         if bag.payload is None:
-            raise UsageError(f'the payload of bag {str(bag.choice)!r} is not known, but the model '
+            raise UsageError(f'the load of bag {str(bag.choice)!r} is not known, but the model '
                              'needs it', remedy='give payload= in kg, or write custom_data: '
                              '{payload: KG} into metadata.yaml of the bag')
         return model.at(bag.payload)

@@ -264,7 +264,7 @@ LATE = 0.03  # lag of the gauges that is tried [s]: without, damping of the link
 CLEARLY = 0.9
 """Part of the error that another start must not exceed: less says nothing about unseen motion."""
 AS_GOOD, APART = 1.05, 0.2
-"""Ends of searches with errors up to the former times the best tell nothing about a stiffness in
+"""Ends of searches with errors up to the former times the best say nothing about a stiffness in
 which they differ by more than the latter, as a logarithm."""
 
 

@@ -208,7 +208,7 @@ class Target:
 
     @cached_property
     def information(self) -> Information:
-        """Tell what motions show of it."""
+        """Say what motions show of it."""
         return Information(self.models, self.noise.size)
 
 
@@ -251,14 +251,14 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
             found[output] = model if model.states is None else _planned(bundle.arm, output)
             noise[output] = model.deviations()
     if not found:
-        raise UsageError('the model of model= has no analytical part for one payload',
+        raise UsageError('the model of model= has no analytical part for one load',
                          remedy='give noise= in its place')
     return Target(arm.with_friction_of(bundle.arm), found, bundle.preprocessing,
                   Noise(noise, residual=True), known)
 
 
 def default_highest(arm: Arm) -> float:
-    """Choose the largest frequency of a series: below what makes links swing [Hz]."""
+    """Choose the largest frequency of a series: below what makes links oscillate [Hz]."""
     if any(link.flexible is not None for link in arm.spec.links):
         from tudor_dynamics.mechanics.run import modes  # slow to import
 

@@ -84,7 +84,7 @@ PARTS = 4  # into which all training bags are cut; each part is left out once
 
 
 def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str, float]:
-    """Let models of a part of the training motion tell the known load of the rest."""
+    """Let models of a part of the training motion estimate the known load of the rest."""
     # what their errors have beyond the standard deviations of their own residuals is the error of
     # the models, a little more than that of a model of all the motion
     try:

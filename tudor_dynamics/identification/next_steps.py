@@ -378,7 +378,7 @@ def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
               if isinstance(item.model, AnalyticalModel) and item.model.payload_range is None
               and len(plan.noise.size.get(item.output, ())) == len(item.model.channels)}
     if not models:
-        raise UsageError('a plan is compared with an analytical model of one payload, which this '
+        raise UsageError('a plan is compared with an analytical model of one load, which this '
                          'fit does not have', place=plan.path, remedy='leave the plan out')
     planned = sum(stretch.n_kept for stretch in prepare(
         played(trajectory, arm), result.preprocessing))

@@ -378,7 +378,7 @@ def _payload(item: FittedOutput, tip: _Tip | None) -> Said | None:
     kilograms = np.where(column > 0.0, error / np.maximum(column, 1e-300), np.nan)
     if not np.isfinite(kilograms).any():
         return None, ('masses in kg need effort.torque_constant, sensors[].gain or masses in '
-                      'the description, or a fit of two payloads (tudor fit --payload-of)'), {}
+                      'the description, or a fit of two loads (tudor fit --payload-of)'), {}
     best = int(np.nanargmin(kilograms))
     share = float(error[best] / max(span[best], 1e-300))
     return _grade(share, settings.WEIGHT_SHARE), (

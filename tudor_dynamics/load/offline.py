@@ -213,7 +213,7 @@ class PayloadEstimate(Shown):
         if self.source is Source.NOTHING:
             share = f'{100 * self.relative:.1f} +- {100 * self.relative_std:.1f} % of the moment'
             return (f'{self.verdict.value}: {share} that the arm itself makes; kilograms need '
-                    'effort.torque_constant, sensors[].gain, or a model of two known payloads')
+                    'effort.torque_constant, sensors[].gain, or a model of two known loads')
         place = ''
         if self.verdict is Presence.LOAD:
             known = [f'{axis} {1000 * value:.0f} +- {1000 * std:.2g} mm' for axis, value, std in
@@ -223,7 +223,7 @@ class PayloadEstimate(Shown):
             place = (f', centre at {", ".join(known)} in the frame of {self.frame}' if known else
                      ', its centre not shown by this motion')
             if self.at_tip:
-                place += (': mounted as the payloads of the model were taken to be'
+                place += (': mounted as the loads of the model were taken to be'
                           if self.source is Source.PAYLOADS else
                           f': taken to sit at the tip, {tip} in the frame of {self.frame}')
         return (f'{self.verdict.value}: {self.mass:.4g} +- {self.mass_std:.2g} kg{place}; '

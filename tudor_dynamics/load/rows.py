@@ -157,13 +157,13 @@ class LoadRows:
 class Source(Enum):
     """Where kilograms come from."""
 
-    PAYLOADS = 'a model of two known payloads'
+    PAYLOADS = 'a model of two known loads'
     TORQUE = 'the unit of the efforts, N m or N'
     CONSTANTS = 'the torque constants of the description'
     GAIN = 'the gains of the gauges in the description'
     MASSES = 'the masses of the description (an assumption)'
     ELASTIC = 'the elastic model and the masses of the description'
-    NOTHING = 'nothing: no torque constants, gains, known payloads or masses'
+    NOTHING = 'nothing: no torque constants, gains, known loads or masses'
 
 
 @dataclass(frozen=True, eq=False)

@@ -358,7 +358,7 @@ def record_stimuli(
     jobs : int
         Number of processes; it makes no difference to the bags.
     progress : callable, optional
-        Told the number of simulation steps done so far, all stimuli together.
+        Called with the number of simulation steps done so far, all stimuli together.
     overwrite : bool, default=False
         Replace bags that stand there, each when the new one is whole.
 

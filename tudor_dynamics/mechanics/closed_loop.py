@@ -379,7 +379,7 @@ class ClosedLoop(Shown):
         mechanism, none = self.plant.mechanism, self.arm.spec.payload is None
         if none or not 0.0 <= mass < float('inf'):
             raise SimulationError(f'arm {self.arm.name!r}: ' + (
-                "no payload to change; add the key 'payload' to the arm description" if none else
+                "no load to change; add the key 'payload' to the arm description" if none else
                 f'payload= {mass:g} kg: give 0 or more'))
         mechanism.body_float[mechanism.body_at(mechanism.tip), at.MASS] = mass
 

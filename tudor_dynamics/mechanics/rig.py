@@ -302,7 +302,7 @@ class Rig(Loop):
                 None if 'source' in self.frozen else self.source)
 
     def _command(self, sample: Sample) -> FloatArray | None:
-        """Tell both of a sample; the controller answers it."""
+        """Inform both of a sample; the controller answers it."""
         controller, source = self._awake()
         finite = bool(np.isfinite(sample.q).all())
         if source is not None and finite:

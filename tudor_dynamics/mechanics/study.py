@@ -490,7 +490,7 @@ def simulate(
         Force at the tip, of ``x``, ``y`` and ``z`` of the base frame those that act, each as a
         torque is given [N].
     progress : callable, optional
-        Told the number of steps done since its last call, now and then.
+        Called with the number of steps done since its last call, now and then.
 
     Returns
     -------

@@ -234,7 +234,7 @@ class Model(Shown, ABC):
         """
         Say how far an effort may lie off its prediction while the joint stands.
 
-        A joint that stands keeps whatever friction it has come to rest with, which no motion
+        A joint that stands keeps whatever friction it stopped with, which no motion
         shows: anything up to what friction jumps by where it begins to slide either way. Gives
         half of that jump (n_channels,), the median over positions (n_samples, n_joints)
         [rad or m], in the unit of each effort; zeros for an output that knows no friction.
@@ -288,7 +288,7 @@ def check_payload(payload: float, known: Range) -> None:
         raise FitError(f'payload= {payload:g} kg: give 0 or more')
     low, high = known
     if not low - 1e-9 <= payload <= high + 1e-9:
-        msg = (f'the payload {payload:g} kg is outside the {low:g} to {high:g} kg that the model '
+        msg = (f'the load of {payload:g} kg is outside the {low:g} to {high:g} kg that the model '
                'was fitted to: it extrapolates')
         warnings.warn(msg, TudorWarning, stacklevel=3)
 

@@ -111,7 +111,7 @@ class ModelBundle(Shown):
         judged = found if isinstance(found, dict) else {}
         lines = [f'ModelBundle of {self.arm.name}']
         if self.payload_range is not None:
-            lines[0] += ', payloads from {:g} to {:g} kg'.format(*self.payload_range)
+            lines[0] += ', loads from {:g} to {:g} kg'.format(*self.payload_range)
         for output, kinds in self.models.items():
             for kind, model in kinds.items():
                 line = f'  {output} {kind}: {", ".join(model.channels)}'
@@ -160,10 +160,10 @@ class ModelBundle(Shown):
             known = self.payload
             if payload == 0.0 or (known is not None and abs(payload - known) < SAME):
                 return self
-            what = ('one payload of unknown mass; give none' if known is None else
-                    f'one payload of {known:g} kg; give that one')
-            raise ModelError(f'the model cannot predict for a payload of {payload:g} kg, as it '
-                             f'was fitted to {what}, or fit a model to bags with several payloads '
+            what = ('one load of unknown mass; give none' if known is None else
+                    f'one load of {known:g} kg; give that one')
+            raise ModelError(f'the model cannot predict for a load of {payload:g} kg, as it '
+                             f'was fitted to {what}, or fit a model to bags with several loads '
                              '(tudor fit BAGS --payload-of BAG=KG ...)')
         causal = self.causal
         if causal is not None:

@@ -188,9 +188,9 @@ def effort_model(bundle: ModelBundle) -> AnalyticalModel:
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
-            'masses come from an analytical model of efforts for one payload, but this fit has '
+            'masses come from an analytical model of efforts for one load, but this fit has '
             'none',
-            remedy='run tudor fit on bags that have efforts and were recorded with one payload')
+            remedy='run tudor fit on bags that have efforts and were recorded with one load')
     if not model.data_:
         raise ModelError('the model lacks the file data.npz, of which masses are computed',
                          remedy='fit the model again with this version')

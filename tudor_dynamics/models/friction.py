@@ -179,7 +179,7 @@ def term_names(joint: JointSpec, *, loaded: bool = False, state: bool = False) -
 
 
 def sliding(arm: Arm, *, loaded: bool = True) -> Arm:
-    """Give an arm whose friction has no state and, unless ``loaded``, does not feel the load."""
+    """Give an arm whose friction has no state and, unless ``loaded``, no term of the load."""
     return arm.with_joints({joint.name: {'friction': tuple(
         name for name in joint.friction
         if name not in term_names(joint, loaded=not loaded, state=True))} for joint in arm.joints})

@@ -388,9 +388,9 @@ class PayloadRegressor(Regressor):
 
     def __init__(self, plain: Regressor, arm: Arm, payload_range: tuple[float, float]) -> None:
         if plain.loaded:
-            raise FitError('the friction term `load` cannot be identified over several payloads',
+            raise FitError('the friction term `load` cannot be identified over several loads',
                            place=arm.source, remedy='remove `load` from joints[].friction, or fit '
-                           'the bags of each payload alone')
+                           'the bags of each load alone')
         self.plain, self.payload_range = plain, payload_range
         self.channels, self.groups, self.unknown = plain.channels, plain.groups, plain.unknown
         self.states, self.form = plain.states, plain.form

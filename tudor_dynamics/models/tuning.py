@@ -296,7 +296,7 @@ def pose_axes(tuned: TunedArm) -> tuple[FloatArray, ...]:
 def design(
     tuned: TunedArm, wish: Wish, progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Schedule:
-    """Compute a schedule; progress: told how many nodes of the grid are done, and of how many."""
+    """Compute a schedule; progress: called with the nodes of the grid that are done, and all."""
     arm = tuned.arm
     axes = pose_axes(tuned)
     shape = (len(wish.payloads), *(len(axis) for axis in axes))

@@ -239,7 +239,7 @@ class OscillationDamperNode(MovingNode):
                           f'in place of {gains.position_gain:g}; speed up driver and network')
         adaptation = controller.adaptation
         if adaptation is not None and not adaptation.known(self.steady()):
-            return WARN, f'gains do not follow the payload, as {adaptation.unknown}'
+            return WARN, f'gains do not follow the load, as {adaptation.unknown}'
         if note := controller.reference.refusal or self.clocks.offset(self._own):
             return WARN, note
         if (limits := controller.limits).missing:

@@ -78,7 +78,7 @@ def not_known(span: Span, newtons: tuple[float, float], *, placed: bool) -> str:
         'assumed; a second gauge would show the place'] * (not placed) + [
         f'a force along the link of {span.joint} shows in no gauge'] * (not span.along) + [
         f'strain and described masses give newtons to {100.0 * newtons[1]:.0f} % only; add '
-        'sensors[].gain, or fit bags of two known payloads'] * math.isnan(newtons[0]))
+        'sensors[].gain, or fit bags of two known loads'] * math.isnan(newtons[0]))
 
 
 class ContactRecord:

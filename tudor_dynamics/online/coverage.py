@@ -88,7 +88,7 @@ class CoverageLevel(IntEnum):
 
 @dataclass(eq=False, slots=True)
 class TopicCount:
-    """What came on a topic."""
+    """Messages of a topic."""
 
     topic: str  # name of the topic
     count: int = 0  # messages that have come

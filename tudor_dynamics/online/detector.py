@@ -406,6 +406,6 @@ class CollisionDetector:
 
 
 def blame(links: Sequence[tuple[int, str]], contact: FloatArray) -> str:
-    """Find the link that was touched: the outermost that feels it, as none beyond a load does."""
+    """Find the link that was touched: the outermost that shows it, as none beyond a load does."""
     felt = np.flatnonzero(contact > 1.0).tolist() or [int(np.argmax(contact))]
     return max(links[i] for i in felt)[1]

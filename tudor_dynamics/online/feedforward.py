@@ -73,7 +73,7 @@ AT_REST: tuple[AtRest, ...] = ('none', 'kept')
 
 def kept_speeds(speed: FloatArray, turning: ArrayLike) -> FloatArray:
     """
-    Give speeds at which friction is what a joint keeps at rest, for those at which it is none.
+    Give speeds at which friction is what a joint keeps at rest, in place of slow ones.
 
     A bristle that was bent by sliding stays bent when the joint stops, and straightens only when
     it moves back (Dupont et al., "Single state elastoplastic friction models", IEEE TAC 47(5),
@@ -393,9 +393,9 @@ class Feedforward(Shown):
         if self._of_all.payload_range is not None or (elastic and abs(more) > SAME):
             self._model = self._of_all.at(payload)
         elif self._per_kilogram is None and abs(more) > SAME:
-            msg = (f'the model was fitted to a payload of {self._known:g} kg, and cannot '
+            msg = (f'the model was fitted to a load of {self._known:g} kg, and cannot '
                    f'convert its efforts to {payload:g} kg')
-            raise ModelError(msg, remedy='fit a model to bags of two known payloads, or '
+            raise ModelError(msg, remedy='fit a model to bags of two known loads, or '
                                          'add torque constants to the arm description')
         if self._deflected is not None:
             self._deflected.carry(payload)
@@ -409,7 +409,7 @@ class Feedforward(Shown):
     def _asked(
         self, motion: FloatArray, felt: FloatArray, torque: FloatArray | None = None,
     ) -> FloatArray:
-        """Ask the model for ``felt``, with friction's speeds; torque of gears of bent links."""
+        """Ask the model for the motion of the joints; torque of gears of bent links."""
         if isinstance(self._model, ElasticModel):
             assert self._deflected is not None
             if torque is None:

@@ -191,7 +191,7 @@ detected, and below which a residual is taken for an offset; docs/explanation/co
 4."""
 ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET = 8.0, 3.0, 4.0
 """The same with an elastic model, whose deviations are widened for what rings: 2.8 and 1.7, by the
-share of pushes felt while they last, measured by papers/contact.py."""
+share of pushes detected while they last, measured by papers/contact.py."""
 INNOVATION_BOUND = 1.5
 """Standard deviations up to which an innovation counts by its square (Huber)."""
 LARGEST_FORCE = 1e3

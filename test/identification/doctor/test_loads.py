@@ -126,7 +126,7 @@ def test_the_same_mass_stated_and_another_carried() -> None:
     """Of three bags alike by their metadata one carries something else; how much nobody says."""
     assert _found([0.0, 0.0, 0.0], [0.0, 1.0, 0.0]) == [(
         'payload_wrong', 'run2',
-        'the stated payload is 0 kg, but the other bags suggest a different one')]
+        'the stated load is 0 kg, but the other bags suggest a different one')]
 
 
 def test_two_bags_of_one_mass_stated() -> None:

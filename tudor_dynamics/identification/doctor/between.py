@@ -55,7 +55,7 @@ class Pair:
 
 
 Pairs = dict[tuple[int, int], Pair]
-"""Bag that was learned from, and bag that was predicted, to what came of it."""
+"""Bag that was learned from, and bag that was predicted, to its result."""
 
 
 def compare(bags: Sequence[tuple[Case, float | None]]) -> list[Finding]:
@@ -204,9 +204,9 @@ def _loads(cases: Sequence[Case], stated: Sequence[float | None], pairs: Pairs) 
     j, mass = chosen[0]
     if len(chosen) > 1:
         shown = ' and '.join(f'{masses[k]:g}' for k, _ in chosen)
-        return [found('payload_wrong', f'the stated payloads of {shown} kg contradict each '
+        return [found('payload_wrong', f'the stated loads of {shown} kg contradict each '
                       'other, so one is wrong', ', '.join(names[k] for k, _ in chosen))]
-    what = f'the stated payload is {masses[j]:g} kg, but the other bags suggest'
+    what = f'the stated load is {masses[j]:g} kg, but the other bags suggest'
     if math.isnan(mass):
         return [found('payload_wrong', f'{what} a different one', names[j])]
     mass = max(mass, 0.0)
@@ -225,7 +225,7 @@ def _heavier(
             return [found(
                 'load_unknown', f'the arm carries more in bag {names[heavy]!r} than in bag '
                 f'{names[light]!r}',
-                names[heavy], remedy='state the payload of each bag with tudor fit --payload-of '
+                names[heavy], remedy='state the load of each bag with tudor fit --payload-of '
                 'BAG=KG, or fit each bag separately')]
     return []
 

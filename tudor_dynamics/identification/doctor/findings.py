@@ -139,7 +139,7 @@ CHECKS = {
     'rings': Check('the tool or load goes on ringing after motion', '', 'Hz'),
     'standstill': Check('the arm stands still at the ends of the bag', '', 's', one_bag=True),
     'payload_wrong': Check(
-        'the payload stated for a bag is wrong', 'correct it with tudor fit --payload-of BAG=KG, '
+        'the load stated for a bag is wrong', 'correct it with tudor fit --payload-of BAG=KG, '
         "or payload under custom_data in the bag's metadata.yaml", 'kg', 'payload [kg]'),
     'gauge_gain': Check('the gain of a gauge has changed since the fit', CHANGED),
     'gauge_zero': Check('the zero offset of a gauge has changed since the fit', CHANGED),

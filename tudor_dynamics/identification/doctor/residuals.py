@@ -125,7 +125,7 @@ def _found(
     chosen: Alternative, kind: str, name: str, channel: int, what: str, size: float,
     now: float, otherwise: float | None = None, time: float = 0.0,
 ) -> Finding:
-    """Say what is odd about a channel: shares of its variance that remain now, and otherwise."""
+    """Say what is wrong with a channel: shares of its variance that remain now, and otherwise."""
     label = chosen.case.bodies[name].channels[channel]
     return found(kind, f'{SINGULAR[name]} {label!r} {what}', chosen.case.recording.path, (label,),
                  time=time, size=size, now=float(np.sqrt(now)),
@@ -214,7 +214,7 @@ def _spectrum(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def _wave(chosen: Alternative, name: str, i: int, now: float) -> Finding | None:
-    """Find a wave that goes on through most of a residual, and is none of the motion."""
+    """Find a wave that goes on through most of a residual, and is not of the motion."""
     case, t = chosen.case, chosen.case.decimated.t
     seconds = float(t[-1] - t[0])
     if seconds < settings.WAVE_SECONDS:

@@ -111,7 +111,7 @@ NO_GAINS = np.zeros((1, 3, 0, 0))  # of an arm that follows positions alone
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """What gauges and gears of a driven arm feel."""
+    """What gauges and gears of a driven arm measure."""
 
     # Moment that bends each gauge, positive for the load that the joint holds, (samples, gauges)
     # [N m].

@@ -290,7 +290,7 @@ RHO = 0.8  # of the integrator: waves that no sample shows die out
 
 
 class Drives(NamedTuple):
-    """How the drives move, as far as samples tell."""
+    """How the drives move, as far as samples show."""
 
     past: NDArray  # (3, springs): positions of the two samples before, and the time between them
     # (springs, 3): position of each drive as a polynomial of the time since the last sample,

@@ -208,7 +208,7 @@ PHYSICAL: dict[str, ParameterKind] = {
         'part', 'm', 'radius of gyration of the mass on the link after {}',
         Physics.gyration, Physics.spread, width=0.5, least=0.02),
     'payload': ParameterKind(
-        'tip', 'kg', 'payload at the tip',
+        'tip', 'kg', 'load at the tip',
         lambda physics, tip: physics.parts[tip].mass, Physics.weigh,
         width=1.5, least=0.05, adds=1, early=True),
     'gear': ParameterKind(

@@ -97,7 +97,7 @@ COMMAND_TIMEOUT = Param('timeout', 0.1, 'a reference or positions older than thi
                         0.01, 1.0, dynamic=True)
 MODEL = Param('model', '', 'directory of a model made by tudor fit')
 KIND = Param('kind', 'analytical', 'model that predicts', choices=KINDS)
-PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all payloads; a detector '
+PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all loads; a detector '
                 'restarts when it changes', 'kg', 0.0, 1e3, dynamic=True)
 PAYLOAD_SOURCE = Param(
     'payload_source', 'parameter', 'where the load is known from: the parameter payload, the own '
@@ -190,8 +190,8 @@ DAMP = (
     Param('position_gain', 0.0, 'speed per position error, 0 for that of the arm', '1/s', 0.0,
           100.0, dynamic=True),
     Param('gain_schedule', '', 'file of tudor tune: gains follow the topic payload and the pose'),
-    Param('payload_timeout', 0.0, 'age at which a payload is not believed any more, and the fixed '
-          'gains come back; 0 for none, a payload is said once', 's', 0.0, 3600.0, dynamic=True))
+    Param('payload_timeout', 0.0, 'age at which a load is not believed any more, and the fixed '
+          'gains come back; 0 for none, a load is said once', 's', 0.0, 3600.0, dynamic=True))
 REFERENCE = (
     ARM,
     AUTOSTART,
