@@ -29,6 +29,7 @@ from tudor_dynamics.errors import TudorWarning
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / 'examples').glob('*.py'))
 FOUND = {
     'fit_a_bag': (r'strain analytical: fit ([0-9.]+) %', 91.0, 94.0),
+    'damper_in_motion': (r'with the damper: the strain oscillates by ([0-9.]+)', 5.0, 30.0),
     'own_controller': (r'fed back: strain still swings by ([0-9.]+)', 0.0, 2.0),
     'sweep_of_modes': (r'([0-9.]+) Hz with 400 g', 1.7, 1.9),
     'watch_a_bag': (r'([0-9]+) samples judged, 0 collisions', 2300, 2400),
