@@ -99,6 +99,7 @@ def main(out: Path) -> None:
 
     draw(len(t) - 1)
     figure.savefig(out / 'damper_in_motion.png', dpi=110)
+    figure.set_layout_engine('none')  # places stay, and are not sought again in each picture
     moving = out / 'damper_in_motion.gif'
     FuncAnimation(figure, draw, frames=len(t)).save(moving, writer=PillowWriter(fps=25), dpi=70)
 
