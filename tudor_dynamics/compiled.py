@@ -116,7 +116,8 @@ def compiled(function: Function) -> Function:
     rounding, results would depend on what a process has done before.
     """
     with _kept():
-        jit = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy')
+        jit = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy',
+                         no_cfunc_wrapper=True)
         made = jit(function)
         return cast(Function, made if made is function else _once(made))  # NUMBA_DISABLE_JIT
 
