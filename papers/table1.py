@@ -392,6 +392,10 @@ def csv_text(table: Table1) -> str:
     """Write all cells, one a line."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator='\n')
+
+    def exact(value: float | None) -> str:
+        return EMPTY if value is None else f'{value:.6g}'
+
     writer.writerow(['output', 'unit', 'payload_g', 'part', 'model', *FIGURES,
                      *(f'paper_{name}' for name in PAPER), 'one_model_fit'])
     for block in table.blocks:
@@ -401,8 +405,6 @@ def csv_text(table: Table1) -> str:
                 shared = next(item for item in table.shared
                               if (item.output, item.model) == (block.output, model))
                 together = shared.together[row.payload] if row.part == 'test' else None
-                exact: Callable[[float | None], str] = (
-                    lambda value: EMPTY if value is None else f'{value:.6g}')
                 writer.writerow([
                     block.output, block.unit, f'{1000 * row.payload:g}', row.part, model,
                     *(exact(getattr(cell, name)) for name in FIGURES),

@@ -47,7 +47,7 @@ _first = int(os.environ.setdefault('TUDOR_TEST_DOMAIN', str(1 + os.getpid() % 90
 _worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
 os.environ['ROS_DOMAIN_ID'] = str(_first + int(_worker) % 10)
 
-LONGEST = ('test_elastic_search.py', 'test_flake8.py', 'test_mypy.py',
+LONGEST = ('test_elastic_search.py', 'test_mypy.py',
            'test_documented_commands.py', 'test_evaluate_collisions.py', 'test_processes.py',
            'test_doctor_bench.py', 'nodes/test_closed_loop.py')
 """What takes longest in one piece begins first, so that no worker is left alone with it. One

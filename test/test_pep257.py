@@ -12,26 +12,37 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Docstrings: ament_pep257 where ROS has it, otherwise pydocstyle with its settings."""
+"""Docstrings: ament_pep257 where ROS has it, otherwise the same rules by ruff."""
 
 from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
-import sys
+import re
 
-from pydocstyle import check
-from pydocstyle.config import ConfigurationParser
 import pytest
+from test_flake8 import PLACES, ruff
 
-PLACES = ('tudor_dynamics', 'papers', 'test', 'bench', 'examples', 'setup.py')
-IGNORED = ('D100', 'D101', 'D102', 'D103', 'D104', 'D105', 'D106', 'D107', 'D203', 'D212', 'D404')
-"""What ament_pep257 does not ask for."""
+PROPERTY = re.compile(r'@(cached_)?property\b')
+
+
+def docstrings(root: Path, folder: Path, *places: Path) -> str:
+    """Give what is wrong with docstrings below places; a copy of files is made in the folder."""
+    found = ruff(root, '--extend-ignore', 'A,C4,E,F,Q,W', *places)
+    # A property is a method like any other for ament_pep257; ruff asks it for no imperative.
+    for place in places:
+        for file in [place] if place.is_file() else place.rglob('*.py'):
+            plain, count = PROPERTY.subn('@method', file.read_text(encoding='utf-8'))
+            if count:
+                copy = folder / file.relative_to(place.parent)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                copy.write_text(plain, encoding='utf-8')
+    return found + ruff(root, '--select', 'D401', folder)
 
 
 @pytest.mark.pep257
 @pytest.mark.linter
-def test_pep257(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pep257(root: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """No docstring breaks ROS 2's conventions."""
     monkeypatch.chdir(root)
     places = [place for place in PLACES if Path(place).exists()]
@@ -39,11 +50,33 @@ def test_pep257(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         from ament_pep257.main import main
         assert main(argv=places) == 0, 'see the errors printed above'
         return
-    # As ament_pep257 does it: from its own settings, where a property is a method like any other.
-    parser = ConfigurationParser()
-    monkeypatch.setattr(sys, 'argv', ['pydocstyle', f'--ignore={",".join(IGNORED)}', '--match',
-                                      r'.*\.py', '--match-dir', r'[^\._].*', *places])
-    parser.parse()
-    errors = [str(error) for name, codes, *_ in parser.get_files_to_check()
-              for error in check([name], select=codes)]
-    assert not errors, '\n'.join(errors)
+    found = docstrings(root, tmp_path, *map(Path, places))
+    assert len([*tmp_path.rglob('*.py')]) > 50
+    assert not found, found
+
+
+@pytest.mark.skipif(not importlib.util.find_spec('ruff'), reason='ament_pep257 does without')
+@pytest.mark.parametrize(('text', 'wrong'), [
+    ('Give a number.', ''),
+    ('', 'empty-docstring'),
+    ('Give a number', 'missing-trailing-period'),
+    ('Gives a number.', 'non-imperative-mood'),
+    ('give a number.', 'first-word-uncapitalized'),
+    (' Give a number.', 'surrounding-whitespace'),
+    ('Give a number.\n    And more.\n    ', 'missing-blank-line-after-summary'),
+    ('Give a number.\n\n    And more.\n    ', 'multi-line-summary-second-line'),
+    ('\n    Give a number.\n\n    And more.\n    ', ''),
+    ('\n    Give a number.\n\n  And more.\n    ', 'under-indentation'),
+    ('\n    Give a number.\n\n    Returns\n    -----\n    float\n    ',
+     'mismatched-section-underline-length'),
+])
+@pytest.mark.parametrize('decorator', ['method', 'property'])
+def test_what_breaks_conventions_is_found(
+    root: Path, tmp_path: Path, decorator: str, text: str, wrong: str,
+) -> None:
+    """A docstring with a fault is found, of a property as well as of a function."""
+    file = tmp_path / 'code.py'
+    file.write_text(f'@{decorator}\ndef number() -> float:\n    """{text}"""\n    return 1.0\n')
+    (folder := tmp_path / 'copies').mkdir()
+    found = docstrings(root, folder, file).splitlines()
+    assert bool(found) == bool(wrong) and wrong in ''.join(found), found

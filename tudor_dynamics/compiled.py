@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, ExitStack, suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from fcntl import flock, LOCK_EX
 from functools import cache
 import hashlib
@@ -96,17 +96,6 @@ def prepare() -> Path:
 DIRECTORY = prepare()
 
 
-@contextmanager
-def _kept() -> Iterator[None]:
-    """Let numba keep what it is given now in the directory, and only that."""
-    before = _CONFIG.CACHE_DIR
-    _CONFIG.CACHE_DIR = str(DIRECTORY)
-    try:
-        yield
-    finally:
-        _CONFIG.CACHE_DIR = before
-
-
 def compiled(function: Function) -> Function:
     """
     Compile a function of scalars and arrays; the result is kept on disk between runs.
@@ -115,10 +104,13 @@ def compiled(function: Function) -> Function:
     into each of them, and which copy serves depends on what was called first: with any freedom in
     rounding, results would depend on what a process has done before.
     """
-    with _kept():
-        jit = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy')
-        made = jit(function)
-        return cast(Function, made if made is function else _once(made))  # NUMBA_DISABLE_JIT
+    before, _CONFIG.CACHE_DIR = _CONFIG.CACHE_DIR, str(DIRECTORY)  # for this function alone
+    try:
+        made = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy',
+                          no_cfunc_wrapper=True)(function)
+    finally:
+        _CONFIG.CACHE_DIR = before
+    return cast(Function, made if made is function else _once(made))  # NUMBA_DISABLE_JIT
 
 
 _ALONE: set[Path] = set()  # locks that this process holds

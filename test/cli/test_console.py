@@ -109,7 +109,7 @@ def test_figures_come_before_the_width(
     assert '-1.234e-05' in text and '…' not in text and max(map(len, text.splitlines())) > 60
 
 
-WORDS = st.lists(st.text('ab /*-.\"\'$', min_size=1, max_size=30), min_size=1, max_size=12)
+WORDS = st.lists(st.text('ab /*-."\'$', min_size=1, max_size=30), min_size=1, max_size=12)
 EACH = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 
 

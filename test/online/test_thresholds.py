@@ -152,7 +152,7 @@ def excess(
 
 def detector_of(settings: DetectorSettings, *methods: str) -> CollisionDetector:
     """Make a detector of methods with one channel each."""
-    return CollisionDetector(settings, {name: ('g',) for name in methods or ('strain',)},
+    return CollisionDetector(settings, dict.fromkeys(methods or ('strain',), ('g',)),
                              {'g': (2, 'link2')})
 
 
