@@ -32,7 +32,7 @@ import math
 
 import numpy as np
 
-from tudor_dynamics.compiled import compiled
+from tudor_dynamics.compiled import compiled, unowned
 from tudor_dynamics.typing import FloatArray
 
 TOOL, MOTION, PLACES = 18, 12, 8
@@ -118,20 +118,25 @@ def settled(p: FloatArray, gravity: FloatArray) -> FloatArray:
 
 
 @compiled
+def _follow(tables: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]) -> None:
+    p, steps, motion, room, states = unowned(tables)
+    for n in range(len(motion) - 1):
+        advance(p, steps[n], states[n], motion[n], motion[n + 1], room, states[n + 1])
+
+
 def follow(
     p: FloatArray, steps: FloatArray, motion: FloatArray, begin: FloatArray,
 ) -> FloatArray:
     """Give the states (samples, 4) along a motion (samples, 12), in steps [s], from a state."""
-    states, room = np.zeros((len(motion), 4)), np.zeros(24)
+    states = np.zeros((len(motion), 4))
     states[0] = begin
-    for n in range(len(motion) - 1):
-        advance(p, steps[n], states[n], motion[n], motion[n + 1], room, states[n + 1])
+    _follow((p, steps, motion, np.zeros(24), states))
     return states
 
 
 def from_rest(p: FloatArray, step: float, motion: FloatArray) -> FloatArray:
     """Give the states (samples, 4) along a motion (samples, 12) in even steps [s], from rest."""
-    return np.asarray(follow(p, np.full(len(motion) - 1, step), motion, settled(p, motion[0, 9:])))
+    return follow(p, np.full(len(motion) - 1, step), motion, settled(p, motion[0, 9:]))
 
 
 @compiled
