@@ -287,7 +287,7 @@ class DelayMeter:
         """Take measured speeds into account: now, dt [s], dq (joints,) [rad/s]."""
         dq = dq / self._scale
         commands = self.commands
-        if np.abs(dq).max(initial=0.0) < settings.DELAY_MOVING or commands.count == 0 or (
+        if commands.count == 0 or np.abs(dq).max(initial=0.0) < settings.DELAY_MOVING or (
                 commands.at[0] > now - settings.DELAY_LONGEST):
             return
         means = (commands.made(now - self._lags) - commands.made(now - dt - self._lags)) / dt
@@ -345,7 +345,7 @@ class RingingWatch:
         """Judge what was added in one command, (joints,); empty for nothing."""
         self._rest = 0.0 if moving else self._rest + dt
         self._elapsed += dt
-        size = float(np.max(np.abs(added) / self._scale, initial=0.0))
+        size = float((np.abs(added) / self._scale).max(initial=0.0))
         self._wild += dt if cut or size > settings.WILD_COMMAND else 0.0
         self._peak = max(self._peak, size)
         if self._elapsed < settings.RINGING_WINDOW:

@@ -103,23 +103,23 @@ class ReferenceGate:
             return (f'{found.joint} is {found.away:.3g} [rad or m] away from its reference; send '
                     'a reference that begins where the arm is')
         resting = settings.RESTING_SPEED * self._planned
-        if np.any(np.abs(self.dq) > resting):
+        if (np.abs(self.dq) > resting).any():
             return 'the reference moves; send one at rest until the arm follows it'
-        return 'the arm still brakes' if np.any(np.abs(held) > resting) else ''
+        return 'the arm still brakes' if (np.abs(held) > resting).any() else ''
 
     def _deviation(self, now: float, timeout: float, q: FloatArray) -> Deviation:
         return Deviation.of(self._joints, self.place(now, timeout) - q, self._planned)
 
     def _impossible(self, q: FloatArray, dq: FloatArray) -> str:
-        for j in np.flatnonzero(~(np.isfinite(q) & np.isfinite(dq))):
+        for j in (~(np.isfinite(q) & np.isfinite(dq))).nonzero()[0]:
             return (f'reference not finite: the position of {self._joints[j]!r} is {q[j]:g}, its '
                     f'velocity {dq[j]:g}; send finite numbers')
         limits = self._limits
-        for j in np.flatnonzero(limits.outside(q)):
+        for j in limits.outside(q).nonzero()[0]:
             unit = '' if abs(q[j]) < 2.0 * math.pi else ', not degrees or mm'
             return (f'the reference is refused; it sends {self._joints[j]!r} to {q[j]:.4g}, '
                     f'beyond {limits.lower[j]:.4g} to {limits.upper[j]:.4g}; send rad or m{unit}')
-        for j in np.flatnonzero(np.abs(dq) > limits.velocity):
+        for j in (np.abs(dq) > limits.velocity).nonzero()[0]:
             return (f'reference too fast: the velocity of {self._joints[j]!r} is {dq[j]:.4g}; '
                     f'send at most {limits.velocity[j]:.4g} [rad/s or m/s]')
         return ''
@@ -344,7 +344,7 @@ class MotionController:
     @property
     def _latest(self) -> float:
         """By how much a sample may come later than usual, by how far joints go meanwhile [s]."""
-        share = float(np.max(np.abs(self.envelope.command) / self.watched.speed))
+        share = float((np.abs(self.envelope.command) / self.watched.speed).max())
         return min(settings.LATE_AT_SPEED / max(share, 1e-3), settings.LONGEST_LATE)
 
     def _take_first(self, now: float, q: FloatArray) -> None:
@@ -475,7 +475,7 @@ class MotionController:
         self._budget -= step
         command = envelope.step(step, wanted, place)
         cuts = envelope.cuts
-        for j in np.flatnonzero(cuts):
+        for j in cuts.nonzero()[0]:
             self.cuts[self.joints[j]] += 1
         envelope.lag = gains.late + gains.commanded(
             dt, command, added, moving > 0.0, bool((cuts & BY_SPEED).any()))

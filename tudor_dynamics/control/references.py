@@ -450,7 +450,7 @@ class ReferenceSource:
         """Say whether the arm is not with its reference."""
         planned = self._limits.velocity
         found = Deviation.of(self.names, motion.q - self.actual, planned)
-        resting = bool(np.all(np.abs(motion.dq) < settings.RESTING_SPEED * planned))
+        resting = bool((np.abs(motion.dq) < settings.RESTING_SPEED * planned).all())
         self._away = self._away + dt if resting and found.seconds > settings.NEAR_TIME else 0.0
         if found.seconds > settings.FOLLOWING_TIME or self._away > settings.LOST_TIME:
             self.note = f'{found}, which restarted where the arm is; see oscillation_damper'

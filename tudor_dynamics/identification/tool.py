@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 from typing import Any
@@ -161,6 +161,7 @@ class _Search:
 
     def __init__(self, moves: Sequence[Moves]) -> None:
         self.moves, self.rests = moves, [rest for one in moves for rest in one.rests]
+        self._delay, self._late = math.nan, list[FloatArray]()  # motions that come later by it
         if len(self.rests) < settings.TOOL_LEAST:
             raise FitError(f'the bags have {len(self.rests)} rests after a motion, but the model '
                            f'of vibration needs {settings.TOOL_LEAST} or more', remedy='record '
@@ -174,20 +175,27 @@ class _Search:
 
     def short(self, frequency: float) -> _Search:
         """Give the same search by the begin of each rest, where phases are not yet ambiguous."""
-        seconds = max(settings.TOOL_BEGIN, 2.0 / frequency)
-        return _Search([Moves(one.flange, tuple(rest.first(seconds) for rest in one.rests))
-                        for one in self.moves])
+        seconds, found = max(settings.TOOL_BEGIN, 2.0 / frequency), []
+        for one in self.moves:
+            rests = tuple(rest.first(seconds) for rest in one.rests)
+            n = int(np.searchsorted(one.flange.t, rests[-1].t[-1] + 10.0 * settings.TOOL_DELAY))
+            found.append(Moves(replace(one.flange, t=one.flange.t[:n],
+                                       motion=one.flange.motion[:n]), rests))
+        return _Search(found)
 
     def efforts(self, x: FloatArray) -> Iterator[FloatArray]:
         """Give the efforts of a tool in each rest, drift aside."""
         row, mass = row_of(x[:-1]), math.exp(x[6])
-        for one in self.moves:
-            t = one.flange.t
-            late = np.clip(t - x[-1], t[0], t[-1])
-            k = np.minimum(((late - t[0]) / STEP).astype(int), len(t) - 2)
-            share = ((late - t[k]) / STEP)[:, None]
-            motion = (1.0 - share) * one.flange.motion[k] + share * one.flange.motion[k + 1]
-            states = from_rest(row, STEP, motion)
+        if x[-1] != self._delay:  # most steps of a search leave it
+            self._delay, self._late = float(x[-1]), []
+            for one in self.moves:
+                t, motion = one.flange.t, one.flange.motion
+                late = np.clip(t - x[-1], t[0], t[-1])
+                k = np.minimum(((late - t[0]) / STEP).astype(int), len(t) - 2)
+                share = ((late - t[k]) / STEP)[:, None]
+                self._late.append((1.0 - share) * motion[k] + share * motion[k + 1])
+        for one, motion in zip(self.moves, self._late, strict=True):
+            t, states = one.flange.t, from_rest(row, STEP, motion)
             for rest in one.rests:
                 part = slice(*np.searchsorted(t, [rest.t[0] - STEP, rest.t[-1] + STEP]))
                 pulled = mass * pulls(row, motion[part], states[part])

@@ -302,7 +302,10 @@ class ClosedLoop(Shown):
             np.array([arm.active_joints.index(s.joint) for s in damped], dtype=np.int64),
             np.array([arm.gauge_names.index(s.gauge) for s in damped], dtype=np.int64),
             np.zeros(n), np.zeros((count, len(Status))), motion_limits(arm).velocity)
+        self._parts = [slice(begin, end) for begin, end in pairwise(
+            accumulate((n, n, n, gauges, n, n, n), initial=0))]
         self._acting = self._loaded = False
+        self._floor: Floor | None = None
         self._done = 0
         self.reset(self.described)
 
@@ -385,7 +388,8 @@ class ClosedLoop(Shown):
 
     def set_floor(self, floor: Floor | None) -> None:
         """Put a floor (height [m], stiffness [N/m]) below the tip, or take it away."""
-        self._plant.floor[:] = floor_row(floor, self.plant.mechanism)
+        if floor is not self._floor:
+            self._floor, self._plant.floor[:] = floor, floor_row(floor, self.plant.mechanism)
 
     def set_force(self, force: ArrayLike) -> None:
         """Let a force (3,) [N], or it and a moment (6,) [N m], act at the tip; in base axes."""
@@ -395,7 +399,7 @@ class ClosedLoop(Shown):
             raise SimulationError(msg)
         tip = self._plant.external[self.plant.mechanism.tip]
         tip[:], tip[:values.size] = 0.0, values
-        self._loaded = bool(np.any(self._plant.external))
+        self._loaded = bool(values.any())
 
     def step(self, q_ref: ArrayLike, dq_ref: ArrayLike) -> LoopRecord:
         """Advance by one step of the reference; give the readings at its start, one row."""
@@ -427,13 +431,15 @@ class ClosedLoop(Shown):
         """
         joints, gauges = len(self._joints), len(self.arm.gauges)
         given = [np.asarray(item, dtype=float) for item in (
-            q_ref, dq_ref, np.zeros(np.shape(q_ref)) if ahead is None else ahead)]
+            q_ref, dq_ref, *([] if ahead is None else [ahead]))]
         steps = len(q_ref)
         if any(item.shape != (steps, joints) for item in given):
             msg = (f'references have shapes {", ".join(str(item.shape) for item in given)}; '
                    f'expected ({steps}, {joints}) for the joints {list(self.arm.active_joints)}')
             raise SimulationError(msg)
-        wanted = np.stack(given)
+        wanted = np.zeros((3, steps, joints))
+        for row, item in zip(wanted, given, strict=False):
+            row[:] = item
         if not np.isfinite(wanted).all():
             step = int(np.argwhere(~np.isfinite(wanted))[:, 1].min())
             raise SimulationError(f'arm {self.arm.name!r}: reference {step} is not finite')
@@ -448,10 +454,7 @@ class ClosedLoop(Shown):
         self.plant.taken(self._done, status)
         first = -(-begun // every)
         t = (first + np.arange(rows)) * every * self.dt
-        # np.split would take ten times as long, for each sample of a simulated loop
-        ends = accumulate((joints, joints, joints, gauges, joints, joints, joints), initial=0)
-        return LoopRecord(np.asarray(t, dtype=np.float64), *(
-            out[:, begin:end] for begin, end in pairwise(ends)))
+        return LoopRecord(np.asarray(t, dtype=np.float64), *(out[:, part] for part in self._parts))
 
 
 def steps_per_message(dt: float, rate: float) -> int:

@@ -211,7 +211,7 @@ class Deviation:
     def of(cls, joints: Sequence[str], away: FloatArray, speed: FloatArray) -> Deviation:
         """Find it: away (joints,) [rad or m], speed (joints,), planned [rad/s or m/s]."""
         seconds = np.abs(away) / speed
-        j = int(np.argmax(seconds))
+        j = int(seconds.argmax())
         return cls(joints[j], float(abs(away[j])), float(seconds[j]))
 
     def __str__(self) -> str:
