@@ -23,8 +23,7 @@ import pytest
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.mechanics import integrator as gen
-from tudor_dynamics.mechanics.integrator import (
-    best_order, extrapolated, forget, ORDERS, PAST, remember)
+from tudor_dynamics.mechanics.integrator import best_order, extrapolated, ORDERS, PAST
 from tudor_dynamics.mechanics.mechanism import build_mechanism
 from tudor_dynamics.mechanics.plant import Plant
 
@@ -60,13 +59,22 @@ def test_noise_is_not_extrapolated() -> None:
     assert max(taken) == 0
 
 
-def test_what_is_remembered_can_be_forgotten() -> None:
-    """The newest comes first, and goes first."""
-    past = np.arange(8.0).reshape(PAST, 2)
-    before = past.copy()
-    remember(past, np.array([-1.0, -2.0]))
-    np.testing.assert_array_equal(past, [[-1.0, -2.0], *before[:3]])
-    forget(past)
+def test_what_is_remembered_can_be_forgotten(root: Path) -> None:
+    """The newest comes first, and goes first where a step fails."""
+    plant = Plant(build_mechanism(load_arm(root / 'config' / 'elastic_arm.yaml')), 5e-4)
+    plant.reset([0.0, 0.3, -0.2])
+    vectors = plant.tables.vectors
+    past = vectors[gen.OLD_DDZ:]
+    for _ in range(PAST):
+        last = vectors[gen.DDZ].copy()
+        before = past.copy()
+        plant.step([0.0, 7.4, 0.4])
+        np.testing.assert_array_equal(past, [last, *before[:3]])
+    state, before = vectors[:gen.FORCE].copy(), past.copy()
+    assert np.unique(before, axis=0).shape == before.shape
+    plant.tables.torque[-1] = 1e300
+    assert gen.step(plant.tables, False) != gen.OK
+    np.testing.assert_array_equal(vectors[:gen.FORCE], state)
     np.testing.assert_array_equal(past[:3], before[:3])
 
 

@@ -177,7 +177,8 @@ def check(root: ElementTree.Element, path: str) -> None:
         if joint.get('type') not in TYPES:
             raise _refused(path, name, f'is of type {str(joint.get("type"))[:60]!r}',
                            f'write {", ".join(TYPES)}')
-        parent, child = (_link_of(joint, end) for end in ('parent', 'child'))
+        parent, child = (next((element.get('link', '') for element in joint.findall(end)), '')
+                         for end in ('parent', 'child'))
         for end, link in (('parent', parent), ('child', child)):
             if link not in links:
                 raise _refused(path, name, f'has the {end} {link!r}, which is no link of the file',
@@ -228,11 +229,6 @@ def remarks(root: ElementTree.Element, active: Sequence[str]) -> list[str]:
 
 def _refused(path: str, joint: str, cause: str, remedy: str) -> ArmError:
     return ArmError(f'joint {joint!r} {cause}', place=path, remedy=remedy)
-
-
-def _link_of(joint: ElementTree.Element, end: str) -> str:
-    element = joint.find(end)
-    return '' if element is None else element.get('link', '')
 
 
 def _check_expanded(root: ElementTree.Element, path: str) -> None:

@@ -283,7 +283,7 @@ def check_units(recording: Recording, plan: Sources, notes: Notes) -> None:
     # degrees beside rad/s show in the ratio of displacement and velocity. Degrees in both only
     # show in their size: positions far outside the limits or beyond two turns, speeds that no arm
     # has
-    suspects = []
+    suspects, width = [], max(1, round(WINDOW / recording.dt))
     for column, (name, slides, reach) in enumerate(
             zip(plan.joints, plan.prismatic, plan.reach, strict=True)):
         size = float(np.percentile(np.abs(recording.q[:, column]), 95))
@@ -294,7 +294,13 @@ def check_units(recording: Recording, plan: Sources, notes: Notes) -> None:
             suspects.append(f'{name} goes to {size:.4g}, beyond {reach:.4g} rad')
         elif slides and reach is not None and size > reach:
             notes.add(f'{name} goes to {size:.4g} m, twice its limits or more; check the units')
-        speed = _speed(recording, column)
+        # Speed that is exceeded in a tenth of the moving time [rad/s or m/s]. Over windows, not
+        # samples: the steps of a coarse encoder at 1 kHz are no speed. A tenth, not the maximum:
+        # angles that wrap at pi jump now and then.
+        speeds = [np.abs(recording.q[part][width:, column] - recording.q[part][:-width, column])
+                  / (recording.t[part][width:] - recording.t[part][:-width])
+                  for part in recording.segments if part.stop - part.start > width]
+        speed = float(np.percentile(np.concatenate(speeds), 90)) if speeds else 0.0
         if not slides and speed > FASTEST:
             suspects.append(f'{name} turns at {speed:.4g} rad/s')
         elif not slides and speed > FAST:
@@ -320,17 +326,6 @@ def without_zero_velocities(recording: Recording, plan: Sources, notes: Notes) -
     notes.add(f'the velocity of {", ".join(zero)} is always zero, though the joints move, so '
               'velocities are not used')
     return replace(recording, dq=None, oddities=replace(recording.oddities, zero_velocities=zero))
-
-
-def _speed(recording: Recording, column: int) -> float:
-    """Give the speed that is exceeded in a tenth of the moving time [rad/s or m/s]."""
-    # Over windows, not samples: the steps of a coarse encoder at 1 kHz are no speed. A tenth, not
-    # the maximum: angles that wrap at pi jump now and then.
-    width = max(1, round(WINDOW / recording.dt))
-    speeds = [np.abs(recording.q[part][width:, column] - recording.q[part][:-width, column])
-              / (recording.t[part][width:] - recording.t[part][:-width])
-              for part in recording.segments if part.stop - part.start > width]
-    return float(np.percentile(np.concatenate(speeds), 90)) if speeds else 0.0
 
 
 def _check_velocity(

@@ -155,10 +155,9 @@ class Trajectory(Shown):
                    f' in the trajectory, which names {", ".join(map(repr, self.joints))}')
             raise SignalError(msg, remedy=f'give each of {", ".join(map(repr, joints))} once')
         places = [self.joints.index(name) for name in joints]
-        q, dq, ddq, effort = (None if values is None else values[:, places] for values in
-                              (self.q, self.dq, self.ddq, self.effort))
-        assert q is not None
-        return replace(self, joints=joints, q=q, dq=dq, ddq=ddq, effort=effort)
+        return replace(self, joints=joints, **{
+            field: values[:, places] for field in FIELDS.values()
+            if (values := getattr(self, field)) is not None})
 
     def table(self) -> bytes:
         """Write it as CSV, with all digits: time, then all that is known of each joint."""

@@ -96,29 +96,24 @@ def find_truth(
     if found is not None and topic is not None and bag.topics[found].msgtype == BOOL:
         flags = read_flags(bag, topic, clock)
         if flags is not None:
-            return Truth(topic, _flagged(*flags))
+            stamp, touched = flags
+            # a flag may be published on change alone: it is up from rise to fall
+            change = np.flatnonzero(np.diff(touched.astype(np.int8), prepend=0, append=0))
+            times = stamp[np.minimum(change, len(stamp) - 1)].tolist()
+            return Truth(topic, tuple(map(KnownPush, times[::2], times[1::2])))
     wrenches = read_wrenches(bag, name)
     if wrenches is not None:
+        stamp = wrenches.stamp
         size = np.hypot.reduce(wrenches.values['force'], axis=1)  # also of 1e300 N
-        return Truth(name, _pushes(wrenches.stamp, size))
+        where = np.flatnonzero(size > FORCE)
+        begun = np.flatnonzero(np.diff(stamp[where]) > MERGE * 1e9) + 1
+        return Truth(name, tuple(
+            KnownPush(int(stamp[push[0]]), int(stamp[push[-1]]), float(size[push].mean()))
+            for push in np.split(where, begun) if len(push)))
     if topic is None:
         return Truth()
     raise BagError(f'{path}: has no messages on {topic}, the topic of pushes; '
                    'name another topic, or give a table of pushes (CSV)')
-
-
-def _pushes(stamp: NDArray[np.int64], size: FloatArray) -> tuple[KnownPush, ...]:
-    where = np.flatnonzero(size > FORCE)
-    begun = np.flatnonzero(np.diff(stamp[where]) > MERGE * 1e9) + 1
-    return tuple(KnownPush(int(stamp[push[0]]), int(stamp[push[-1]]), float(size[push].mean()))
-                 for push in np.split(where, begun) if len(push))
-
-
-def _flagged(stamp: NDArray[np.int64], touched: NDArray[np.bool_]) -> tuple[KnownPush, ...]:
-    """Find where a flag that may be published on change alone is up, from rise to fall."""
-    change = np.flatnonzero(np.diff(touched.astype(np.int8), prepend=0, append=0))
-    times = stamp[np.minimum(change, len(stamp) - 1)].tolist()
-    return tuple(KnownPush(a, b) for a, b in zip(times[::2], times[1::2], strict=True))
 
 
 def table_of_pushes(path: str | Path) -> list[tuple[float, float, float]]:

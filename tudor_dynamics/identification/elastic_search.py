@@ -27,7 +27,6 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.elastic_problem import (
     Identified, Knowledge, Problem, Record, result_of, reweight, Start, Straight)
-from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.models.elastic.arm import DrivenArm, reduced_mechanism
 from tudor_dynamics.models.elastic.parameters import kind_of
 from tudor_dynamics.models.settings import INNER_STEP, RIGID_GEAR
@@ -176,7 +175,7 @@ def shared(arm: Arm, names: tuple[str, ...], x: FloatArray, share: float | None)
         if not {f'gear({joint})', f'bending({joint})'} <= {*names}:
             continue
         gear, bending = names.index(f'gear({joint})'), names.index(f'bending({joint})')
-        length = float(mechanism.body_float[mechanism.body_of[joint], at.LENGTH])
+        length = mechanism.length(joint)
         link = length / (3.0 * np.exp(x[bending]))  # slope of a cantilever by moment at its root
         both = link + np.exp(-x[gear])
         x[gear] = -np.log(share * both)
@@ -356,8 +355,7 @@ def simple_gears(arm: Arm, known: Knowledge, x: FloatArray) -> tuple[Knowledge, 
                  if play in values else 0.0)
         if doubt > FAR_PLAY:  # what yields within it is a spring, softer by the edge
             values[gear] *= 1.0 - 1.0 / np.hypot(1.0, values[edge])
-        length = float(mechanism.body_float[mechanism.body_of[joint], at.LENGTH])
-        link = 3.0 * values[f'bending({joint})'] / length
+        link = 3.0 * values[f'bending({joint})'] / mechanism.length(joint)
         rigid = link < RIGID_SHARE * values[gear]
         if rigid or abs(doubt) > FAR_PLAY:
             held[play] = 0.0

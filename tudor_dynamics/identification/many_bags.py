@@ -173,14 +173,12 @@ class BagErrors:
     def loaded(cls, content: bytes) -> BagErrors:
         """Read what was written; whatever is wrong with it is an error."""
         facts, errors = json.loads(content)
-        return cls(_facts(facts), {(bool(seen), int(number), str(output)): _tally(values)
-                                   for seen, number, output, values in errors})
-
-
-def _tally(content: dict[str, Any]) -> Tally:
-    arrays: dict[str, Any] = {key: np.array(value) if isinstance(value, list) else value
-                              for key, value in content.items()}
-    return Tally(**arrays)
+        found = {}
+        for seen, number, output, values in errors:
+            sums: dict[str, Any] = {key: np.array(value) if isinstance(value, list) else value
+                                    for key, value in values.items()}
+            found[bool(seen), int(number), str(output)] = Tally(**sums)
+        return cls(_facts(facts), found)
 
 
 def _facts(content: dict[str, Any]) -> BagFacts:

@@ -403,7 +403,12 @@ def judge(
               for name, item in scores.items()}
     total = math.sqrt(sum(floor**2 for floor in floors.values()) / len(floors))
     level = level_of(validation.score, total)
-    reasons = [_figures(validation)]
+    fit = max(validation.score.fit, -1e6)
+    bound = (f'>= {GOOD_FIT:g}' if fit >= GOOD_FIT else
+             f'usable: {USABLE_FIT:g} to {GOOD_FIT:g}' if fit >= USABLE_FIT else
+             f'< {USABLE_FIT:g}')
+    reasons = [f'fit {shown_fit(fit):.1f} % ({bound}) on {validation.method}, relative error '
+               f'{100.0 * validation.score.relative_error:.1f} %']
     reasons += [f'{name}: its error of {item.rmse:.3g} is near the noise of {floors[name]:.3g}, '
                 'no model does much better' for name, item in scores.items()
                 if name not in still and item.rmse <= NOISE_LIMITED * floors[name]]
@@ -425,12 +430,3 @@ def judge(
     if level is Grade.GOOD and any(not text.endswith(': usable') for text in doubts):
         level = Grade.USABLE
     return Verdict(level, tuple(reasons + doubts), levels)
-
-
-def _figures(validation: Validation) -> str:
-    fit = max(validation.score.fit, -1e6)
-    bound = (f'>= {GOOD_FIT:g}' if fit >= GOOD_FIT else
-             f'usable: {USABLE_FIT:g} to {GOOD_FIT:g}' if fit >= USABLE_FIT else
-             f'< {USABLE_FIT:g}')
-    return (f'fit {shown_fit(fit):.1f} % ({bound}) on {validation.method}, relative error '
-            f'{100.0 * validation.score.relative_error:.1f} %')

@@ -92,20 +92,15 @@ def solve_load(
     # autocorrelation robust tests", Econometric Theory 21(6), 2005, Table 1, Bartlett's kernel
     share = window / len(scores)
     wider = 1.0 + (2.9694 * share + 0.4160 * share ** 2 - 0.5324 * share ** 3) / 1.96
-    spread = long_run(scores, window) * wider ** 2
+    spread = scores.T @ scores
+    for lag in range(1, window + 1):  # covariances, with weights that fall linearly
+        part = scores[lag:].T @ scores[:-lag]
+        spread += (1.0 - lag / (window + 1.0)) * (part + part.T)
+    spread = spread * wider ** 2
     # of a load as of the noise: a spread that a short recording shows by chance is no less
     spread = spread + FLAT * np.trace(spread) * np.eye(len(spread))
     information = gram @ np.linalg.pinv(spread, rcond=1e-12, hermitian=True) @ gram
     return LoadFit(parameters / scale, information * np.outer(scale, scale), left, error)
-
-
-def long_run(scores: FloatArray, window: int) -> FloatArray:
-    """Sum covariances (parameters, parameters) over lags, with weights that fall linearly."""
-    total = scores.T @ scores
-    for lag in range(1, window + 1):
-        part = scores[lag:].T @ scores[:-lag]
-        total += (1.0 - lag / (window + 1.0)) * (part + part.T)
-    return np.asarray(total)
 
 
 # -- What became known of a load, with its standard deviations

@@ -120,21 +120,6 @@ def best_order(found: NDArray, past: NDArray, prescribed: NDArray, factor: NDArr
     return best
 
 
-@compiled
-def remember(past: NDArray, found: NDArray) -> None:
-    """Put the newest accelerations before the others."""
-    for i in range(found.shape[0]):
-        past[3, i], past[2, i], past[1, i], past[0, i] = (
-            past[2, i], past[1, i], past[0, i], found[i])
-
-
-@compiled
-def forget(past: NDArray) -> None:
-    """Take the newest accelerations away again."""
-    for i in range(past.shape[1]):
-        past[0, i], past[1, i], past[2, i] = past[1, i], past[2, i], past[3, i]
-
-
 # -- One step of the generalised-alpha method for a mechanism, compiled.
 #
 # Arnold and Bruels (Multibody System Dynamics 18, 2007): second order, stable for beams of any
@@ -296,7 +281,8 @@ def step(plant: PlantTables, loaded: bool) -> int:
             return BAD_INPUT
     for i in range(n):
         old_z[i], old_dz[i], old_acc[i] = z[i], dz[i], acc[i]
-    remember(past, ddz)
+        # the newest accelerations stand before the others
+        past[3, i], past[2, i], past[1, i], past[0, i] = past[2, i], past[1, i], past[0, i], ddz[i]
     status = _attempt(int(plant.settings[ORDER]), plant, loaded)
     if status != OK:
         # After a blow the past leads astray: once more from rest, with a matrix of its own.
@@ -308,7 +294,7 @@ def step(plant: PlantTables, loaded: bool) -> int:
     if status != OK:
         for i in range(n):
             z[i], dz[i], ddz[i], acc[i] = old_z[i], old_dz[i], past[0, i], old_acc[i]
-        forget(past)
+            past[0, i], past[1, i], past[2, i] = past[1, i], past[2, i], past[3, i]
         plant.settings[FACTORED] = 0.0
     return status
 

@@ -77,7 +77,15 @@ class Probe:
         if arm is not None:
             places += [self._gauge(arm, number) for number in range(len(gauges))]
         for joint, distance in places:
-            self._check(joint, distance)
+            if joint not in mechanism.beams:
+                raise SimulationError(
+                    f'arm {mechanism.name!r}: joint {joint!r} has no beam; choose a joint that '
+                    f'has one, of {list(mechanism.beams)}')
+            length = mechanism.length(joint)
+            if not -1e-9 <= distance <= length + 1e-9:
+                raise SimulationError(
+                    f'arm {mechanism.name!r}: a place at {distance:g} m is outside the beam of '
+                    f'{joint!r}; give one from 0 to {length:g} m')
         self.bodies = np.array([mechanism.body_of[joint] for joint, _ in places], dtype=np.int64)
         self.places = np.array([distance for _, distance in places], dtype=float)
         self.loads = np.zeros((len(places), LOADS))
@@ -122,16 +130,6 @@ class Probe:
             self.gains[number] = (sign * scale * surface / place.bending,
                                   -sign * scale * surface * beta, place.axis)
         return gauge.joint, place.distance
-
-    def _check(self, joint: str, distance: float) -> None:
-        mechanism = self.plant.mechanism
-        if joint not in mechanism.beams:
-            raise SimulationError(f'arm {mechanism.name!r}: joint {joint!r} has no beam; choose a '
-                                  f'joint that has one, of {list(mechanism.beams)}')
-        length = mechanism.length(joint)
-        if not -1e-9 <= distance <= length + 1e-9:
-            raise SimulationError(f'arm {mechanism.name!r}: a place at {distance:g} m is outside '
-                                  f'the beam of {joint!r}; give one from 0 to {length:g} m')
 
 
 # -- Inertial sensors on a mechanism: at the far end of each beam and at the tip

@@ -168,23 +168,13 @@ class Live(Protocol):
 
 
 class Model(Shown, ABC):
-    """
-    A model that gives one output of an arm for its motion.
+    """A model that gives one output of an arm for its motion."""
 
-    Attributes
-    ----------
-    has_memory : bool
-        Whether it follows whole stretches only; others learn and predict row by row.
-    payload_range : (float, float) or None
-        Payloads that it was fitted to [kg]; None where it knows of none.
-    channels : tuple of str
-        Names of its channels.
-
-    """
-
+    # Whether it follows whole stretches only; others learn and predict row by row.
     has_memory: ClassVar[bool] = True
+    # Payloads that it was fitted to [kg]; None where it knows of none.
     payload_range: Range | None = None
-    channels: tuple[str, ...]
+    channels: tuple[str, ...]  # their names
 
     @abstractmethod
     def follow(self, stretch: Stretch) -> FloatArray:

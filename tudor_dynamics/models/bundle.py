@@ -370,9 +370,7 @@ def unpack(models: Mapping[str, AnalyticalModel], content: bytes, file: Path) ->
 def _matrix(product: Products) -> FloatArray:
     if product.triangle is None:
         return product.gram
-    full = np.zeros_like(product.gram)
-    full[:len(product.triangle)] = product.triangle
-    return full
+    return np.pad(product.triangle, ((0, len(product.gram) - len(product.triangle)), (0, 0)))
 
 
 # -- Writing and reading model bundles

@@ -283,22 +283,15 @@ class Wish:
                              'masses of 0 kg or more, each larger than the one before')
 
 
-def pose_axes(tuned: TunedArm) -> tuple[FloatArray, ...]:
-    """Lay the grid over the planned range of each joint; see ``SPACING`` and ``POSES``."""
-    planned = joint_range(tuned.arm)
-    points = np.maximum(np.ceil((planned.upper - planned.lower) / SPACING).astype(int) + 1, 2)
-    while math.prod(points.tolist()) > POSES and points.max() > 2:
-        points[int(np.argmax(points))] -= 1
-    return tuple(np.linspace(a, b, count) for a, b, count in zip(
-        planned.lower, planned.upper, points.tolist(), strict=True))
-
-
 def design(
     tuned: TunedArm, wish: Wish, progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Schedule:
     """Compute a schedule; progress: called with the nodes of the grid that are done, and all."""
-    arm = tuned.arm
-    axes = pose_axes(tuned)
+    arm, planned = tuned.arm, joint_range(tuned.arm)  # which the grid is laid over
+    points = np.maximum(np.ceil((planned.upper - planned.lower) / SPACING).astype(int) + 1, 2)
+    while math.prod(points.tolist()) > POSES and points.max() > 2:
+        points[int(np.argmax(points))] -= 1
+    axes = tuple(map(np.linspace, planned.lower, planned.upper, points.tolist()))
     shape = (len(wish.payloads), *(len(axis) for axis in axes))
     rows, total = [], math.prod(shape)
     before: dict[tuple[int, ...], FloatArray] = {}

@@ -40,7 +40,7 @@ from tudor_dynamics.identification.fit import FitResult, FittedOutput, headline
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, changes, Comparison, ErrorChange)
 from tudor_dynamics.identification.ringdowns import (
-    find_ringdowns, LEAST_SECONDS, mode_map, Ringdown, Ringing)
+    find_ringdowns, LEAST_SECONDS, mode_map, Ringdown)
 from tudor_dynamics.identification.validation import (
     GOOD_FIT, Grade, LARGEST_CONDITION, shown_fit, USABLE_FIT, Validation)
 from tudor_dynamics.load.offline import PayloadEstimate
@@ -112,18 +112,13 @@ def coefficient_groups(item: FittedOutput, arm: Arm) -> list[dict[str, Any]]:
             row['note'] = ('not excited' if not row['excited'] else
                            'uncertain' if row['relative_error'] > UNCERTAIN else '')
         excited = all(row['excited'] for row in group['coefficients'])
-        group['conditioning'] = _conditioning(group['condition'], excited)
+        group['conditioning'] = (
+            'the motion does not show every parameter; the rest are determined'
+            if not excited else 'well conditioned' if group['condition'] <= GOOD_CONDITION else
+            'some parameters are hard to separate; their standard errors say which'
+            if group['condition'] <= LARGEST_CONDITION else
+            'badly conditioned: predictions hold on similar motion only')
     return groups
-
-
-def _conditioning(condition: float, excited: bool) -> str:
-    if not excited:
-        return 'the motion does not show every parameter; the rest are determined'
-    if condition <= GOOD_CONDITION:
-        return 'well conditioned'
-    if condition <= LARGEST_CONDITION:
-        return 'some parameters are hard to separate; their standard errors say which'
-    return 'badly conditioned: predictions hold on similar motion only'
 
 
 def before_after(result: FitResult) -> dict[str, Any] | None:
@@ -174,6 +169,9 @@ def render(
     assessment = assess(result) if assessment is None else assessment
     outputs = [_output(result, assessment, output) for output in
                dict.fromkeys(item.output for item in result.fitted)]
+    # vibrations stand in the last output with an analytical model
+    rigid = [item.output for item in result.fitted if item.kind == 'analytical']
+    units = output_units(result.arm, rigid[-1]) if rigid else {}
     elastic, before = elastic_section(result), before_after(result)
     bags = [('training', bag) for bag in result.learned]
     bags += [('validation', bag) for bag in result.judged]
@@ -186,8 +184,7 @@ def render(
         'page', arm=result.arm.name, joints=result.arm.active_joints,
         overall=overall((result.causal or result).fitted, assessment.detects),
         picture=arm_figure(result.arm, np.array([np.median(axis.training) for axis in axes])),
-        ringing=_ringing(result),
-        analytical=any(item.kind == 'analytical' for item in result.fitted),
+        ringing=[(item, units[item.channel]) for item in result.ringing], analytical=bool(rigid),
         judged=[*((item, 'beside the robot') for item in live),
                 *((item, 'offline' if live else '') for item in result.fitted)],
         fitted=result.fitted, outputs=outputs, elastic=elastic, before=before,
@@ -254,17 +251,19 @@ def over_time(arm: Arm, output: str, judged: Mapping[str, Validation]) -> dict[s
         'errors': error_figure(arm, output, judged)}
 
 
-def _ringing(result: FitResult) -> list[tuple[Ringing, str]]:
-    """Vibrations with their units: they stand in the last output with an analytical model."""
-    rigid = [item.output for item in result.fitted if item.kind == 'analytical']
-    units = output_units(result.arm, rigid[-1]) if rigid else {}
-    return [(item, units[item.channel]) for item in result.ringing]
-
-
 # -- The section on the elastic model, with its modes and ring-downs
 
 MOST_ROWS = 24  # ring-downs in the table; the figure has all
 NOT_SHOWN = 'not shown by these bags'
+SEARCHED = (
+    f'robust least squares on simulated against measured strain (Huber, from {HUBER:g} standard '
+    f'deviations); {len(FACTORS)} stiffnesses from {FACTORS[0]:.2g} to {FACTORS[-1]:.2g} times '
+    f'the description tried on up to {EXCERPT:g} s, with {len(STARTS)} shares of the gears in the '
+    f'compliance, the best {sum(STARTS.values())} improved, two of them searched from; inner step '
+    f'{1e3 * INNER_STEP:g} ms; where a stretch begins in motion, its first {RUN_IN:g} s are not '
+    f'fitted, and its validation takes the links from its first {OBSERVED:g} s of strain; '
+    f'standard errors from clusters of {CLUSTER:g} s')
+"""How the elastic model is searched."""
 
 
 def elastic_section(result: FitResult) -> dict[str, Any] | None:
@@ -293,7 +292,7 @@ def elastic_section(result: FitResult) -> dict[str, Any] | None:
         'ringdown_figure': ringdown_figure(ringdowns) if ringdowns else None,
         'ringdown_summary': summary(ringdowns), 'shortest': LEAST_SECONDS,
         'starts': start_rows(found.starts), 'fit': found.fit,
-        'settings': settings_text()}
+        'settings': SEARCHED}
 
 
 def strongest(ringdowns: Sequence[Ringdown]) -> list[tuple[Ringdown, str, str]]:
@@ -331,19 +330,6 @@ def summary(ringdowns: Sequence[Ringdown]) -> str:
                      f'{100.0 * frequency:.1f} % and the damping ratio {sign} than measured by '
                      f'{100.0 * abs(damping):.2g} percentage points')
     return f'In the median: {"; ".join(parts)}.' if parts else ''
-
-
-def settings_text() -> str:
-    """Describe how the elastic model is searched."""
-    low, high = FACTORS[0], FACTORS[-1]
-    return (f'robust least squares on simulated against measured strain (Huber, from '
-            f'{HUBER:g} standard deviations); {len(FACTORS)} stiffnesses from '
-            f'{low:.2g} to {high:.2g} times the description tried on up to {EXCERPT:g} s, '
-            f'with {len(STARTS)} shares of the gears in the compliance, the best '
-            f'{sum(STARTS.values())} improved, two of them searched from; inner step '
-            f'{1e3 * INNER_STEP:g} ms; where a stretch begins in motion, its first {RUN_IN:g} s '
-            f'are not fitted, and its validation takes the links from its first {OBSERVED:g} s of '
-            f'strain; standard errors from clusters of {CLUSTER:g} s')
 
 
 # -- The page of an evaluation, with loads that the model did not know of

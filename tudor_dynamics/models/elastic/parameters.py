@@ -156,19 +156,6 @@ def _spring(physics: Physics, joint: str) -> tuple[float | None, float]:
     return (None, 0.0) if motor is None else (motor.stiffness, motor.damping)
 
 
-def _play(physics: Physics, joint: str) -> float:
-    return 0.5 * physics.motors[joint].backlash if joint in physics.motors else 0.0
-
-
-def _bend(physics: Physics, joint: str, value: float) -> None:
-    physics.scale_beam(joint, [at.EIY, at.EIZ, at.GJ], value / physics.mechanism.beams[joint].EIz)
-
-
-def _fill(physics: Physics, joint: str, value: float) -> None:
-    physics.scale_beam(joint, [at.DENSITY, at.POLAR],
-                       value / physics.mechanism.beams[joint].density)
-
-
 def _in_beams(column: int) -> Callable[[Physics, str, float], None]:
     def act(physics: Physics, _: str, value: float) -> None:
         for joint in physics.mechanism.beams:
@@ -194,11 +181,15 @@ def _delay(physics: Physics, _: str, value: float) -> None:
 PHYSICAL: dict[str, ParameterKind] = {
     'bending': ParameterKind(
         'link', 'N m^2', 'bending stiffness of the link after {}',
-        lambda physics, joint: physics.mechanism.beams[joint].EIz, _bend,
+        lambda physics, joint: physics.mechanism.beams[joint].EIz,
+        lambda physics, joint, value: physics.scale_beam(
+            joint, [at.EIY, at.EIZ, at.GJ], value / physics.mechanism.beams[joint].EIz),
         width=0.5, adds=-1, early=True),
     'density': ParameterKind(
         'link', 'kg/m', 'mass per length of the link after {}',
-        lambda physics, joint: physics.mechanism.beams[joint].density, _fill,
+        lambda physics, joint: physics.mechanism.beams[joint].density,
+        lambda physics, joint, value: physics.scale_beam(
+            joint, [at.DENSITY, at.POLAR], value / physics.mechanism.beams[joint].density),
         width=0.1, adds=1),
     'lumped': ParameterKind(
         'part', 'kg', 'mass on the link after {}',
@@ -216,8 +207,9 @@ PHYSICAL: dict[str, ParameterKind] = {
         lambda physics, joint: _spring(physics, joint)[0] or RIGID_GEAR * physics.stiffest,
         _in_gear(at_gear.STIFF), width=1.0, adds=-1, early=True, unit_along='N/m'),
     'play': ParameterKind(
-        'joint', 'rad', 'backlash of the gear of {}, half of it', _play,
-        _in_gear(at_gear.PLAY), width=1.0, least=0.002, unit_along='m'),
+        'joint', 'rad', 'backlash of the gear of {}, half of it',
+        lambda physics, joint: 0.5 * physics.motors[joint].backlash if joint in physics.motors
+        else 0.0, _in_gear(at_gear.PLAY), width=1.0, least=0.002, unit_along='m'),
     'edge': ParameterKind(
         'joint', '1', 'part of the backlash of {} over which the teeth engage',
         lambda physics, joint: EDGE, _round, width=0.5),
