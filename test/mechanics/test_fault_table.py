@@ -28,6 +28,7 @@ from functools import lru_cache
 
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import run_state_machine_as_test
+from lying import Liar, LIES
 from motion_machine import broken_limits, FIRST, go, MotionMachine, moving, SECOND, tudor
 import numpy as np
 import pytest
@@ -625,11 +626,54 @@ def test_untested_joints_are_nudged_only() -> None:
     rig.controller.tested = True
     rig.run(2.0)
     follows_again(rig)
-    altered(rig, lambda sample: None, 1.0)
+    altered(rig, lambda sample: None, 0.8)
     rig.run(1.0)
-    assert rig.controller.tested  # a silent driver may be the same one
+    assert rig.controller.tested  # so short a silence is no start of a driver
     rig.controller = None
     rig.run(1.0)
     rig.start_controller()
     assert not rig.controller.tested
     judge(rig)
+
+
+@pytest.mark.parametrize('rate', [100.0, 500.0])
+@pytest.mark.parametrize('name, most', [('drive negates', 1.0), ('drive swaps', 4.0)])
+def test_a_driver_that_starts_again_is_tested_again(name: str, most: float, rate: float) -> None:
+    """
+    A driver that comes back after 1.5 s, and is wrong now, gets nudges alone.
+
+    What was confirmed of the one before counts no more.
+    """
+    rig = Rig(tudor(), rate=rate)
+    rig.controller.required = True
+    rig.run(1.0)
+    rig.controller.tested = True
+    go(rig, FIRST)
+    rig.run(4.0)
+    follows_again(rig)
+    altered(rig, lambda sample: None, 1.5)
+    begin = len(rig.trace.q)
+    Liar(rig).begin(next(lie for lie in LIES if lie.name == name))
+    rig.run(0.5)
+    assert not rig.controller.tested
+    assert np.degrees(rig.controller.watched.trusted).max() < 3.0
+    go(rig, SECOND)
+    causes = set()
+    for _ in range(20):
+        rig.run(0.1)
+        causes.add(rig.controller.cause)
+    assert 'joints were not tested since their driver started; run joint_test' in causes
+    moved = np.abs(rig.trace.array('q')[begin:] - rig.trace.q[begin - 1])
+    assert np.degrees(moved[:, 0]).max() < most
+    judge(rig)
+
+
+def test_a_clock_set_back_is_a_driver_that_starts_again() -> None:
+    """A simulated driver begins at 0 again, however short its silence was."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.run(1.0)
+    rig.controller.tested = True
+    altered(rig, lambda sample: None, 0.5)
+    rig._stamp = rig.t + 9.0
+    rig.run(0.01)
+    assert not rig.controller.tested

@@ -87,6 +87,7 @@ class OscillationDamperNode(MovingNode):
         self.controller: MotionController | None = None
         self.clocks = ClockWatch()
         self._faults: dict[int, Status] = {}
+        self._drivers: set[bytes] = set()  # publishers of positions when the joints were tested
         self.reported_cuts: Counter[str] = Counter()
         self.reported_refusals: Counter[str] = Counter()
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
@@ -142,8 +143,13 @@ class OscillationDamperNode(MovingNode):
     def _tested(self) -> str:
         if self.controller is None or not self.active:
             raise UsageError('the damper is not active', remedy='activate it and test again')
-        self.controller.tested = True
+        self.controller.tested, self._drivers = True, self._publishers()
         return 'follows any reference until the driver of the arm restarts'
+
+    def _publishers(self) -> set[bytes]:
+        """Give what tells a publisher of positions from its successor."""
+        return {bytes(info.endpoint_gid) for info in self.get_publishers_info_by_topic(
+            self.resolve_topic_name(self._own))}
 
     def _on_reference(self, message: JointState) -> None:
         q = self._references.read(message, 'position')
@@ -163,10 +169,13 @@ class OscillationDamperNode(MovingNode):
     def answer(
         self, controller: MotionController, message: JointState, dt: float, q: FloatArray,
     ) -> None:
+        missing = controller.missing
         command = controller.step(
             self.steady(), dt, q, self._strain, self._fresh,
             age=self.clocks.newest, dq=self._joints.read(message, 'velocity', optional=True),
             effort=self._effort)
+        if missing > controller.missing and self._publishers() - self._drivers:
+            controller.distrust()
         state = controller.damper.state
         for place in np.flatnonzero((state[:, STATUS] >= Status.MISSING) & (state[:, SEEN] > 0)):
             # a jump is over before anybody looks: remembered until the gauge is trusted again
