@@ -108,7 +108,12 @@ def test_drives_are_optional(root: Path, content: Any) -> None:
     ('damper.joints.0.gauge', 'hub', ["damper names the gauge 'hub'"]),
     ('damper.joints.0.gain', -1000.0, [
         'damper.joints[0].gain', 'at least 0', '-1000.0']),
+    ('damper.joints.0.gain', 2e4, ['damper.joints[0].gain', 'at most 10000', '20000.0']),
     ('damper.position_gain', 0, ['damper.position_gain', 'above 0']),
+    ('damper.position_gain', 32.0, ['damper', 'position_gain 32 1/s is above the 31.4 1/s that '
+                                    'drives with a velocity_bandwidth of 20 Hz stand']),
+    ('damper.full_delay', 1.0, ['damper.full_delay', 'at most 0.05', '1.0']),
+    ('damper.drive_timeout', 60.0, ['damper.drive_timeout', 'at most 1', '60.0']),
     ('damper.mean_frequency', 30.0, [
         'damper', 'mean_frequency 30.0 Hz is not below velocity_bandwidth 20.0 Hz']),
     ('damper.rate', 40.0, ['damper', 'rate 40.0 Hz is not above twice', 'increase rate']),

@@ -20,8 +20,10 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
+from tudor_dynamics.arm.schema import LONGEST_FULL_DELAY, LOOP_PHASE
 from tudor_dynamics.control.cascade import (
     damping_share, DelayMeter, position_gain_limit, RingingWatch)
+from tudor_dynamics.control.settings import DELAY_LONGEST, DELAY_PHASE
 
 SPEED = np.array([1.8, 1.8])
 
@@ -104,3 +106,10 @@ def test_swing_that_is_fed() -> None:
     assert watch(RingingWatch(SPEED), lambda t: float(SPEED[0]) * peaks[int(t / 0.4001)],
                  4.2) == ''
     assert 'speed limit' in watch(RingingWatch(SPEED), lambda t: 1.6, 2.0, moving=True)
+
+
+def test_descriptions_end_where_the_loop_does() -> None:
+    """With the largest full delay the longest that is measured still switches the damper off."""
+    assert damping_share(DELAY_LONGEST, LONGEST_FULL_DELAY) == 0.0
+    assert damping_share(0.9 * DELAY_LONGEST, LONGEST_FULL_DELAY) > 0.0
+    assert LOOP_PHASE == DELAY_PHASE

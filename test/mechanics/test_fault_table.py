@@ -28,11 +28,13 @@ from functools import lru_cache
 
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import run_state_machine_as_test
+from lying import Liar, LIES
 from motion_machine import broken_limits, FIRST, go, MotionMachine, moving, SECOND, tudor
 import numpy as np
 import pytest
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.control.motion_controller import MotionController, State
+from tudor_dynamics.control.references import ReferenceSource
 from tudor_dynamics.control.settings import WATCH_PERIOD
 from tudor_dynamics.mechanics.closed_loop import Sample
 from tudor_dynamics.mechanics.rig import Rig
@@ -625,11 +627,101 @@ def test_untested_joints_are_nudged_only() -> None:
     rig.controller.tested = True
     rig.run(2.0)
     follows_again(rig)
-    altered(rig, lambda sample: None, 1.0)
+    altered(rig, lambda sample: None, 0.8)
     rig.run(1.0)
-    assert rig.controller.tested  # a silent driver may be the same one
+    assert rig.controller.tested  # so short a silence is no start of a driver
     rig.controller = None
     rig.run(1.0)
     rig.start_controller()
     assert not rig.controller.tested
     judge(rig)
+
+
+@pytest.mark.parametrize('rate', [100.0, 500.0])
+@pytest.mark.parametrize('name, most', [('drive negates', 1.0), ('drive swaps', 4.0)])
+def test_a_driver_that_starts_again_is_tested_again(name: str, most: float, rate: float) -> None:
+    """
+    A driver that comes back after 1.5 s, and is wrong now, gets nudges alone.
+
+    What was confirmed of the one before counts no more.
+    """
+    rig = Rig(tudor(), rate=rate)
+    rig.controller.required = True
+    rig.run(1.0)
+    rig.controller.tested = True
+    go(rig, FIRST)
+    rig.run(4.0)
+    follows_again(rig)
+    altered(rig, lambda sample: None, 1.5)
+    begin = len(rig.trace.q)
+    Liar(rig).begin(next(lie for lie in LIES if lie.name == name))
+    rig.run(0.5)
+    assert not rig.controller.tested
+    assert np.degrees(rig.controller.watched.trusted).max() < 3.0
+    go(rig, SECOND)
+    causes = set()
+    for _ in range(20):
+        rig.run(0.1)
+        causes.add(rig.controller.cause)
+    assert 'joints were not tested since their driver started; run joint_test' in causes
+    moved = np.abs(rig.trace.array('q')[begin:] - rig.trace.q[begin - 1])
+    assert np.degrees(moved[:, 0]).max() < most
+    judge(rig)
+
+
+def test_a_clock_set_back_is_a_driver_that_starts_again() -> None:
+    """A simulated driver begins at 0 again, however short its silence was."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.run(1.0)
+    rig.controller.tested = True
+    altered(rig, lambda sample: None, 0.5)
+    rig._stamp = rig.t + 9.0
+    rig.run(0.01)
+    assert not rig.controller.tested
+
+
+@pytest.mark.parametrize('rate', [100.0, 500.0])
+@pytest.mark.parametrize('later', [False, True])
+def test_two_dampers_command_one_arm(later: bool, rate: float) -> None:
+    """
+    Two follow references of their own, at once or one in the other's move: no limit is left.
+
+    The first of them has its fault within a second, and the arm comes to stand. What the fault
+    says: test_a_fault_beside_a_second_commander_names_it of nodes.
+    """
+    rig = Rig(tudor(), rate=rate, payload=0.4, seed=3)
+    second, source = MotionController(rig.arm), ReferenceSource(rig.arm)
+    first, stamps = rig._answer, [0.0]
+
+    def both(sample: Sample) -> object:
+        command = first(sample)
+        source.measured(rig.t, sample.q)
+        reference = source.step(rig.t, 1.0 / rate)
+        if reference is not None:
+            second.reference.add(rig.t, *reference)
+        if command is not None:
+            rig._send(command)
+        stamps.append(sample.t)
+        return second.step(
+            rig.t, stamps[-1] - stamps[-2] if len(stamps) > 2 else 0.0, sample.q, sample.strain,
+            np.ones(len(sample.strain), dtype=bool), age=rig.t - sample.t, dq=sample.dq,
+            effort=sample.current)
+    if not later:
+        rig._answer = both
+    rig.run(1.0)
+    go(rig, SECOND)
+    if later:
+        rig.run(0.9)
+        rig._answer = both
+    else:
+        assert source.go(np.radians([15.0, -70.0])) == ''
+    faults = []
+    for k in range(round(4.0 * rate)):
+        rig.step()
+        if State.FAULT in (rig.controller.state, second.state):
+            faults.append(k / rate)
+    assert faults[0] < 1.0
+    limits, q = hard_limits(rig.arm), rig.trace.array('q')
+    assert np.all(q > limits.lower) and np.all(q < limits.upper)
+    assert np.all(np.abs(np.diff(q, axis=0)) * rate < 1.05 * limits.velocity)
+    assert np.degrees(np.abs(rig.trace.dq[-1])).max() < 1.0

@@ -24,8 +24,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
 import pytest
+from rclpy.exceptions import InvalidParameterValueException
 from rclpy.parameter import Parameter
-from ros_world import joint_message, JOINTS, values_of, World
+from ros_world import joint_message, JOINTS, node_class, overrides, values_of, World
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tudor_dynamics.control.motion_controller import State
@@ -342,6 +343,136 @@ def test_others_that_command_or_publish_positions(world: World, tudor: Path) -> 
     assert world.spin(lambda: arm.node.crowded is None)
 
 
+def test_a_fault_beside_a_second_commander_names_it(world: World, tudor: Path) -> None:
+    """
+    Its commands move joint2 by 30 deg/s: the fault names the node that sends them, not a drive.
+
+    The text comes with the fault, stays when that node is gone, and ends with a reset.
+    """
+    arm = Arm(world, tudor, damping=0.0)
+    arm.run(300)
+    assert arm.told().message == 'running'
+    begin, other = arm.q.copy(), np.radians([30.0, 0.0])
+    world.output('velocity_commands', Float64MultiArray)
+    assert world.spin(lambda: '/probe' in arm.node.rivals(arm.node._output))
+    while arm.node.controller.state is not State.FAULT:
+        arm.step()
+        arm.speed = other  # the driver takes the last command
+        assert np.degrees(np.abs(arm.q - begin)).max() < 5.0
+    status = arm.told()
+    text = ('/probe can also command the joints on /velocity_commands; let only one node publish '
+            'there; this may explain the fault: joint2: ')
+    assert status.level == DiagnosticStatus.ERROR and status.message.startswith(text)
+    assert status.message.endswith('joints stand until you call the service '
+                                   '/oscillation_damper/reset')
+    world.probe.destroy_publisher(world.outputs.pop('velocity_commands'))
+    assert world.spin(lambda: not arm.node.rivals(arm.node._output))
+    world.rest(0.7)
+    assert arm.told().message.startswith(text)
+    arm.node._reset()
+    arm.speed, arm.q_ref, arm.begun = np.zeros(2), arm.q.copy(), False
+    arm.run(30)
+    assert arm.told().message == 'running'
+
+
+def test_no_diagnosis_is_ok_for_long_after_a_fault(world: World, tudor: Path) -> None:
+    """What is wrong is published at once: a fault, lost positions, a second commander."""
+    arm = Arm(world, tudor)
+    arm.run(300)
+    heard = world.heard['/diagnostics']
+
+    def last() -> Any:
+        return next(s for item in heard[::-1] for s in item.status if 'damper' in s.name)
+    arm.told()
+    world.output('velocity_commands', Float64MultiArray)
+    begin = time.monotonic()
+    assert world.spin(lambda: last().level == DiagnosticStatus.ERROR)
+    assert time.monotonic() - begin < 1.0
+    world.probe.destroy_publisher(world.outputs.pop('velocity_commands'))
+    assert world.spin(lambda: last().level == DiagnosticStatus.OK)
+    arm.told()
+    arm.wait(0.3)  # after 0.25 s without positions it gives them up
+    world.rest(0.1)
+    assert last().level == DiagnosticStatus.STALE
+    arm.speed = np.zeros(2)
+    arm.step(gap=1)
+    arm.run(300)
+    assert arm.told().message == 'running'
+    arm.q = arm.q + [0.9, 0.0]
+    begin = arm.k
+    while last().level == DiagnosticStatus.OK:
+        arm._publish(None, (JOINTS, GAUGES), True)
+        world.rest(0.002)
+        assert (arm.k - begin) * PERIOD < 100_000_000
+    assert 'jumped' in last().message
+
+
+def test_another_publisher_of_positions_is_another_driver(world: World, tudor: Path) -> None:
+    """Back after 0.5 s, the same driver stays tested; a new one has to be tested again."""
+    arm = Arm(world, tudor, damping=0.0, require_joint_test=True)
+    arm.run(100)
+    arm.node._tested()
+    for tested in (True, False):
+        assert not arm.wait(0.5)[-1].any()
+        arm.speed = np.zeros(2)
+        if not tested:
+            world.probe.destroy_publisher(world.outputs.pop('joint_states'))
+            world.meet('joint_states')
+        arm.step(gap=1)
+        arm.run(100)
+        assert arm.node.controller.tested == tested
+    begin = arm.q.copy()
+    arm.dq_ref = np.array([0.1, 0.0])
+    arm.run(300)
+    assert np.degrees(np.abs(arm.q - begin)).max() < 3.0
+    status = arm.told()
+    assert status.level == DiagnosticStatus.WARN and status.message == (
+        'the joints are held: joints were not tested since their driver started; run joint_test')
+
+
+def test_of_positions_that_wait_the_newest_counts(world: World, tudor: Path) -> None:
+    """One command answers all that waited while the node was busy; the others are counted."""
+    arm = Arm(world, tudor, damping=0.0)
+    arm.run(100)
+    before = len(arm.commands)
+    for _ in range(6):
+        arm.k += 1
+        world.output('joint_states').publish(joint_message(arm.stamp, JOINTS, position=arm.q))
+    world.output('joint_states').publish(joint_message(arm.stamp, ['tool'], position=[0.1]))
+    time.sleep(0.2)
+    assert world.spin(lambda: arm.node.gate.last == arm.stamp)
+    world.rest(0.004)
+    values = values_of(arm.told())
+    assert values['dropped: overtaken'] == '5' and 'dropped: gap' not in values
+    assert len(arm.commands) <= before + 2
+    assert arm.node.meter.count == 100 + LOOKED_AT
+    arm.run(30)
+    assert 'dropped: gap' not in values_of(arm.told())
+
+
+def test_absurd_parameters_are_refused_with_the_bound(world: World, tudor: Path) -> None:
+    """Damping beyond what the loop stands, and a timeout of a minute, change nothing."""
+    arm = Arm(world, tudor)
+    for name, value, bound in (('damping', 10.0, '1.25'), ('timeout', 60.0, '1.0'),
+                               ('position_gain', 1e3, '100.0')):
+        before = arm.node.value(name)
+        result = arm.node.set_parameters([Parameter(name, value=value)])[0]
+        assert not result.successful and f'Max: {bound}' in result.reason, result.reason
+        assert arm.node.value(name) == before
+    assert arm.node.controller.timeout == 0.1 and arm.node.controller.gains.share == 1.0
+
+
+@pytest.mark.parametrize('name', ['reference_generator', 'force_controller', 'trajectory_relay'])
+def test_no_node_that_moves_an_arm_trusts_old_input(name: str, world: World) -> None:
+    """A timeout of a minute is refused with its bound, at the start as well."""
+    node = world.add(node_class(name))
+    result = node.set_parameters([Parameter('timeout', value=60.0)])[0]
+    assert not result.successful and 'Max: 1.0' in result.reason, result.reason
+    assert node.set_parameters([Parameter('timeout', value=1.0)])[0].successful
+    with pytest.raises(InvalidParameterValueException, match='timeout'):
+        node_class(name)(context=world.context, parameter_overrides=overrides(timeout=60.0))
+
+
 def test_position_gain_goes_back_to_that_of_the_arm(world: World, tudor: Path) -> None:
     """100 is bounded and told; 0 is that of the description again."""
     arm = Arm(world, tudor)
@@ -379,7 +510,7 @@ def test_rates_and_losses(period: int, world: World, tudor: Path) -> None:
         world.output('joint_states').publish(joint_message(stamp, JOINTS, position=POSE))
         if k % 8 == 7:  # eight at a time
             assert world.spin(lambda: arm.node.gate.last == stamp)  # noqa: B023
-    assert world.spin(lambda: len(arm.commands) > 60)
+    assert world.spin(lambda: len(arm.commands) > 15)  # one for all that waited
     seen = np.array([list(command.data) for command in arm.commands])
     assert np.isfinite(seen).all() and np.abs(seen).max() < 1.9
     assert arm.node.gate.drops['clock_set_back'] == 1

@@ -378,6 +378,11 @@ PerDirection = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(
 """Magnitudes for positive and for negative motion; one number stands for both."""
 
 DRIVE_TIMEOUT = 0.1
+LONGEST_FULL_DELAY = 0.05
+"""A delay is measured up to 0.25 s, which has to switch off any damper: at five times the full
+delay (`control.settings.DELAY_LONGEST`, ``DELAY_GONE``) [s]."""
+LOOP_PHASE = 0.25
+"""Largest position gain times the lag of the drives: as `control.settings.DELAY_PHASE`."""
 """Time without a command from which on drives stop, where the description does not say [s]."""
 
 
@@ -474,7 +479,7 @@ class DamperJointSpec(Spec):
     """Joint that yields."""
     gauge: Name
     """Gauge that it yields to, in um/m or m/m."""
-    gain: NonNegative
+    gain: Annotated[float, Field(ge=0, le=1e4)]
     """Yielding speed of the joint per mean-free strain [rad/s per m/m]."""
 
 
@@ -494,9 +499,9 @@ class DamperSpec(Spec):
     """Bandwidth of the velocity loop inside [Hz]."""
     rate: Annotated[float, Field(gt=0, le=1e6)] = 2000.0
     """Rate of the law in the simulator; the node runs at that of its messages [Hz]."""
-    full_delay: Positive = 0.01
+    full_delay: Annotated[float, Field(gt=0, le=LONGEST_FULL_DELAY)] = 0.01
     """Delay of the loop up to which the gains hold; beyond, the damper takes less [s]."""
-    drive_timeout: NonNegative = DRIVE_TIMEOUT
+    drive_timeout: Annotated[float, Field(ge=0, le=1)] = DRIVE_TIMEOUT
     """Time without a command from which on the drives brake by themselves, as planned motion does:
     before each position limit there is room left for that [s]."""
     joints: tuple[DamperJointSpec, ...] = Field(min_length=1, max_length=100)
@@ -507,6 +512,11 @@ class DamperSpec(Spec):
             yield (f'mean_frequency {self.mean_frequency} Hz is not below velocity_bandwidth '
                    f'{self.velocity_bandwidth} Hz; the damper acts in between: lower '
                    'mean_frequency')
+        largest = LOOP_PHASE * 2.0 * math.pi * self.velocity_bandwidth
+        if self.position_gain > largest:
+            yield (f'position_gain {self.position_gain:g} 1/s is above the {largest:.3g} 1/s that '
+                   f'drives with a velocity_bandwidth of {self.velocity_bandwidth:g} Hz stand; '
+                   'lower position_gain')
         if self.rate <= 2 * self.velocity_bandwidth:
             yield (f'rate {self.rate} Hz is not above twice the velocity_bandwidth of '
                    f'{self.velocity_bandwidth} Hz; increase rate')

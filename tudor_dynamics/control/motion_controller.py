@@ -213,6 +213,11 @@ class MotionController:
         self.gains.reset()
         return False
 
+    def distrust(self) -> None:
+        """Take the driver for another one: joints have to be tested, and confirmed, again."""
+        self.watched.reset()
+        self.tested = False
+
     @property
     def blind(self) -> bool:
         """Whether it knows no positions, so that it commands nothing."""
@@ -231,11 +236,13 @@ class MotionController:
     ) -> FloatArray | None:
         """Give the commands for one sample; None until it is known how fast the arm is."""
         gains = self.gains
-        if math.isfinite(self._at):
-            self._arrival = learned_period(self._arrival, now - self._at)
-        self._at = now
+        silent, self._at = now - self._at, now
+        if math.isfinite(silent):
+            self._arrival = learned_period(self._arrival, silent)
         if dt <= 0.0:
             self.ages.reset()
+        if dt <= 0.0 or silent > settings.DRIVER_STARTS:
+            self.distrust()
         if age is not None and self.ages.step(now, age) > self._latest:
             self.cuts['late'] += 1
             return None if self._q is None or self._silent else self._brake(
@@ -352,8 +359,7 @@ class MotionController:
         if self._slept(now) or not self.missing:
             self._unknown = True
             self._takeover.reset()
-            self.watched.reset()
-            self.tested = False  # it may be another driver
+            self.distrust()
         self._q = self._guess = q.copy()
         self.watched.restart(self._q, 0.0 if self._unknown else settings.FREE_AFTER)
         self._explain_until = -math.inf  # what a fault is explained by is forgotten

@@ -149,6 +149,9 @@ STOPPED_AT_ONCE = (1.01 * UNCONFIRMED_SPEED, 5.0 * 1.01 * UNCONFIRMED_SPEED)
 # Joints that have to be tested first go no farther than the speed limit goes in this time [s]:
 # 2.4 deg at 120 deg/s, four nudges of joint_test; nor at more of the limit.
 UNTESTED_TIME, UNTESTED_SHARE = 0.02, 0.125
+# A driver that was silent for longer counts as one that has started again [s]. Machines pause for
+# 0.4 s (bench/closed_loop_topics.py); one that is back sooner is known by its publisher.
+DRIVER_STARTS = 1.0
 # The speed grows with the way that was confirmed as if it were gone in this time [s].
 CONFIRMING_TIME = 0.05
 # Time in which an arm is braked at a fault, and where it moves as nobody commands it [s]; the

@@ -87,6 +87,8 @@ class OscillationDamperNode(MovingNode):
         self.controller: MotionController | None = None
         self.clocks = ClockWatch()
         self._faults: dict[int, Status] = {}
+        self._state = State.HOLDING
+        self._drivers: set[bytes] = set()  # publishers of positions when the joints were tested
         self.reported_cuts: Counter[str] = Counter()
         self.reported_refusals: Counter[str] = Counter()
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
@@ -142,8 +144,13 @@ class OscillationDamperNode(MovingNode):
     def _tested(self) -> str:
         if self.controller is None or not self.active:
             raise UsageError('the damper is not active', remedy='activate it and test again')
-        self.controller.tested = True
+        self.controller.tested, self._drivers = True, self._origins()
         return 'follows any reference until the driver of the arm restarts'
+
+    def _origins(self) -> set[bytes]:
+        """Give what tells a publisher of positions from its successor."""
+        return {bytes(info.endpoint_gid) for info in self.get_publishers_info_by_topic(
+            self.resolve_topic_name(self._own))}
 
     def _on_reference(self, message: JointState) -> None:
         q = self._references.read(message, 'position')
@@ -163,10 +170,16 @@ class OscillationDamperNode(MovingNode):
     def answer(
         self, controller: MotionController, message: JointState, dt: float, q: FloatArray,
     ) -> None:
+        missing = controller.missing
         command = controller.step(
             self.steady(), dt, q, self._strain, self._fresh,
             age=self.clocks.newest, dq=self._joints.read(message, 'velocity', optional=True),
             effort=self._effort)
+        if controller.state is not self._state:
+            self._state = controller.state
+            self._look()
+        if missing > controller.missing and self._origins() - self._drivers:
+            controller.distrust()
         state = controller.damper.state
         for place in np.flatnonzero((state[:, STATUS] >= Status.MISSING) & (state[:, SEEN] > 0)):
             # a jump is over before anybody looks: remembered until the gauge is trusted again
@@ -204,8 +217,10 @@ class OscillationDamperNode(MovingNode):
         controller = self.controller
         if controller is None or not self.active:
             return level, message
+        crowded = self.crowded if self.crowded and self.crowded[0] == ERROR else None
         if controller.state is State.FAULT:
-            return ERROR, (f'{controller.cause}; the joints stand still until you call the '
+            cause = f'{crowded[1]}; this may explain the fault: ' if crowded else ''
+            return ERROR, (f'{cause}{controller.cause}; the joints stand still until you call the '
                            'service ~/reset')
         if clock := self.clocks.fault():
             return ERROR, f'{self._own}: {clock}'
@@ -215,8 +230,8 @@ class OscillationDamperNode(MovingNode):
         if controller.missing:
             return STALE, (f'{self._own}: {controller.cause}; until then the damper commands '
                            'standstill')
-        if self.crowded and self.crowded[0] == ERROR:
-            return self.crowded
+        if crowded:
+            return crowded
         gains = controller.gains
         if gains.excited:
             return ERROR, (f'the damper is off, as {gains.excited}; run damper_sign_test, lower '
@@ -248,8 +263,12 @@ class OscillationDamperNode(MovingNode):
 
     def _look(self) -> None:
         """Count who commands the arm, and who says where it is: of each there may be one."""
-        self.crowded = self.crowd(self._output, 'command the joints',
-                                  '' if self.controller is None else self._own)
+        crowded = self.crowd(self._output, 'command the joints',
+                             '' if self.controller is None else self._own)
+        # who could command them at a fault may have left: it is said until the reset
+        if self._state is not State.FAULT or crowded and crowded[0] == ERROR:
+            self.crowded = crowded
+        self.notice()
 
     def _gauge_faults(self, controller: MotionController) -> list[str]:
         """Name the gauges that are not trusted, and why; forget those that are again."""

@@ -53,8 +53,9 @@ SUBSCRIPTIONS_LOOK = 0.01
 SIGNAL_LOOK = 0.2  # at signals: the longest time until one is noticed [s]
 ARMS_LOOK = 0.1  # at the monitors of several arms [s]
 TOPICS_LOOK, SAVE = 0.2, 1.0  # at topics to record; time after which a message is on disk [s]
-PUBLISHERS_LOOK = 1.0
+PUBLISHERS_LOOK = 0.5
 """At who commands the arm, and who says where it is: the graph takes 0.1 ms to ask [s]."""
+VERDICT_LOOK = 0.05  # at the own state, which is published at once where its level changes [s]
 MONITORS_LOOK, ALIVE = 0.5, 2.5
 """At who watches for collisions; age of a monitor's last diagnosis, of which one comes a second,
 at which it counts as gone [s]."""

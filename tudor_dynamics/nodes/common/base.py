@@ -254,6 +254,7 @@ class TudorNode(Node):
         self._beside: Thread | None = None
         self._logged: tuple[bytes | None, str, float] = None, '', 0.0  # level, text, when [s]
         self._before: Counter[str] = Counter()
+        self._level = STALE  # of the last diagnosis, by the verdict
         self.params = {param.name: param for param in NODES[name]}
         for param in NODES[name]:
             # an empty list has no type in ROS, so it holds a blank
@@ -454,6 +455,7 @@ class TudorNode(Node):
     def publish_diagnostics(self, extra: DiagnosticStatus | None = None) -> None:
         """Publish the state of the node; called once a second."""
         level, message, more = self.status()
+        self._level = level
         unusable = self._unusable() or self._unknown
         if level == OK and unusable:
             level, message = WARN, unusable
@@ -472,6 +474,11 @@ class TudorNode(Node):
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
         self._log(level, message)
+
+    def notice(self) -> None:
+        """Publish the state of the node at once where its level is another one."""
+        if self.verdict()[0] != self._level:
+            self.publish_diagnostics()
 
     def _log(self, level: bytes, message: str) -> None:
         """Log changes of the level, and from time to time another fault of the same level."""

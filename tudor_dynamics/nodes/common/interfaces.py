@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tudor_dynamics.control.shaped_motion import SHAPINGS
 from tudor_dynamics.models.bundle import KINDS
@@ -92,6 +92,7 @@ class Param:
 ROBOT = Param('robot', '', 'hardware_id of the diagnostics; the name of the arm by default')
 TIMEOUT = Param('timeout', 0.5, 'input older than this is stale', 's', 0.01, 60.0, dynamic=True)
 COMMON = (ROBOT, TIMEOUT)
+MOVING = (ROBOT, replace(TIMEOUT, high=1.0))  # what moves an arm trusts no older input
 COMMAND_TIMEOUT = Param('timeout', 0.1, 'a reference or positions older than this are missing: '
                         'the arm brakes and is held; positions after 0.25 s at the latest', 's',
                         0.01, 1.0, dynamic=True)
@@ -286,9 +287,9 @@ NODES: dict[str, tuple[Param, ...]] = {
     'payload_estimator': (*PREDICT, *GRIPPER, GAP, *DETECT, EVENT_BAGS, *COMMON),
     'feedforward': (*PREDICT, LOAD_FROM, *AHEAD, ROBOT),
     'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),
-    'force_controller': (*FORCE, *COMMON),
-    'reference_generator': (*REFERENCE, *COMMON),
-    'trajectory_relay': (*RELAY, *PREDICT, *AHEAD, *COMMON),
+    'force_controller': (*FORCE, *MOVING),
+    'reference_generator': (*REFERENCE, *MOVING),
+    'trajectory_relay': (*RELAY, *PREDICT, *AHEAD, *MOVING),
     'arm_simulator': (*SIMULATE, *COMMON),
     'bag_player': (*PLAYER, *COMMON),
     'bag_recorder': (*RECORDER, *COMMON),

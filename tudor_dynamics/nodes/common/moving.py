@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -30,6 +30,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.common.base import Figure, TudorNode, WARN
 from tudor_dynamics.nodes.common.messages import NamedReader, nanoseconds
+from tudor_dynamics.nodes.settings import VERDICT_LOOK
 from tudor_dynamics.online.streams import StampGate
 from tudor_dynamics.typing import FloatArray
 
@@ -50,6 +51,7 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self.active = False
         self.phase = 'unconfigured'
         self._inputs: list[Subscription] = []
+        self._verdict_timer = self.every(VERDICT_LOOK, self.notice)
 
     def autostart(self) -> None:
         """Configure and activate where that is asked for; at the end of a constructor."""
@@ -160,14 +162,23 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         begun = self.meter.begin()
         if not self.active or self.controller is None:
             return
-        q = self._joints.read(message, 'position')
-        if q is None:
+        newest = None
+        for waiting in (message, *self._waiting()):
+            q = self._joints.read(waiting, 'position')
+            if q is None:
+                continue
+            if not np.isfinite(q).all():
+                self.drops['not_finite'] += 1
+                self.gate.unusable()
+                continue
+            if newest is not None:
+                self.drops['overtaken'] += 1
+                self.gate.unusable()
+            self._on_values(self._own, waiting)
+            newest = waiting, q
+        if newest is None:
             return
-        if not np.isfinite(q).all():
-            self.drops['not_finite'] += 1
-            self.gate.unusable()
-            return
-        self._on_values(self._own, message)
+        message, q = newest
         stamp = nanoseconds(message.header.stamp)
         self.stamped(stamp)
         dt = self.gate.step(stamp)
@@ -176,6 +187,13 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self.answer(self.controller, message, dt, q)
         self._fresh[:] = False
         self.meter.end(begun)
+
+    def _waiting(self) -> Iterator[JointState]:
+        """Take the positions that came after these and still wait: the newest count."""
+        queue = self._inputs[0].handle
+        with queue:
+            while taken := queue.take_message(JointState, False):
+                yield taken[0]
 
     def counters(self) -> list[Counter[str]]:
         return [self.drops, self.gate.drops]
