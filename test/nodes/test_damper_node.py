@@ -363,7 +363,7 @@ def test_a_fault_beside_a_second_commander_names_it(world: World, tudor: Path) -
     text = ('/probe can also command the joints on /velocity_commands; let only one node publish '
             'there; this may explain the fault: joint2: ')
     assert status.level == DiagnosticStatus.ERROR and status.message.startswith(text)
-    assert status.message.endswith('joints stand until you call the service '
+    assert status.message.endswith('the joints stand still until you call the service '
                                    '/oscillation_damper/reset')
     world.probe.destroy_publisher(world.outputs.pop('velocity_commands'))
     assert world.spin(lambda: not arm.node.rivals(arm.node._output))

@@ -148,7 +148,7 @@ class OscillationDamperNode(MovingNode):
         return 'follows any reference until the driver of the arm restarts'
 
     def _origins(self) -> set[bytes]:
-        """Give what tells a publisher of positions from its successor."""
+        """Give what distinguishes a publisher of positions from its successor."""
         return {bytes(info.endpoint_gid) for info in self.get_publishers_info_by_topic(
             self.resolve_topic_name(self._own))}
 
