@@ -110,7 +110,7 @@ def test_rows_are_linear_for_given_loads() -> None:
 
 def test_load_and_several_payloads() -> None:
     """A load that hangs on the payload makes no model that is affine in it."""
-    with pytest.raises(FitError, match='fit the bags of each payload'):
+    with pytest.raises(FitError, match='fit the bags of each load'):
         PayloadRegressor(EffortRegressor(LOADED), LOADED, (0.0, 0.4))
 
 

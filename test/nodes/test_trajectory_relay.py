@@ -175,8 +175,8 @@ def test_another_leader_is_named(world: World, root: Path) -> None:
     assert world.spin(lambda: chain.relay.count_publishers(
         '/joint_trajectory_controller/joint_trajectory') == 2)
     chain.relay._look()
+    assert world.spin(lambda: chain.told().level == DiagnosticStatus.ERROR)
     status = chain.told()
-    assert status.level == DiagnosticStatus.ERROR
     assert status.message.startswith('/probe can also command the controller on /joint_traj')
 
 

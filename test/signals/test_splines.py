@@ -109,7 +109,7 @@ def test_joints_go_by_name() -> None:
     assert np.array_equal(path.of(JOINTS).q, [[3.0, 1.0]])
     with pytest.raises(SignalError, match="joint 'd' is missing"):
         path.of(('a', 'd'))
-    with pytest.raises(SignalError, match='point 1 of 1 has 1 positions, but there are 2 joints'):
+    with pytest.raises(SignalError, match='point 1 of 1 has 1 of 2 positions, one for each joint'):
         Trajectory.from_points(JOINTS, T[:1], [[1.0]], [[]], [[]])
     with pytest.raises(SignalError, match='lower it, as at most'):
         denser(Trajectory(JOINTS, T, np.zeros((4, 2))), 1e9)

@@ -100,7 +100,7 @@ def test_units() -> None:
     ('lumped(j2,3)', 'mass on the link after j2, the 3.'),
     ('play(a(b))', 'backlash of the gear of a(b), half of it'),
     ('beta', 'structural damping of the links, per stiffness'),
-    ('payload', 'payload at the tip')])
+    ('payload', 'load at the tip')])
 def test_parameters_in_words(name: str, text: str) -> None:
     """A reader gets words, whatever the joint is called."""
     assert in_words(name) == text
