@@ -111,5 +111,5 @@ def test_joints_go_by_name() -> None:
         path.of(('a', 'd'))
     with pytest.raises(SignalError, match='point 1 of 1 has 1 of 2 positions, one for each joint'):
         Trajectory.from_points(JOINTS, T[:1], [[1.0]], [[]], [[]])
-    with pytest.raises(SignalError, match='lower it, as at most'):
+    with pytest.raises(SignalError, match='lower it, as 2 s can have at most'):
         denser(Trajectory(JOINTS, T, np.zeros((4, 2))), 1e9)

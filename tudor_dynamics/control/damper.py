@@ -165,8 +165,9 @@ MEANING = {
     Status.MISSING: 'damping is off while strain is absent or not finite; check gauge and driver',
     Status.STALE: 'damping is off while no new strain arrives; check the driver of the gauge',
     Status.STUCK: 'damping is off while the strain does not change; check gauge and amplifier',
-    Status.IMPLAUSIBLE: f'damping is off for {settings.RECOVERY_TIME:g} s after the strain jumped, '
-    f'or was beyond {1e6 * settings.PLAUSIBLE_STRAIN:g} um/m; check the cable of the gauge',
+    Status.IMPLAUSIBLE: 'damping is off until '
+    f'{settings.RECOVERY_TIME:g} s after the strain jumped, or was beyond '
+    f'{1e6 * settings.PLAUSIBLE_STRAIN:g} um/m; check the cable of the gauge',
 }
 
 
