@@ -397,7 +397,7 @@ def test_commands_run(page: str, checkout: Path, tmp_path: Path) -> None:
             ['bash', '-c', script], cwd=place, stdout=subprocess.DEVNULL, stderr=told,
             start_new_session=True,
             env={**os.environ, 'PATH': f'{place}/bin:{os.environ["PATH"]}',
-                 'PYTHONPATH': str(ROOT), 'PYTHONDONTWRITEBYTECODE': '1',
+                 'PYTHONPATH': str(ROOT), 'PYTHONDONTWRITEBYTECODE': '',
                  'PYTHONFAULTHANDLER': '1'})
         try:
             code = process.wait(PAGE)

@@ -85,7 +85,7 @@ def checkout(folder: Path) -> dict[str, str]:
         file.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {words}"$@"\n')
         file.chmod(0o755)
     return {**os.environ, 'PATH': f'{folder}/bin:{os.environ["PATH"]}', 'PYTHONPATH': str(ROOT),
-            'PYTHONDONTWRITEBYTECODE': '1', 'COLUMNS': '80', 'TZ': 'UTC'}
+            'PYTHONDONTWRITEBYTECODE': '', 'COLUMNS': '80', 'TZ': 'UTC'}
 
 
 def run(commands: list[str], folder: Path, patience: float) -> list[str]:
