@@ -23,7 +23,7 @@ exit 1 where anything did not hold.
 from __future__ import annotations
 
 import argparse
-from itertools import groupby
+from itertools import groupby, product
 from pathlib import Path
 import sys
 import time
@@ -32,7 +32,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / 'test'))
 
-from lying import cases, LIES, Outcome, run, STARTS, VELOCITIES  # noqa: E402, I100
+from lying import (  # noqa: E402, I100
+    cases, LIES, Outcome, run, SCALES, STARTS, to_a_limit, VELOCITIES)
 
 
 def row(outcomes: list[Outcome]) -> str:
@@ -47,6 +48,15 @@ def row(outcomes: list[Outcome]) -> str:
             f'{np.nanmax([0.0, *(i.still for i in outcomes)]):5.2f}  {worst.cause}')
 
 
+def scales(rates: list[float], payloads: list[float]) -> None:
+    """Print how far beyond a limit small errors of scale lead joint2, and what is said."""
+    for scale in SCALES:
+        found = [to_a_limit(scale, rate, payload, velocity) for rate, payload, velocity in product(
+            rates, payloads, ('truth', 'absent'))]
+        print(f'{scale:4g} {np.degrees(max(found)[0]):5.1f} deg beyond: '
+              f'{sorted({text for _, text in found})}', flush=True)
+
+
 def main() -> int:
     """Run what is asked for, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
@@ -56,7 +66,12 @@ def main() -> int:
     parser.add_argument('--starts', nargs='+', default=STARTS, choices=STARTS)
     parser.add_argument('--only', default='', metavar='TEXT', help='part of the name of a lie')
     parser.add_argument('--brief', action='store_true', help='no list of what did not hold')
+    parser.add_argument('--scales', action='store_true',
+                        help='small errors of scale alone, on the way through the range')
     args = parser.parse_args()
+    if args.scales:
+        scales(args.rates, args.payloads)
+        return 0
     begun, every = time.perf_counter(), []
     print(f'{"lie":34s}{"since":8s}runs bad missed; latest [s], false [deg], beyond [deg], '
           'speed [deg/s], standstill [s], text')

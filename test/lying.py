@@ -415,3 +415,24 @@ def _judge_text(out: Outcome, rig: Rig, refused: str) -> None:
     for what, words in ((lie.who, CULPRITS[lie.who]), (lie.kind, KINDS[lie.kind])):
         if not re.search(words, text, re.IGNORECASE):
             out.broken.append(f'the text does not name the true cause ({what})')
+
+
+SCALES = (0.99, 0.98, 0.97, 0.96, 0.95, 0.93, 0.9)
+"""Of encoders that count a little less than they should."""
+UNSEEN = np.radians(6.5)
+"""How far beyond a limit such an encoder leads joint2, which goes 158 deg to it [rad]."""
+
+
+def to_a_limit(
+    scale: float, rate: float, payload: float, velocity: str = 'truth',
+) -> tuple[float, str]:
+    """Let joint2 cross its range by a wrong scale; give how far beyond [rad], what was said."""
+    rig = Rig(resting(tuple(np.radians([20.0, 0.0]))), rate=rate, payload=payload, seed=3)
+    rig.run(0.5)
+    Liar(rig).begin(Lie(f'encoder counts {scale}', 'encoder', 'scaled', turn=diagonal(scale)),
+                    velocity)
+    limits = hard_limits(rig.arm)
+    assert rig.source is not None and rig.controller is not None
+    assert rig.source.go(np.array([limits.upper[0], 0.0])) == ''
+    rig.run(5.0)
+    return float((rig.trace.array('q') - limits.upper).max()), rig.controller.cause

@@ -29,7 +29,7 @@ import re
 
 from lying import (
     acceleration, BEYOND, Case, cases, DRIVES, false_motion, FASTER, Liar, LIES, NOISY, resting,
-    run, STARTS)
+    run, STARTS, to_a_limit, UNSEEN)
 from motion_machine import FIRST, go, MotionMachine, moving, SECOND, tudor
 import numpy as np
 import pytest
@@ -64,6 +64,26 @@ def judge(rig: Rig) -> None:
     limits, q = hard_limits(rig.arm), rig.trace.array('q')
     assert np.all(q > limits.lower - BEYOND) and np.all(q < limits.upper + BEYOND)
     assert np.all(np.abs(np.diff(q, axis=0)) * rig.rate < FASTER * limits.velocity)
+
+
+@pytest.mark.parametrize('scale, rate, payload, velocity', [
+    (0.99, 100.0, 0.0, 'truth'), (0.98, 500.0, 0.4, 'truth'), (0.97, 500.0, 0.4, 'truth'),
+    (0.97, 100.0, 0.4, 'absent'), (0.96, 500.0, 0.0, 'truth'), (0.95, 500.0, 0.0, 'absent'),
+    (0.9, 100.0, 0.4, 'truth')])
+def test_a_small_error_of_scale(
+    scale: float, rate: float, payload: float, velocity: str,
+) -> None:
+    """
+    From 5 % on it is found; smaller ones may look like a drive that wanders.
+
+    How far such an encoder leads the arm beyond a limit is bounded, and stated in safety.md.
+    """
+    beyond, said = to_a_limit(scale, rate, payload, velocity)
+    assert beyond < UNSEEN
+    if scale > 0.97:
+        assert said == 'follows the reference' and beyond > 0.0
+    elif scale < 0.96:
+        assert said.startswith('joint2: ') and re.search(r'drift|scale', said)
 
 
 LATE = [  # once found too late, or called by a wrong name

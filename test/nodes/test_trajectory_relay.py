@@ -174,9 +174,8 @@ def test_another_leader_is_named(world: World, root: Path) -> None:
     world.output('joint_trajectory_controller/joint_trajectory', JointTrajectory)
     assert world.spin(lambda: chain.relay.count_publishers(
         '/joint_trajectory_controller/joint_trajectory') == 2)
-    chain.relay._look()
-    assert world.spin(lambda: chain.told().level == DiagnosticStatus.ERROR)
-    status = chain.told()
+    status = world.status('trajectory_relay', lambda status: status.level != DiagnosticStatus.OK)
+    assert status.level == DiagnosticStatus.ERROR
     assert status.message.startswith('/probe can also command the controller on /joint_traj')
 
 

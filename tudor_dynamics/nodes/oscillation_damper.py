@@ -87,7 +87,6 @@ class OscillationDamperNode(MovingNode):
         self.controller: MotionController | None = None
         self.clocks = ClockWatch()
         self._faults: dict[int, Status] = {}
-        self._state = State.HOLDING
         self._drivers: set[bytes] = set()  # publishers of positions when the joints were tested
         self.reported_cuts: Counter[str] = Counter()
         self.reported_refusals: Counter[str] = Counter()
@@ -170,13 +169,12 @@ class OscillationDamperNode(MovingNode):
     def answer(
         self, controller: MotionController, message: JointState, dt: float, q: FloatArray,
     ) -> None:
-        missing = controller.missing
+        missing, before = controller.missing, controller.state
         command = controller.step(
             self.steady(), dt, q, self._strain, self._fresh,
             age=self.clocks.newest, dq=self._joints.read(message, 'velocity', optional=True),
             effort=self._effort)
-        if controller.state is not self._state:
-            self._state = controller.state
+        if controller.state is not before:
             self._look()
         if missing > controller.missing and self._origins() - self._drivers:
             controller.distrust()
@@ -263,10 +261,10 @@ class OscillationDamperNode(MovingNode):
 
     def _look(self) -> None:
         """Count who commands the arm, and who says where it is: of each there may be one."""
-        crowded = self.crowd(self._output, 'command the joints',
-                             '' if self.controller is None else self._own)
+        crowded = self.crowd(self._output, 'command the joints', self.robot and self._own)
         # who could command them at a fault may have left: it is said until the reset
-        if self._state is not State.FAULT or crowded and crowded[0] == ERROR:
+        if not (self.controller and self.controller.state is State.FAULT) or (
+                crowded and crowded[0] == ERROR):
             self.crowded = crowded
         self.notice()
 

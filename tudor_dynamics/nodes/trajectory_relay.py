@@ -37,8 +37,7 @@ from tudor_dynamics.nodes.common.base import Figure, latched, OK, strong, TudorN
 from tudor_dynamics.nodes.common.following import FollowServer, since_start
 from tudor_dynamics.nodes.common.interfaces import COLLISION, JOINT_TRAJECTORY, RESET
 from tudor_dynamics.nodes.common.messages import NamedReader, put_trajectory, trajectory_of
-from tudor_dynamics.nodes.settings import (
-    PUBLISHERS_LOOK, SHORTEST_STOP, STATE_PERIOD, VERDICT_LOOK)
+from tudor_dynamics.nodes.settings import PUBLISHERS_LOOK, SHORTEST_STOP, STATE_PERIOD
 from tudor_dynamics.online.feedforward import Feedforward
 from tudor_dynamics.signals.filters import MotionState
 from tudor_dynamics.signals.motion_profile import spline
@@ -110,7 +109,6 @@ class TrajectoryRelayNode(TudorNode):
                 self, self.server.action, f'{controller}/follow_joint_trajectory')
         self._step_timer = self.every(STATE_PERIOD, self._step)
         self._look_timer = self.every(PUBLISHERS_LOOK, self._look)
-        self._verdict_timer = self.every(VERDICT_LOOK, self.notice)
 
     def _reset(self) -> str:
         if self.collision:
@@ -271,6 +269,7 @@ class TrajectoryRelayNode(TudorNode):
 
     def _step(self) -> None:
         """Follow what was forwarded; what cannot begin after all is stopped."""
+        self.notice()
         now = self.steady()
         dt, self._stepped = now - self._stepped, now
         if self.follower is None or self._q is None or dt <= 0.0:

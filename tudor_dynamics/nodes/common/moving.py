@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
 from typing import Any
 
@@ -162,8 +162,10 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         begun = self.meter.begin()
         if not self.active or self.controller is None:
             return
-        newest = None
-        for waiting in (message, *self._waiting()):
+        newest, queue = None, self._inputs[0].handle
+        with queue:  # of those that wait the newest counts
+            later = [item[0] for item in iter(lambda: queue.take_message(JointState, False), None)]
+        for waiting in (message, *later):
             q = self._joints.read(waiting, 'position')
             if q is None:
                 continue
@@ -187,13 +189,6 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         self.answer(self.controller, message, dt, q)
         self._fresh[:] = False
         self.meter.end(begun)
-
-    def _waiting(self) -> Iterator[JointState]:
-        """Take the positions that came after these and still wait: the newest count."""
-        queue = self._inputs[0].handle
-        with queue:
-            while taken := queue.take_message(JointState, False):
-                yield taken[0]
 
     def counters(self) -> list[Counter[str]]:
         return [self.drops, self.gate.drops]
