@@ -97,16 +97,28 @@ def shared_data() -> Path:
 @pytest.fixture(scope='session')
 def two_blades(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Fit the sample bags, once for all workers; the others wait, and take what is there."""
+    return fitted_once('two_blades', [root / f'bags/two_blade_train_{k}' for k in (1, 2)],
+                       tmp_path_factory)
+
+
+@pytest.fixture(scope='session')
+def laboratory(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Fit three recordings of 80 s of the same arm, as `two_blades`."""
+    return fitted_once('laboratory', [shared_data / f'bags/arm_200g_free_{k}' for k in (1, 2, 3)],
+                       tmp_path_factory)
+
+
+def fitted_once(name: str, bags: list[Path], factory: pytest.TempPathFactory) -> Path:
+    """Fit bags of the two-blade arm in the first worker that asks."""
     import tudor_dynamics as td
-    own = tmp_path_factory.getbasetemp()
+    own = factory.getbasetemp()
     folder = own.parent if own.name.startswith('popen-') else own  # of all workers
-    with (folder / 'two_blades.lock').open('w') as file:
+    with (folder / f'{name}.lock').open('w') as file:
         flock(file, LOCK_EX)
-        if not (folder / 'two_blades').exists():  # written as a whole, or not at all
-            td.fit([root / f'bags/two_blade_train_{k}' for k in (1, 2)],
-                   td.load_arm(root / 'config/two_blade_arm.yaml'), out=folder / 'two_blades',
+        if not (folder / name).exists():  # written as a whole, or not at all
+            td.fit(bags, td.load_arm(ROOT / 'config/two_blade_arm.yaml'), out=folder / name,
                    settings=td.FitSettings(kinds=('analytical',)))
-    return folder / 'two_blades'
+    return folder / name
 
 
 @pytest.fixture

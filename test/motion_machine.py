@@ -113,7 +113,7 @@ def go(rig: Rig, goal: np.ndarray) -> None:
 
 def moving(**options: float) -> Rig:
     """Give an arm in the middle of a long move, at 70 deg/s."""
-    rig = Rig(tudor(), **{'rate': 250.0, **options})
+    rig = Rig(tudor(), **{'rate': 100.0, **options})
     rig.process.loop.reset(FIRST)
     rig.run(1.0)
     go(rig, SECOND)

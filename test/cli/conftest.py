@@ -16,17 +16,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+import pickle
 import threading
+from typing import Any
 
 import pytest
-from tudor_dynamics.cli import console
+from tudor_dynamics.bags.storage import Bag
+from tudor_dynamics.cli import console, evaluate, why
+from tudor_dynamics.models.bundle import ModelBundle
 
 
 @pytest.fixture(autouse=True)
 def unwatched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no step be named on a slow machine, where a test counts the lines of an error."""
     monkeypatch.setattr(console, 'SILENCE', threading.TIMEOUT_MAX)
+
+
+def shown(item: Any) -> object:
+    """Give what an argument of a replay is told by, for a test session with bags that stay."""
+    return (item.digest if isinstance(item, ModelBundle) else
+            str(item.path) if isinstance(item, Bag) else pickle.dumps(item))
+
+
+@pytest.fixture(scope='session')
+def replays() -> dict[object, Any]:
+    """Keep what monitors found in bags."""
+    return {}
+
+
+@pytest.fixture
+def replayed_once(replays: dict[object, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the same bag pass the same monitor once, where a test is about what is said of it."""
+    def kept(replay: Callable[..., Any]) -> Callable[..., Any]:
+        def found(*given: Any) -> Any:
+            key = (replay.__name__, *map(shown, given))
+            if key not in replays:
+                replays[key] = replay(*given)
+            return replays[key]
+        return found
+    for module, name in ((evaluate, 'evaluate_collisions'), (why, 'explain')):
+        monkeypatch.setattr(module, name, kept(getattr(module, name)))
 
 
 @pytest.fixture(scope='session')

@@ -28,6 +28,7 @@ from tudor_dynamics.files import provenance
 
 BAGS = 'bags/two_blade_'
 LOUD = {'doctor', 'evaluate', 'fit', 'info', 'why'}
+pytestmark = pytest.mark.usefixtures('replayed_once')
 
 
 @pytest.mark.parametrize(('words', 'more'), [

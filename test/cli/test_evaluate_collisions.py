@@ -39,15 +39,11 @@ from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 
 @pytest.mark.shared
 def test_recorded_pushes(
-    root: Path, shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    laboratory: Path, shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Six of seven pushes within 80 ms (median), no false alarm; each is a touch to why, too."""
     bags = shared_data / 'bags'
-    assert main(['fit', *(str(bags / f'arm_200g_free_{i}') for i in (1, 2, 3)), '--models',
-                 'analytical', '--arm', str(root / 'config/two_blade_arm.yaml'), '--out',
-                 str(tmp_path / 'm')]) == 0
-    capsys.readouterr()
-    assert main(['evaluate', '--model', str(tmp_path / 'm'), str(bags / 'arm_200g_pushes'),
+    assert main(['evaluate', '--model', str(laboratory), str(bags / 'arm_200g_pushes'),
                  str(bags / 'arm_200g_free_4'), '--collisions', '--report',
                  str(tmp_path / 'r.html'), '--json']) == 0
     found = json.loads(capsys.readouterr().out)['collisions']
@@ -59,7 +55,7 @@ def test_recorded_pushes(
     assert found['effort']['found'] >= 5 and found['momentum']['found'] >= 5
     assert 'pushes found of 7' in (tmp_path / 'r.html').read_text()
     # what the node does, event by event, the weakest of them included
-    why = ['why', str(bags / 'arm_200g_pushes'), '--model', str(tmp_path / 'm'), '--json']
+    why = ['why', str(bags / 'arm_200g_pushes'), '--model', str(laboratory), '--json']
     assert main(why) == 0
     said = json.loads(capsys.readouterr().out)
     assert [(item['onset'], item['ratio']) for item in said] == [
@@ -139,6 +135,7 @@ def test_a_busy_machine_is_judged_as_by_the_monitor(
         f'built in: {name}' for name in ('all', 'strain', 'effort', 'momentum')]
 
 
+@pytest.mark.usefixtures('replayed_once')
 def test_the_page_has_the_events_of_the_terminal(
     root: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -167,6 +164,7 @@ def test_the_page_has_the_events_of_the_terminal(
     assert all(0 <= int(count) - 60.0 * float(minutes) < 6 for _, count, minutes in windows)
 
 
+@pytest.mark.usefixtures('replayed_once')
 def test_events_where_nothing_more_fits(
     root: Path, model: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:

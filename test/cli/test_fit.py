@@ -317,16 +317,11 @@ def test_a_model_of_noise_is_not_good_enough(
 
 @pytest.mark.shared
 def test_reference_recordings(
-    root: Path, shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    laboratory: Path, shared_data: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Analytical fits on the 80 s recordings; floors as the package promises them."""
-    bags = shared_data / 'bags'
-    config = root / 'config'
-    run_json(capsys, 'fit', *(bags / f'arm_200g_free_{i}' for i in (1, 2, 3)), '--test',
-             bags / 'arm_200g_free_4', '--arm', config / 'two_blade_arm.yaml', '--out',
-             tmp_path / 'arm', '--json')
-    found = run_json(capsys, 'evaluate', '--model', tmp_path / 'arm', bags / 'arm_200g_free_4',
-                     '--json')
+    found = run_json(capsys, 'evaluate', '--model', laboratory,
+                     shared_data / 'bags/arm_200g_free_4', '--json')
     assert found['strain']['analytical']['fit'] >= 92.5
     assert found['effort']['analytical']['fit'] >= 88.5
     run_json(capsys, 'fit', bags / 'emps_estimation', '--test', bags / 'emps_validation', '--arm',

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 import dataclasses
 from functools import lru_cache
 import math
@@ -29,6 +29,7 @@ from typing import Any
 from motion_machine import PATH
 import numpy as np
 import pytest
+from thinned import thinned
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.control import settings
@@ -107,23 +108,28 @@ def nudge(rig: Rig, joint: int, step: float = STEP, *, velocities: bool = True) 
     return record.judge()
 
 
-def both(rate: Callable[..., Any]) -> Callable[..., Any]:
-    """Run a test with a slow driver and the heaviest load, and with a fast one and none."""
-    return pytest.mark.parametrize('rate, payload', [(100.0, 0.4), (500.0, 0.0)])(rate)
+LOADS = (100.0, 0.4), (500.0, 0.0)
+"""A slow driver with the heaviest load, and a fast one with none."""
+both = pytest.mark.parametrize('rate, payload', LOADS)
 
 
-@both
-@pytest.mark.parametrize('joint', [0, 1])
-def test_right_joints_are_right(rate: float, payload: float, joint: int) -> None:
+def some(**values: Iterable[object]) -> Any:
+    """Run a test with half of the cases of some values and both loads."""
+    return pytest.mark.parametrize(', '.join([*values, 'rate', 'payload']), [
+        (*own, *load) for *own, load in thinned(*values.values(), LOADS)])
+
+
+@some(joint=(0, 1), options=({}, {'delay': 0.02, 'loss': 0.05, 'seed': 3}), step=(STEP, -STEP))
+def test_right_joints_are_right(
+    rate: float, payload: float, joint: int, options: dict[str, float], step: float,
+) -> None:
     """With play, friction and noise, 20 ms of delay and lost messages, there and back."""
-    for options in ({}, {'delay': 0.02, 'loss': 0.05, 'seed': 3}):
-        for step in (STEP, -STEP):
-            answer = nudge(standing(rate, payload, **options), joint, step)
-            assert answer.right is True, answer
-            assert answer.answered == answer.joint == arm().active_joints[joint]
-            assert answer.sign == 1 and abs(answer.scale - 1.0) < 0.2
-            assert answer.error < 0.25 and answer.noise < 0.1 * STEP
-            assert -0.003 < answer.delay - rig_delay(options) < 0.018 + 1.5 / rate
+    answer = nudge(standing(rate, payload, **options), joint, step)
+    assert answer.right is True, answer
+    assert answer.answered == answer.joint == arm().active_joints[joint]
+    assert answer.sign == 1 and abs(answer.scale - 1.0) < 0.2
+    assert answer.error < 0.25 and answer.noise < 0.1 * STEP
+    assert -0.003 < answer.delay - rig_delay(options) < 0.018 + 1.5 / rate
 
 
 def rig_delay(options: dict[str, float]) -> float:
@@ -160,8 +166,7 @@ def gone(rig: Rig, begin: int) -> float:
     return float(np.degrees(np.abs(q - q[0]).max()))
 
 
-@both
-@pytest.mark.parametrize('name', DRIVES)
+@some(name=DRIVES)
 def test_drives_that_lie(name: str, rate: float, payload: float) -> None:
     """Sign and scale are told, and that position and velocity agree on them."""
     obey, scale, text = DRIVES[name]
@@ -178,9 +183,7 @@ def test_drives_that_lie(name: str, rate: float, payload: float) -> None:
     assert gone(rig, begin) < (3.5 if abs(scale) > 10.0 else BOUND)
 
 
-@both
-@pytest.mark.parametrize('whole', [False, True])
-@pytest.mark.parametrize('name', ENCODERS)
+@some(name=ENCODERS, whole=(False, True))
 def test_encoders_that_lie(name: str, whole: bool, rate: float, payload: float) -> None:
     """Sign and scale again; a driver's velocity that is right says that it is the encoder."""
     scale, text = ENCODERS[name]
@@ -199,9 +202,7 @@ def test_encoders_that_lie(name: str, whole: bool, rate: float, payload: float) 
     assert gone(rig, begin) < BOUND
 
 
-@both
-@pytest.mark.parametrize('joint', [0, 1])
-@pytest.mark.parametrize('what', ['commands', 'readings', 'positions'])
+@some(what=('commands', 'readings', 'positions'), joint=(0, 1))
 def test_swapped_order(what: str, joint: int, rate: float, payload: float) -> None:
     """The joint that answers is named, and where velocities are right, that positions are not."""
     rig = standing(rate, payload)
@@ -233,9 +234,7 @@ def test_a_deaf_drive(rate: float, payload: float) -> None:
     assert answer.sign == 0 and answer.answered == ''
 
 
-@both
-@pytest.mark.parametrize('speed', [0.1, 1.0, 10.0])
-@pytest.mark.parametrize('joint', [0, 1])
+@some(joint=(0, 1), speed=(0.1, 1.0, 10.0))
 def test_an_encoder_that_drifts(joint: int, speed: float, rate: float, payload: float) -> None:
     """It is found at the joint that is nudged, and at another one."""
     rig = standing(rate, payload)

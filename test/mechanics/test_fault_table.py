@@ -116,7 +116,7 @@ def test_reference_in_degrees() -> None:
     ([0.7854, 0.0], [0.5, 0.0], 'send one at rest')])
 def test_references_that_are_not_followed(q: list[float], dq: list[float], cause: str) -> None:
     """No numbers, too fast, far away, moving already: held, and the reason is told."""
-    rig = Rig(tudor(), rate=250.0)
+    rig = Rig(tudor(), rate=100.0)
     rig.run(0.5)
     rig.source = None
     rig.run(0.3)
@@ -130,7 +130,7 @@ def test_references_that_are_not_followed(q: list[float], dq: list[float], cause
 
 def test_reference_goes_stale_by_its_age_alone() -> None:
     """One reference of velocity 0 does not hold for ever."""
-    rig = Rig(tudor(), rate=250.0)
+    rig = Rig(tudor(), rate=100.0)
     rig.run(1.0)
     assert rig.controller.state is State.FOLLOWING
     rig.source = None
@@ -260,7 +260,7 @@ def test_encoder_freezes() -> None:
 @pytest.mark.parametrize('at_rest', [False, True])
 def test_encoder_jumps(at_rest: bool) -> None:
     """57 deg more than before: a fault at once, and standstill."""
-    rig = Rig(tudor(), rate=250.0) if at_rest else moving()
+    rig = Rig(tudor(), rate=100.0) if at_rest else moving()
     rig.run(1.0 if at_rest else 0.0)
     rig.alter = lambda sample: dataclasses.replace(sample, q=sample.q + [np.radians(57.0), 0.0])
     rig.run(0.02)
@@ -321,7 +321,7 @@ def test_delay_in_the_loop(rate: float, delay: float, payload: float) -> None:
 
 def test_position_gain_that_swings() -> None:
     """A gain of 100 is bounded by the delay, and 0 is that of the description again."""
-    rig = Rig(tudor(), rate=250.0)
+    rig = Rig(tudor(), rate=100.0)
     rig.run(1.0)
     rig.controller.gains.asked = 100.0
     go(rig, FIRST)
@@ -335,7 +335,7 @@ def test_position_gain_that_swings() -> None:
 
 def test_damper_that_excites_is_switched_off() -> None:
     """The wrong sign: the damper goes off and says so, and a reset is needed to have it back."""
-    rig = Rig(tudor(), rate=250.0, share=-1.0)
+    rig = Rig(tudor(), rate=100.0, share=-1.0)
     rig.run(1.0)
     go(rig, FIRST + [0.2, 0.2])
     rig.run(8.0)
@@ -351,7 +351,7 @@ def test_damper_that_excites_is_switched_off() -> None:
 
 def test_collision_before_the_first_positions() -> None:
     """A latched collision counts from the beginning: no goals until it is cleared."""
-    rig = Rig(tudor(), rate=250.0)
+    rig = Rig(tudor(), rate=100.0)
     rig.source.collide(True)
     rig.run(0.5)
     assert 'collision' in rig.source.go(FIRST)
@@ -375,7 +375,7 @@ def test_nobody_watches() -> None:
 
 def test_comply_stays_in_range() -> None:
     """A collision that pushes on and on moves the reference to the end of the range at most."""
-    rig = Rig(tudor(), rate=250.0)
+    rig = Rig(tudor(), rate=100.0)
     rig.start_source('comply')
     rig.run(1.0)
     rig.source.collide(True)
@@ -511,7 +511,7 @@ def test_no_timeout_lets_a_reference_run_on() -> None:
 
 def test_no_timeout_leaves_an_arm_without_positions() -> None:
     """It slows down after a period and a half, and stops for good after a quarter of a second."""
-    controller = moving().controller
+    controller = moving(rate=250.0).controller
     controller.timeout = 60.0
     begin, before = controller._at, controller.envelope.command
     assert controller.watch(begin + 0.005) is None
@@ -610,7 +610,7 @@ def test_a_driver_that_hangs_and_catches_up(rate: float) -> None:
 
 def test_untested_joints_are_nudged_only() -> None:
     """A joint test that is required is needed again after the driver was gone."""
-    rig = Rig(tudor(), rate=250.0)
+    rig = Rig(tudor(), rate=100.0)
     rig.controller.required = True
     rig.run(1.0)
     begin = rig.trace.q[-1].copy()

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 import dataclasses
+from functools import cache
 from itertools import groupby
 import re
 
@@ -33,6 +34,7 @@ from lying import (
 from motion_machine import FIRST, go, MotionMachine, moving, SECOND, tudor
 import numpy as np
 import pytest
+from thinned import thinned
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.motion_controller import State
@@ -101,6 +103,7 @@ def test_a_lie(case: Case) -> None:
     assert not outcome.broken, outcome.cause
 
 
+@cache
 def fastest(rate: float, cruise: float, *, oracle: bool, efforts: bool = True) -> float:
     """
     Let a driver take radians for degrees in a move; give the largest speed [deg/s].
@@ -243,8 +246,7 @@ def test_a_count_of_noise_is_no_lie(rate: float, payload: float) -> None:
     judge(rig)
 
 
-@pytest.mark.parametrize('rate', [100.0, 250.0, 500.0])
-@pytest.mark.parametrize('timeout', [0.1, 60.0])
+@pytest.mark.parametrize('rate, timeout', thinned((100.0, 250.0, 500.0), (0.1, 60.0)))
 def test_positions_are_lost_under_any_timeout(rate: float, timeout: float) -> None:
     """It brakes two periods after the last sample: as far as the plan brakes, and the delay."""
     rig = moving(rate=rate)
@@ -342,8 +344,7 @@ def test_a_drive_creeps_where_a_move_ends() -> None:
     assert np.degrees(lower - rig.trace.array('q')).max() < 1.0
 
 
-@pytest.mark.parametrize('payload', [0.0, 0.4])
-@pytest.mark.parametrize('share', [2.0, 10.0])
+@pytest.mark.parametrize('share, payload', thinned((2.0, 10.0), (0.0, 0.4)))
 def test_too_much_damping(share: float, payload: float) -> None:
     """What the loop does not stand is refused or bounded: no swing, and the goal is reached."""
     rig = Rig(resting(tuple(FIRST)), rate=100.0, payload=payload, delay=0.02)
@@ -370,8 +371,7 @@ def past(rig: Rig, goal: np.ndarray) -> float:
     return float(np.degrees((rig.trace.array('q') - goal).max()))
 
 
-@pytest.mark.parametrize('rate', [100.0, 500.0])
-@pytest.mark.parametrize('late', [0.3, 0.6])
+@pytest.mark.parametrize('late, rate', thinned((0.3, 0.6), (100.0, 500.0)))
 def test_positions_are_late(late: float, rate: float) -> None:
     """A backlog in the middle of a move: braked for, said, and all goes on after it."""
     rig = moving(rate=rate, payload=0.2)

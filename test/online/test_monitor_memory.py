@@ -68,33 +68,33 @@ class Life:
                 self.collisions += len(found.events)
 
 
-def test_two_hundred_thousand_samples(bundle: ModelBundle) -> None:
-    """Three minutes at 1 kHz: the interpreter holds as many objects as after the first."""
+def test_a_hundred_thousand_samples(bundle: ModelBundle) -> None:
+    """From half a minute at 1 kHz on the interpreter holds no more objects, gaps and faults in."""
     life = Life(bundle, ('strain',))
-    life.go(60_000)
+    life.go(30_000)
     gc.collect()
     before = sys.getallocatedblocks()
-    life.go(140_000)
+    life.go(70_000)
     gc.collect()
-    assert abs(sys.getallocatedblocks() - before) < 500
+    assert abs(sys.getallocatedblocks() - before) < 250
     assert life.collisions > 0
-    assert life.monitor.filter.drops['gap'] == 40 * 1000
-    assert life.monitor.filter.drops['not_finite'] == 40
+    assert life.monitor.filter.drops['gap'] == 20 * 1000
+    assert life.monitor.filter.drops['not_finite'] == 20
 
 
 @pytest.mark.parametrize('methods', [('strain',), ('strain', 'effort', 'momentum')])
 def test_traced_memory(bundle: ModelBundle, methods: tuple[str, ...]) -> None:
-    """No byte more after 10 000 samples than after 4000, arrays included."""
+    """No byte more after 7000 samples than after 4000, arrays included."""
     life = Life(bundle, methods)
     tracemalloc.start()
     try:
         life.go(4000)
         gc.collect()
         before, _ = tracemalloc.get_traced_memory()
-        life.go(6000)
+        life.go(3000)
         gc.collect()
         after, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert abs(after - before) < 20_000
+    assert abs(after - before) < 10_000
     assert peak < before + 1_000_000

@@ -116,7 +116,7 @@ def test_pushes_are_looked_for_with_either_model(
     plan: Plan, folder: Path, search: Search,
 ) -> None:
     """The elastic model's strain stands beside the rigid methods, and judges the same pushes."""
-    small = replace(plan, payloads=(0.0,), stimuli=2, seconds=36.0, elastic_seconds=36.0, pushes=2)
+    small = replace(plan, payloads=(0.0,), stimuli=2, seconds=24.0, elastic_seconds=24.0, pushes=2)
     fits = Fits(Campaign(small, ResultCache(folder / 'pushes')))
     methods = collisions(fits, 0.0).content['methods']
     assert {*methods} == {'strain', 'effort', 'momentum', 'elastic strain'}

@@ -391,8 +391,7 @@ class MotionController:
                 self.cause = reference.refusal
             return
         if self.state is State.FOLLOWING:
-            cause = self._untested() or reference.stray(now, self.timeout, q)
-            if cause:
+            if cause := self._untested() or reference.stray(now, self.timeout, q):
                 self._interrupt(now, cause)
             return
         self.cause = self._untested() or reference.obstacle(now, self.timeout, q, self._hold.dq)
@@ -451,10 +450,8 @@ class MotionController:
         self, now: float, dt: float, q: FloatArray, dq: FloatArray, strain: FloatArray,
         fresh: FloatArray,
     ) -> FloatArray:
-        if self.state is State.FOLLOWING:
-            q_ref, dq_ref = self.reference.motion(now, self.timeout)
-        else:
-            q_ref, dq_ref = self._hold.q, self._hold.dq
+        q_ref, dq_ref = (self.reference.motion(now, self.timeout)
+                         if self.state is State.FOLLOWING else (self._hold.q, self._hold.dq))
         gains, envelope = self.gains, self.envelope
         self.damper.dt = dt
         if self.adaptation is not None:

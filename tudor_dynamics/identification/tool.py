@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 import math
 from typing import Any
@@ -175,13 +175,9 @@ class _Search:
 
     def short(self, frequency: float) -> _Search:
         """Give the same search by the begin of each rest, where phases are not yet ambiguous."""
-        seconds, found = max(settings.TOOL_BEGIN, 2.0 / frequency), []
-        for one in self.moves:
-            rests = tuple(rest.first(seconds) for rest in one.rests)
-            n = int(np.searchsorted(one.flange.t, rests[-1].t[-1] + 10.0 * settings.TOOL_DELAY))
-            found.append(Moves(replace(one.flange, t=one.flange.t[:n],
-                                       motion=one.flange.motion[:n]), rests))
-        return _Search(found)
+        seconds = max(settings.TOOL_BEGIN, 2.0 / frequency)
+        return _Search([Moves(one.flange, tuple(rest.first(seconds) for rest in one.rests))
+                        for one in self.moves])
 
     def efforts(self, x: FloatArray) -> Iterator[FloatArray]:
         """Give the efforts of a tool in each rest, drift aside."""

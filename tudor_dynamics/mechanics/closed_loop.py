@@ -305,7 +305,6 @@ class ClosedLoop(Shown):
         self._parts = [slice(begin, end) for begin, end in pairwise(
             accumulate((n, n, n, gauges, n, n, n), initial=0))]
         self._acting = self._loaded = False
-        self._floor: Floor | None = None
         self._done = 0
         self.reset(self.described)
 
@@ -388,8 +387,7 @@ class ClosedLoop(Shown):
 
     def set_floor(self, floor: Floor | None) -> None:
         """Put a floor (height [m], stiffness [N/m]) below the tip, or take it away."""
-        if floor is not self._floor:
-            self._floor, self._plant.floor[:] = floor, floor_row(floor, self.plant.mechanism)
+        self._plant.floor[:] = floor_row(floor, self.plant.mechanism)
 
     def set_force(self, force: ArrayLike) -> None:
         """Let a force (3,) [N], or it and a moment (6,) [N m], act at the tip; in base axes."""
@@ -431,30 +429,26 @@ class ClosedLoop(Shown):
         """
         joints, gauges = len(self._joints), len(self.arm.gauges)
         given = [np.asarray(item, dtype=float) for item in (
-            q_ref, dq_ref, *([] if ahead is None else [ahead]))]
+            q_ref, dq_ref, np.zeros(np.shape(q_ref)) if ahead is None else ahead)]
         steps = len(q_ref)
         if any(item.shape != (steps, joints) for item in given):
             msg = (f'references have shapes {", ".join(str(item.shape) for item in given)}; '
                    f'expected ({steps}, {joints}) for the joints {list(self.arm.active_joints)}')
             raise SimulationError(msg)
-        wanted = np.zeros((3, steps, joints))
-        for row, item in zip(wanted, given, strict=False):
-            row[:] = item
+        wanted = np.array(given)
         if not np.isfinite(wanted).all():
             step = int(np.argwhere(~np.isfinite(wanted))[:, 1].min())
             raise SimulationError(f'arm {self.arm.name!r}: reference {step} is not finite')
         begun = self._done
-        rows = (begun + steps - 1) // every - (begun - 1) // every
-        out = np.empty((rows, 6 * joints + gauges))
+        records = np.arange(-(-begun // every), (begun + steps - 1) // every + 1, dtype=float)
+        out = np.empty((len(records), 6 * joints + gauges))
         noise = self._random.standard_normal((steps, joints + gauges))
         count, status, self._acting = run_loop(
             self._plant, self._sensors, self._control, wanted, noise, begun, self.dt, every,
             self._acting, self._loaded, out)
         self._done += count
         self.plant.taken(self._done, status)
-        first = -(-begun // every)
-        t = (first + np.arange(rows)) * every * self.dt
-        return LoopRecord(np.asarray(t, dtype=np.float64), *(out[:, part] for part in self._parts))
+        return LoopRecord(records * every * self.dt, *(out[:, part] for part in self._parts))
 
 
 def steps_per_message(dt: float, rate: float) -> int:

@@ -126,12 +126,9 @@ def _follow(
         advance(p, steps[n], states[n], motion[n], motion[n + 1], room, states[n + 1])
 
 
-def follow(
-    p: FloatArray, steps: FloatArray, motion: FloatArray, begin: FloatArray,
-) -> FloatArray:
+def follow(p: FloatArray, steps: FloatArray, motion: FloatArray, begin: FloatArray) -> FloatArray:
     """Give the states (samples, 4) along a motion (samples, 12), in steps [s], from a state."""
-    states = np.zeros((len(motion), 4))
-    states[0] = begin
+    states = np.vstack([begin, np.zeros((len(motion) - 1, 4))])
     _follow(p, steps, motion, states, np.zeros(24))
     return states
 
