@@ -104,10 +104,11 @@ def compiled(function: Function) -> Function:
     into each of them, and which copy serves depends on what was called first: with any freedom in
     rounding, results would depend on what a process has done before.
     """
+    jit: Any = numba.njit  # its stub lacks an option
     before, _CONFIG.CACHE_DIR = _CONFIG.CACHE_DIR, str(DIRECTORY)  # for this function alone
     try:
-        made = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy',
-                          no_cfunc_wrapper=True)(function)
+        made = jit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy',
+                   no_cfunc_wrapper=True)(function)
     finally:
         _CONFIG.CACHE_DIR = before
     return cast(Function, made if made is function else _once(made))  # NUMBA_DISABLE_JIT
