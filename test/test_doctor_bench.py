@@ -30,7 +30,8 @@ from tudor_dynamics.identification.doctor.findings import CHECKS
 def test_injected_faults(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nearly all faults in one bag are named, with place and size, and the bag stays clean."""
     done = subprocess.run(
-        [sys.executable, 'bench/doctor.py', '--own', '--bags', 'two_blade_test', '--json'],
+        [sys.executable, 'bench/doctor.py', '--own', '--bags', 'two_blade_test', '--jobs', '1',
+         '--json'],
         cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     content = json.loads(done.stdout)['all']

@@ -28,6 +28,7 @@ import ast
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 import re
 
@@ -138,6 +139,7 @@ def _walk(node: ast.AST, kind: str, file: str) -> Iterator[Message]:
         yield from _walk(child, inner, file)
 
 
+@cache
 def messages(package: Path = PACKAGE) -> list[Message]:
     """List the messages of all modules."""
     found = []

@@ -46,7 +46,6 @@ Function = TypeVar('Function', bound=Callable[..., object])
 
 PACKAGE = Path(__file__).parent
 _CONFIG: Any = numba.config
-_NJIT: Any = numba.njit  # its types do not know all of its options
 MARKS = b'\n@compiled\n', b'\n@with_lanes('  # what a file with inner loops contains
 OTHERS = Path(__file__).name, 'vectors.py', 'settings.py'
 """Files that say how to compile, and those with numbers that inner loops of others use."""
@@ -105,10 +104,11 @@ def compiled(function: Function) -> Function:
     into each of them, and which copy serves depends on what was called first: with any freedom in
     rounding, results would depend on what a process has done before.
     """
+    jit: Any = numba.njit  # its stub lacks an option
     before, _CONFIG.CACHE_DIR = _CONFIG.CACHE_DIR, str(DIRECTORY)  # for this function alone
     try:
-        made = _NJIT(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy',
-                     no_cfunc_wrapper=True)(function)
+        made = jit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy',
+                   no_cfunc_wrapper=True)(function)
     finally:
         _CONFIG.CACHE_DIR = before
     return cast(Function, made if made is function else _once(made))  # NUMBA_DISABLE_JIT
