@@ -317,11 +317,14 @@ def test_a_model_of_noise_is_not_good_enough(
 
 @pytest.mark.shared
 def test_reference_recordings(
-    laboratory: Path, shared_data: Path, capsys: pytest.CaptureFixture[str],
+    laboratory: Path, root: Path, shared_data: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Analytical fits on the 80 s recordings; floors as the package promises them."""
-    found = run_json(capsys, 'evaluate', '--model', laboratory,
-                     shared_data / 'bags/arm_200g_free_4', '--json')
+    bags = shared_data / 'bags'
+    config = root / 'config'
+    found = run_json(capsys, 'evaluate', '--model', laboratory, bags / 'arm_200g_free_4',
+                     '--json')
     assert found['strain']['analytical']['fit'] >= 92.5
     assert found['effort']['analytical']['fit'] >= 88.5
     run_json(capsys, 'fit', bags / 'emps_estimation', '--test', bags / 'emps_validation', '--arm',

@@ -38,7 +38,7 @@ def schedule() -> Schedule:
 
 def adaptive(payload: float | None, told: float | None, **more: float) -> Rig:
     """Let an arm with a payload stand at the first target, gains following what was told."""
-    rig = Rig(tudor(), payload=payload, **more)
+    rig = Rig(tudor(), payload=payload, rate=250.0, **more)
     rig.process.loop.reset(TARGETS[0])
     controller = rig.controller
     controller.adaptation = Adaptation(schedule(), controller.planned.acceleration)
@@ -55,7 +55,7 @@ def move(rig: Rig) -> tuple[float, float]:
     ends = rig.t + rig.source.motion.remaining
     rig.run(rig.source.motion.remaining + 4.0)
     t, strain = np.array(rig.trace.t), rig.trace.array('strain')[:, 0]
-    strain = np.convolve(strain - strain[-500:].mean(), np.full(5, 0.2), 'same')
+    strain = np.convolve(strain - strain[-250:].mean(), np.full(3, 1.0 / 3.0), 'same')
     behind = (t > ends) & (t < t[-1] - 0.02)
     away = t[behind & (np.abs(strain) > 10.0)]
     over = np.degrees((rig.trace.array('q')[behind] - TARGETS[1]).max())
