@@ -208,3 +208,9 @@ def test_any_value_is_accepted_or_refused(path: str, value: Any) -> None:
         arm_from_dict(changed(path, value), base=Path('/nonexistent'), source='arm.yaml')
     except TudorError as err:
         assert str(err)
+
+
+def test_keys_that_are_missing_stand_together() -> None:
+    """One sentence names them, with one remedy."""
+    content = {key: value for key, value in ARM.items() if key not in ('name', 'kinematics')}
+    assert 'name, kinematics are missing; add them' in refusal(content)

@@ -835,7 +835,7 @@ def validation_message(err: ValidationError, add: str = '; add it') -> str:
     def short(text: str) -> str:
         return text if len(text) <= 100 else f'{text[:100]}...'
 
-    parts, items = [], err.errors(include_url=False)
+    parts, missing, items = [], [], err.errors(include_url=False)
     # what holds a wrong part seems to lack it, too
     around = {item['loc'][:size] for item in items for size in range(len(item['loc']))}
     for item in (one for one in items if one['loc'] not in around):
@@ -846,8 +846,9 @@ def validation_message(err: ValidationError, add: str = '; add it') -> str:
         for old, new in PLAIN.items():
             text = re.sub(old, new, text)
         if item['type'] == 'missing':
-            text = f'is missing{add}'
-        elif item['type'] == 'extra_forbidden':
+            missing.append(where)
+            continue
+        if item['type'] == 'extra_forbidden':
             text = 'is an unknown key; correct or remove it' + meant(
                 str(item['loc'][-1]), _keys(Spec))
         elif not isinstance(found, (dict, list)) and f"'{found}'" not in text:
@@ -857,5 +858,9 @@ def validation_message(err: ValidationError, add: str = '; add it') -> str:
         elif where:
             text = f'{where}: {text}'
         parts.append(text)
+    if len(missing) > 1:
+        parts.insert(0, f'{", ".join(missing)} are missing{add.replace("add it", "add them")}')
+    elif missing:
+        parts.insert(0, f'{missing[0]} is missing{add}')
     more = f'; and {len(parts) - MAX_PARTS} more' if len(parts) > MAX_PARTS else ''
     return '; '.join(parts[:MAX_PARTS]) + more
