@@ -54,7 +54,7 @@ def test_a_table_gets_efforts(
     command = ['feedforward', str(tmp_path / 'path.csv'), '--model', str(model), '--out', str(out)]
     assert main(command) == 0
     told = capsys.readouterr().out
-    assert '3 points, payload 0 kg' in told and 'N m' in told
+    assert '3 points, load 0 kg' in told and 'N m' in told
     rows = np.loadtxt(out, delimiter=',', skiprows=1)
     motion = np.zeros((3, 6))
     motion[:, :2] = rows[:, [1, 3]]

@@ -76,7 +76,7 @@ def test_units_show_in_what_the_arm_carries(
     assert [joint['effort']['unit'] for joint in content['joints']] == [unit] * 2
     said = unwrapped(capsys.readouterr().out)
     assert re.search(evidence, said) and 'next: tudor fit ' in said
-    assert '1.5708 to 1.570796' in said  # rounded in the URDF
+    assert '1.5708 becomes 1.570796' in said  # rounded in the URDF
     with pytest.warns(match='1.5708'):
         arm = load_arm(place / 'arm.yaml')
     assert arm.active_joints == JOINTS and arm.name == 'pair'
