@@ -152,7 +152,7 @@ def _put(new: Path, path: Path, replace: bool) -> None:
     shutil.rmtree(aside, ignore_errors=True)
 
 
-FOLDER = 'a folder is needed there, or on the way there, but a file has its name'
+FOLDER = 'the path, or a folder in it, is an existing file'
 SIGNATURE = 'made by tudor_dynamics'
 """What pages, pictures and bug reports hold, so that the next one may take their place."""
 MAX_DRAWN = 1 << 26  # bytes; larger files are not looked through (a report of two bags: 5 MB)

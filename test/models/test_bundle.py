@@ -411,6 +411,6 @@ def test_chosen_friction_is_the_same_arm(tmp_path: Path) -> None:
     save_bundle(_bundle(chosen), tmp_path / 'model')
     loaded = load_bundle(tmp_path / 'model', arm=ARM)
     assert loaded.arm.joints[0].friction == ('viscous', 'coulomb', 'offset')
-    with pytest.raises(ModelError, match='the description of the model, or fit a model with'):
+    with pytest.raises(ModelError, match='set arm= to that description, or fit a model with'):
         load_bundle(tmp_path / 'model', arm=planar_arm(gauges=[gauge('g1', 'j1', 0.2),
                                                                gauge('g2', 'j2', 0.1)]))

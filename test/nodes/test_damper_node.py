@@ -361,7 +361,7 @@ def test_a_fault_beside_a_second_commander_names_it(world: World, tudor: Path) -
         assert np.degrees(np.abs(arm.q - begin)).max() < 5.0
     status = arm.told()
     text = ('/probe can also command the joints on /velocity_commands; let only one node publish '
-            'there; this may explain the fault: joint2: ')
+            'there. If that is not the reason: joint2: ')
     assert status.level == DiagnosticStatus.ERROR and status.message.startswith(text)
     assert status.message.endswith('the joints stand still until you call the service '
                                    '/oscillation_damper/reset')

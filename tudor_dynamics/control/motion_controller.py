@@ -117,8 +117,8 @@ class ReferenceGate:
         limits = self._limits
         for j in limits.outside(q).nonzero()[0]:
             unit = '' if abs(q[j]) < 2.0 * math.pi else ', not degrees or mm'
-            return (f'reference outside limits: it sends {self._joints[j]!r} to {q[j]:.4g}, beyond '
-                    f'{limits.lower[j]:.4g} to {limits.upper[j]:.4g}; send rad or m{unit}')
+            return (f'reference outside limits: it sends {self._joints[j]!r} to {q[j]:.4g}, '
+                    f'beyond {limits.lower[j]:.4g} to {limits.upper[j]:.4g}; send rad or m{unit}')
         for j in (np.abs(dq) > limits.velocity).nonzero()[0]:
             return (f'reference too fast: the velocity of {self._joints[j]!r} is {dq[j]:.4g}; '
                     f'send at most {limits.velocity[j]:.4g} [rad/s or m/s]')
@@ -404,7 +404,7 @@ class MotionController:
             return ''
         away = np.abs(self.reference.q - self._origin) / self.limits.velocity
         fast = np.abs(self.reference.dq) / self.limits.velocity
-        return 'joints were not tested since their driver started; run joint_test' if (
+        return 'joints were not tested since their driver started; run the node joint_test' if (
             away.max() > settings.UNTESTED_TIME or fast.max() > settings.UNTESTED_SHARE) else ''
 
     def _interrupt(self, now: float, cause: str, dq: FloatArray | None = None) -> None:

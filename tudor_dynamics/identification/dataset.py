@@ -421,7 +421,7 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
         resolved = str(Path(path).resolve())
         if resolved not in known:
             raise UsageError(f'payload_of= {text}: {path!r} is not among the bags of the '
-                             'command; write the path of the bag in BAG=KG as you do there')
+                             'command; write it exactly as in the list of bags')
         found[resolved] = mass
     return found
 

@@ -387,8 +387,8 @@ class Plant(Shown):
         elif status == gen.SINGULAR:
             loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
                      if not self.tables.prescribed[index]]
-            msg = (f'{name}: no mass is attached to joint {" or ".join(map(repr, loose))}, or to '
-                   "a beam; in the key 'links', add mass or hub_inertia to the entries of these")
+            msg = (f'{name}: joint {" or ".join(map(repr, loose))}, or a beam, moves no mass; in '
+                   "the key 'links', add mass or hub_inertia to the entry of what lacks it")
         elif status == gen.TOO_BENT:
             msg = (f'{name}: at {t:.4g} s a link bends by more than {settings.MAX_ROTATION} rad, '
                    'where the model of a beam is wrong; lower the torques, or give links a '

@@ -510,9 +510,9 @@ def load_bundle(
     # but for the friction of its joints, which a fit may choose
     if arm is not None and arm.with_friction_of(own).digest != own.digest:
         raise ModelError(
-            f'the model was fitted with another description (arm {own.name!r}) than that given, '
+            f'this model was fitted with another description (arm {own.name!r}) than '
             f'{arm.source} (arm {arm.name!r})', place=path,
-            remedy='set arm= to the description of the model, or fit a model with that given')
+            remedy=f'set arm= to that description, or fit a model with {arm.source}')
     try:
         arrays = load_npz(content['elm.npz'], path / 'elm.npz') if 'elm.npz' in content else {}
         models = _models(own, head, arrays, '')

@@ -217,7 +217,7 @@ class OscillationDamperNode(MovingNode):
             return level, message
         crowded = self.crowded if self.crowded and self.crowded[0] == ERROR else None
         if controller.state is State.FAULT:
-            cause = f'{crowded[1]}; this may explain the fault: ' if crowded else ''
+            cause = f'{crowded[1]}. If that is not the reason: ' if crowded else ''
             return ERROR, (f'{cause}{controller.cause}; the joints stand still until you call the '
                            'service ~/reset')
         if clock := self.clocks.fault():

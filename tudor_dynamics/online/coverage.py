@@ -73,6 +73,8 @@ MEANING = {
     'no_thresholds': 'the model has no thresholds; fit it with more motion without contact, or '
                      'call the service ~/calibrate while the arm moves without contact'}
 """Causes for which a sample is not judged; ``on``: the topics that they are about."""
+SENDERS = {'joint_motion': 'joint_state_filter', 'predicted_efforts': 'dynamics_predictor',
+           'predicted_strains': 'dynamics_predictor'}  # nodes of this package, by topic
 ALSO = '\n'  # between two texts of one level; the first is the message of a diagnosis
 OF_OTHERS = 'other_names'  # what another device sends on the same topic; counts where it is all
 OF_MOTIONS = ('no_measurement', 'no_neighbour')  # of a pairing; count motions, not measurements
@@ -191,9 +193,11 @@ class OutputCoverage:
             silent = [
                 stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
                 if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
+            starts = dict.fromkeys(
+                SENDERS.get(topic.rpartition('/')[2], 'the driver that publishes it')
+                for topic in silent)
             why = self._apart(new, old) if not silent else (
-                f'no message came on {" and on ".join(silent)}; start the node that publishes '
-                f'{"it" if len(silent) == 1 else "them"}')
+                f'no message came on {" and on ".join(silent)}; start {" and ".join(starts)}')
             return CoverageReport(
                 CoverageLevel.NONE, f'collisions cannot be detected in any sample of {self.output}'
                 f'{f", because {why}" if why else self._main(causes, motions)}', 1.0, causes)

@@ -53,7 +53,7 @@ LARGEST_ANGLE = 2 * math.pi + 1e-6  # an angle of a table that is larger was giv
 KINDS = ('revolute', 'continuous', 'prismatic')
 QUARTERS = re.compile(r'([+-]?)(\d+(?:\.\d+)?\*)?pi(?:/(\d+(?:\.\d+)?))?')
 EXPECTED = ('write a row `[NAME] a alpha d theta [prismatic]` per joint, base first, in m, rad, '
-            'm, rad; the name and the word prismatic may be left out; pi/2 is an angle')
+            'm, rad; what stands in [ ] may be left out, and angles written as pi/2')
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def _row(words: list[str], where: str) -> DhRow:
     kind = words.pop() if words and words[-1] in KINDS else ''
     values = [math.nan if value is None else value for value in map(_number, words)]
     if len(values) != 4 or not all(map(math.isfinite, values)):
-        raise ArmError(f'{" ".join(words)[:60]!r} is not a row of a D-H table', place=where,
+        raise ArmError(f'{" ".join(words)[:60]!r} is not a row of four numbers', place=where,
                        remedy=EXPECTED)
     a, alpha, d, theta = values
     if max(abs(alpha), abs(theta)) > LARGEST_ANGLE:
@@ -122,7 +122,7 @@ def read_table(path: Path) -> tuple[list[DhRow], str]:
                  if words and 'alpha' not in map(str.lower, words)]
     rows = [_row(words, f'{path}, {where}') for where, words in lines]
     if not 0 < len(rows) <= MAX_ROWS:
-        raise ArmError(f'{len(rows)} D-H rows, not 1 to {MAX_ROWS}', place=path, remedy=EXPECTED)
+        raise ArmError(f'{len(rows)} rows, not 1 to {MAX_ROWS}', place=path, remedy=EXPECTED)
     return rows, convention
 
 

@@ -303,6 +303,6 @@ class ModelNode(TudorNode):
             return WARN, (f"the parameter 'payload' is {self.payload:g} kg, but the model knows "
                           f'{known[0]:g} to {known[1]:g} kg; fit a model to such loads')
         if self._reload_fault:
-            return ERROR, ('the new model cannot be used, so the previous one stays in use; '
-                           f'{self._reload_fault}')
+            return ERROR, ('the new model cannot be used, so the previous one stays in use. '
+                           f'Reason: {self._reload_fault}')
         return level, message
