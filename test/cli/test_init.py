@@ -180,7 +180,7 @@ def test_rows_in_a_file(place: Path, capsys: pytest.CaptureFixture[str]) -> None
     run(place, 'named', '--dh', 'rows.yaml')
     assert 'taken as those of shoulder, elbow' in unwrapped(capsys.readouterr().out)
     for text, part in (('elbow 0 90 0 0', 'line 1: an angle of 90 looks like degrees'),
-                       ('elbow 0 0 0', 'line 1: '), ('', '0 D-H rows'),
+                       ('elbow 0 0 0', 'line 1: '), ('', '0 rows, not 1 to'),
                        ('a 0 0 0 0\nb 0 0 0 0', "the 2 rows are of 'a', 'b', but"),
                        ('0 0 nan 0', 'line 1: ')):
         (place / 'wrong.txt').write_text(text)

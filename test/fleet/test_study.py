@@ -110,7 +110,7 @@ def test_what_was_done_is_not_done_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('', 'plan.yaml: the content must be keys with values, found nothing'), ('arms: []', 'arms'),
+    ('', 'plan.yaml: the content must be keys with values, found no value'), ('arms: []', 'arms'),
     ('arms: 3', 'arms'), ('[', 'plan.yaml'),
     ('arms: [{name: a, bags: {2026-01-10: x}}]', "arm 'a' has no description"),
     ('arms: [{name: a/b, arm: x, bags: {2026-01-10: x}}]',

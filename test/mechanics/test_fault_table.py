@@ -103,7 +103,7 @@ def test_reference_in_degrees() -> None:
         rig.controller.reference.add(rig.t, np.array([60.0, -20.0]), np.zeros(2))
         rig.step()
     assert rig.controller.state is State.HOLDING
-    assert "'joint2' is to go to 60; send" in rig.controller.cause and (
+    assert "it sends 'joint2' to 60, beyond" in rig.controller.cause and (
         'not degrees' in rig.controller.cause)
     assert rig.controller.reference.refused['reference outside limits'] == 500
     assert rig.trace.q[-1] == pytest.approx(before, abs=np.radians(0.1))
@@ -623,7 +623,7 @@ def test_untested_joints_are_nudged_only() -> None:
         rig.run(0.1)
         causes.add(rig.controller.cause)
     assert np.degrees(np.abs(rig.trace.q[-1] - begin)).max() < 4.0
-    assert any('run joint_test' in cause for cause in causes)
+    assert any('run the node joint_test' in cause for cause in causes)
     rig.controller.tested = True
     rig.run(2.0)
     follows_again(rig)
@@ -663,7 +663,7 @@ def test_a_driver_that_starts_again_is_tested_again(name: str, most: float, rate
     for _ in range(20):
         rig.run(0.1)
         causes.add(rig.controller.cause)
-    assert 'joints were not tested since their driver started; run joint_test' in causes
+    assert 'joints were not tested since their driver started; run the node joint_test' in causes
     moved = np.abs(rig.trace.array('q')[begin:] - rig.trace.q[begin - 1])
     assert np.degrees(moved[:, 0]).max() < most
     judge(rig)

@@ -196,7 +196,7 @@ def test_inputs_that_are_not_finite_are_refused(contents, torque, force):
 def test_a_run_that_breaks_down_says_when_and_with_what_energy(contents):
     """A torque beyond all measure ends the run with time and energy, and no NaN."""
     plant = plant_of(contents['l_shape'])
-    with pytest.raises(SimulationError, match='diverged at .* s; .* a time step dt= below'):
+    with pytest.raises(SimulationError, match='diverged at .* s; .* or take time steps below'):
         for _ in range(2000):
             plant.step([3e4, 0.0])
     assert np.isfinite(plant.coordinates).all()

@@ -427,7 +427,8 @@ def test_another_publisher_of_positions_is_another_driver(world: World, tudor: P
     assert np.degrees(np.abs(arm.q - begin)).max() < 3.0
     status = arm.told()
     assert status.level == DiagnosticStatus.WARN and status.message == (
-        'the joints are held: joints were not tested since their driver started; run joint_test')
+        'the joints are held: joints were not tested since their driver started; run the node '
+        'joint_test')
 
 
 def test_of_positions_that_wait_the_newest_counts(world: World, tudor: Path) -> None:

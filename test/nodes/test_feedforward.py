@@ -121,7 +121,7 @@ def test_what_cannot_be_used_is_said_and_a_stop_goes_through(world: World, model
             (message(Q, joints=('j1', 'j9')), "the joint 'j9'"),
             (message(Q, t=np.array([0.0, 1.0, 1.0, 2.0])), 'time does not increase'),
             (message(np.full((4, 2), np.nan)), 'point 1 of 4 have nan'),
-            (message(Q[:, :1]), 'point 1 of 4 has 1 positions')):
+            (message(Q[:, :1]), 'point 1 of 4 has 1 of 2 positions')):
         output.publish(wrong)
         status = world.status('feedforward', lambda s: words in s.message)  # noqa: B023
         assert status.level == b'\1' and status.message.startswith('motion refused')

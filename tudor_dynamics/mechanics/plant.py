@@ -395,6 +395,6 @@ class Plant(Shown):
                    'stiffer section in the arm description')
         else:
             msg = (f'{name}: the simulation diverged at {t:.4g} s; lower the torques, correct '
-                   'masses that are too small in the arm description, or take a time step dt= '
-                   f'below {self.dt:g} s')
+                   'masses that are too small in the arm description, or take time '
+                   f'steps below {self.dt:g} s')
         raise SimulationError(msg)
