@@ -103,7 +103,7 @@ def test_reference_in_degrees() -> None:
         rig.controller.reference.add(rig.t, np.array([60.0, -20.0]), np.zeros(2))
         rig.step()
     assert rig.controller.state is State.HOLDING
-    assert "it sends 'joint2' to 60, beyond" in rig.controller.cause and (
+    assert "it sends 'joint2' to 60; send" in rig.controller.cause and (
         'not degrees' in rig.controller.cause)
     assert rig.controller.reference.refused['reference outside limits'] == 500
     assert rig.trace.q[-1] == pytest.approx(before, abs=np.radians(0.1))

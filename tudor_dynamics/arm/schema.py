@@ -378,12 +378,12 @@ PerDirection = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(
 """Magnitudes for positive and for negative motion; one number stands for both."""
 
 DRIVE_TIMEOUT = 0.1
+"""Time without a command from which on drives stop, where the description does not say [s]."""
 LONGEST_FULL_DELAY = 0.05
 """A delay is measured up to 0.25 s, which has to switch off any damper: at five times the full
 delay (`control.settings.DELAY_LONGEST`, ``DELAY_GONE``) [s]."""
 LOOP_PHASE = 0.25
 """Largest position gain times the lag of the drives: as `control.settings.DELAY_PHASE`."""
-"""Time without a command from which on drives stop, where the description does not say [s]."""
 
 
 class MotorSpec(Spec):
@@ -859,7 +859,9 @@ def validation_message(err: ValidationError, add: str = '; add it') -> str:
             text = f'{where}: {text}'
         parts.append(text)
     if len(missing) > 1:
-        parts.insert(0, f'{", ".join(missing)} are missing{add.replace("add it", "add them")}')
+        rest = f' and {len(missing) - MAX_PARTS} more' * (len(missing) > MAX_PARTS)
+        parts.insert(0, f'{", ".join(missing[:MAX_PARTS])}{rest} are missing'
+                     f'{add.replace("add it", "add them")}')
     elif missing:
         parts.insert(0, f'{missing[0]} is missing{add}')
     more = f'; and {len(parts) - MAX_PARTS} more' if len(parts) > MAX_PARTS else ''

@@ -116,9 +116,9 @@ class ReferenceGate:
                     f'velocity {dq[j]:g}; send finite numbers')
         limits = self._limits
         for j in limits.outside(q).nonzero()[0]:
-            unit = '' if abs(q[j]) < 2.0 * math.pi else ', not degrees or mm'
-            return (f'reference outside limits: it sends {self._joints[j]!r} to {q[j]:.4g}, '
-                    f'beyond {limits.lower[j]:.4g} to {limits.upper[j]:.4g}; send rad or m{unit}')
+            unit = '' if abs(q[j]) < 2.0 * math.pi else ', in rad or m, not degrees or mm'
+            return (f'reference outside limits: it sends {self._joints[j]!r} to {q[j]:.4g}; send '
+                    f'{limits.lower[j]:.4g} to {limits.upper[j]:.4g}{unit}')
         for j in (np.abs(dq) > limits.velocity).nonzero()[0]:
             return (f'reference too fast: the velocity of {self._joints[j]!r} is {dq[j]:.4g}; '
                     f'send at most {limits.velocity[j]:.4g} [rad/s or m/s]')

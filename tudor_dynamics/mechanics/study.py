@@ -224,7 +224,7 @@ def force_signal(words: Sequence[str], t: FloatArray) -> FloatArray:
     """Give the force at the tip (samples, 3) [N] that the command line asks for, or zero."""
     found = named_inputs(words, t, AXES, AXES, '')
     if '' in found:
-        raise SimulationError(f'force= {found[""]!s}: has no axis; give x=EXPRESSION, y=... or '
+        raise SimulationError(f'force= {found[""]!s} names no axis; give x=EXPRESSION, y=... or '
                               'z=... [N, base frame], or a CSV file with columns t, x, y, z')
     return sampled_columns('force', found, t, AXES, AXES)
 

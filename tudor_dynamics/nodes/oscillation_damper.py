@@ -87,7 +87,7 @@ class OscillationDamperNode(MovingNode):
         self.controller: MotionController | None = None
         self.clocks = ClockWatch()
         self._faults: dict[int, Status] = {}
-        self._drivers: set[bytes] = set()  # publishers of positions when the joints were tested
+        self._drivers: set[bytes] = set()  # publishers of the positions that were answered
         self.reported_cuts: Counter[str] = Counter()
         self.reported_refusals: Counter[str] = Counter()
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
@@ -169,24 +169,26 @@ class OscillationDamperNode(MovingNode):
     def answer(
         self, controller: MotionController, message: JointState, dt: float, q: FloatArray,
     ) -> None:
-        missing, before = controller.missing, controller.state
+        if controller.missing and self._drivers and self._origins() - self._drivers:
+            controller.distrust()
+            self._drivers = set()
+        before = controller.state
         command = controller.step(
             self.steady(), dt, q, self._strain, self._fresh,
             age=self.clocks.newest, dq=self._joints.read(message, 'velocity', optional=True),
             effort=self._effort)
-        if controller.state is not before:
-            self._look()
-        if missing > controller.missing and self._origins() - self._drivers:
-            controller.distrust()
+        self._publish(command)
         state = controller.damper.state
         for place in np.flatnonzero((state[:, STATUS] >= Status.MISSING) & (state[:, SEEN] > 0)):
             # a jump is over before anybody looks: remembered until the gauge is trusted again
             self._faults[int(place)] = controller.damper.status[place]
-        self._publish(command)
         period = round(1e9 * controller.watch_period)
         if abs(period - self._watchdog.timer_period_ns) > 0.05 * period:
             self._watchdog.timer_period_ns = period
         self._watchdog.reset()  # it is due only where no sample comes
+        self._drivers = self._drivers or self._origins()
+        if controller.state is not before:  # once the command is out
+            self._look()
 
     def _publish(self, command: Any) -> bool:
         if command is not None:

@@ -56,8 +56,8 @@ class SensorHealth:
 MEANING = {
     'settling': 'filters settle for some seconds after {on} starts or pauses; wait; if this '
                 'lasts, look for pauses with `ros2 topic hz {on}`',
-    'gap': 'messages on {on} are lost; run `ros2 topic hz {on}`: if it shows the rate of the '
-           'driver, close other programs on this computer, otherwise check the network',
+    'gap': 'messages on {on} are lost; run `ros2 topic hz`: if it shows the rate of the driver, '
+           'close other programs on this computer, otherwise check the network',
     'not_finite': 'messages on {on} have NaN or infinite values; check the driver and its sensors',
     'duplicate_stamp': 'stamps on {on} repeat; correct the driver, or stop a second publisher',
     'backward_stamp': 'stamps on {on} go back; correct the driver, or stop a second publisher',
@@ -66,7 +66,7 @@ MEANING = {
     'other_names': 'messages on {on} name no joint or gauge of the model; set the parameter '
                    "'model' to the model of this arm, or correct the names in the driver",
     'short_array': 'messages on {on} have fewer values than names; correct the driver',
-    'no_measurement': 'nothing comes on {on} during the motion; start the node that publishes it',
+    'no_measurement': 'nothing comes on {on} during the motion; start the publisher',
     'no_neighbour': 'no stamp on {on} is near that of a joint state; publish {on} at the rate of '
                     'the joint states, and synchronise the clocks of both publishers',
     'no_prediction': 'no prediction comes, or the model diverged; check the node that predicts',
@@ -194,7 +194,7 @@ class OutputCoverage:
                 stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
                 if new.time - max(at, self._flowing or at) >= COVERAGE_TIME - COVERAGE_PERIOD]
             starts = dict.fromkeys(
-                SENDERS.get(topic.rpartition('/')[2], 'the driver that publishes it')
+                SENDERS.get(topic.rpartition('/')[2], 'the driver that publishes there')
                 for topic in silent)
             why = self._apart(new, old) if not silent else (
                 f'no message came on {" and on ".join(silent)}; start {" and ".join(starts)}')

@@ -19,6 +19,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Sequence
 from functools import partial
+from itertools import islice
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -162,9 +164,10 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
         begun = self.meter.begin()
         if not self.active or self.controller is None:
             return
-        newest, queue = None, self._inputs[0].handle
+        usable, queue = [], self._inputs[0].handle
         with queue:  # of those that wait the newest counts
-            later = [item[0] for item in iter(lambda: queue.take_message(JointState, False), None)]
+            later = [item[0] for item in islice(
+                iter(lambda: queue.take_message(JointState, False), None), self.depth)]
         for waiting in (message, *later):
             q = self._joints.read(waiting, 'position')
             if q is None:
@@ -173,15 +176,14 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
                 self.drops['not_finite'] += 1
                 self.gate.unusable()
                 continue
-            if newest is not None:
-                self.drops['overtaken'] += 1
-                self.gate.unusable()
             self._on_values(self._own, waiting)
-            newest = waiting, q
-        if newest is None:
+            usable.append((nanoseconds(waiting.header.stamp), waiting, q))
+        for _ in usable[1:]:
+            self.drops['overtaken'] += 1
+            self.gate.unusable()
+        if not usable:
             return
-        message, q = newest
-        stamp = nanoseconds(message.header.stamp)
+        stamp, message, q = max(usable, key=itemgetter(0))
         self.stamped(stamp)
         dt = self.gate.step(stamp)
         if dt is None:
