@@ -440,11 +440,13 @@ def test_of_positions_that_wait_the_newest_counts(world: World, tudor: Path) -> 
         arm.k += 1
         world.output('joint_states').publish(joint_message(arm.stamp, JOINTS, position=arm.q))
     world.output('joint_states').publish(joint_message(arm.stamp, ['tool'], position=[0.1]))
+    world.output('joint_states').publish(  # a second source, or a network that changes the order
+        joint_message(arm.stamp - 2 * PERIOD, JOINTS, position=arm.q))
     time.sleep(0.2)
     assert world.spin(lambda: arm.node.gate.last == arm.stamp)
     world.rest(0.004)
     values = values_of(arm.told())
-    assert values['dropped: overtaken'] == '5' and 'dropped: gap' not in values
+    assert values['dropped: overtaken'] == '6' and 'dropped: gap' not in values
     assert len(arm.commands) <= before + 2
     assert arm.node.meter.count == 100 + LOOKED_AT
     arm.run(30)
