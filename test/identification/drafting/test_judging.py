@@ -85,7 +85,7 @@ def test_rows_in_the_form_of_a_description(tmp_path: Path) -> None:
     ('rows.yaml', '7', 'no D-H rows'), ('rows.yaml', 'dh: [5]', 'row 1'),
     ('rows.yaml', 'dh: [[0, 0', 'rows.yaml'),
     ('rows.txt', '0 0 0 2*pi/3\n0 0 0 -4*pi', 'line 2: an angle of -12.5664 looks like degrees'),
-    ('rows.txt', 'a b 0 0 0 0', 'line 1'), ('rows.txt', '0 0 0 0\n' * 102, '102 D-H rows')])
+    ('rows.txt', 'a b 0 0 0 0', 'line 1'), ('rows.txt', '0 0 0 0\n' * 102, '102 rows')])
 def test_rows_that_are_none(tmp_path: Path, name: str, text: str, part: str) -> None:
     """The file, and the line or row that is wrong, stand in the message."""
     (tmp_path / name).write_text(text)
